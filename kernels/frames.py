@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from .pairs import rounded
+from .number import rounded
 from .structs import Drive, types
 
 

@@ -1,13 +1,16 @@
-"""A module for each kernel, which Warp knows again at a later start by the sources it was made of.
+"""A module for each kernel, which Warp finds again at a later start by the sources it was made of.
 
 Warp finds a kernel that it has compiled before by a hash of every function, constant and type that the kernel reaches,
 which takes it about 0.1 s a kernel at each start, and twice that where it also names the kernel's module. The kernels
-here hang on nothing but the files of this package, and on what their factories were asked for: a hash of these does as
-well. Warp adds its own version, its options and the processor that it compiles for, as always.
+here hang on nothing but files of this package, those that the kernel's own imports, directly or not, and on what their
+factories were asked for: a hash of these does as well. Warp adds its own version, its options and the processor that it
+compiles for, as always.
 """
 
 import hashlib
+import re
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,12 +24,36 @@ KNOWN = ("1.19.",)
 """Warp's versions whose modules are known to take their hash from a hasher, as here."""
 
 
+HERE = Path(__file__).parent
+IMPORT = re.compile(r"^[ \t]*from (\.+)([\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
+
+
+def imported(path: Path) -> Iterator[Path]:
+    """The files of this package that one of them imports, each by a relative import."""
+    for dots, module, names in IMPORT.findall(path.read_text(encoding="utf-8")):
+        base = path.parents[len(dots) - 1].joinpath(*module.split("."))
+        if base.is_dir():
+            yield from (file for name in re.findall(r"\w+", names) if (file := base / f"{name}.py").exists())
+        else:
+            yield base.with_suffix(".py")
+
+
 @cache
-def sources() -> bytes:
-    """Digest of this package's files."""
-    here = Path(__file__).parent
-    files = sorted(here.rglob("*.py"))
-    return hashlib.sha256(b"".join(bytes(path.relative_to(here)) + path.read_bytes() for path in files)).digest()
+def reached(start: Path) -> tuple[Path, ...]:
+    """A file of this package and those that it imports, directly or not, in order."""
+    found, ahead = {start}, [start]
+    while ahead:
+        more = set(imported(ahead.pop())) - found
+        found |= more
+        ahead.extend(more)
+    return tuple(sorted(found))
+
+
+@cache
+def sources(start: Path) -> bytes:
+    """Digest of the files that a file of this package reaches."""
+    files = reached(start)
+    return hashlib.sha256(b"".join(bytes(path.relative_to(HERE)) + path.read_bytes() for path in files)).digest()
 
 
 @cache
@@ -36,15 +63,16 @@ def _source_of(kind: type) -> str:
     return Path(path).read_text(encoding="utf-8") if path else ""
 
 
-def digest(name: str, *form: Any) -> bytes:
-    """What a kernel of this name is made of: the sources, the laws at hand, and what its factory was asked for.
+def digest(file: str, name: str, *form: Any) -> bytes:
+    """Digest of what a kernel of this name is made of: sources, the laws at hand, and what its factory was asked for.
 
     Args:
+        file: where the kernel is.
         form: types, numbers, and dataclasses: what `repr` tells whole, together with the file of its class.
     """
     laws = "".join(law.adj.source for law in impact.FORCES)
     words = [name, laws, *(word for of in form for word in (repr(of), _source_of(type(of))))]
-    return hashlib.sha256(sources() + "\0".join(words).encode()).digest()
+    return hashlib.sha256(sources(Path(file)) + "\0".join(words).encode()).digest()
 
 
 class _Hasher(context.ModuleHasher):
@@ -83,8 +111,8 @@ def _module(name: str, made_of: bytes) -> Any:
     return _Module(f"{name}_{made_of.hex()[:8]}", made_of)
 
 
-def own_module(name: str, *form: Any) -> Any:
-    """What `wp.kernel` takes as the module of a kernel that is made for `form` and needs one of its own."""
+def own_module(file: str, name: str, *form: Any) -> Any:
+    """A module of its own, as `wp.kernel` takes it, for the kernel of this name in `file` that is made for `form`."""
     if not wp.__version__.startswith(KNOWN):
         return "unique"
-    return _module(name, digest(name, *form))
+    return _module(name, digest(file, name, *form))

@@ -72,3 +72,23 @@ def accessors(Real: type) -> Accessors:
     def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
 
     return Accessors(load_row, store_row, unlike)
+
+
+@wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
+def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
+    """Row i of a table that does not change, such as the directions of seats."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float4 row = __ldg((const float4*)(rows.data + i));
+    return {row.x, row.y, row.z, row.w};
+#else
+    assert(i >= 0 && i < rows.shape[0]);
+    return rows.data[i];
+#endif
+""")
+def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
+    """The same of four values, such as the high parts (x, y) and low parts (x, y) of a direction."""
+    ...

@@ -2,16 +2,18 @@
 
 `types(Real)` gives the structs whose quantities are `Real` (wp.float64 or wp.float32). Everything is in SI units.
 Quantities that belong to a body's motion, and sums over time, are float64 at both precisions; on blocks at float32 what
-moves bodies and what contacts see of them is in float32 and pairs of float32 (`Spin`, `Wheel`, `Lever`, `Plunger`).
+moves bodies and what contacts see of them is in float32 and pairs of float32 (`float32`, `Spin`, `Wheel`).
 """
 
+import sys
 from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
-from .pairs import Pair
-from .sum_structs import MountSums, SprocketSums, TensionerFlows, Totals
+from .number import Pair
+from .precision import at_float32, narrowing
+from .sum_structs import ArmSums, MountSums, SprocketSums, TensionerFlows, TensionerSums, Totals, flows_struct
 
 GROUND = wp.constant(-1)
 """The body of what does not move."""
@@ -135,15 +137,13 @@ def _arm_struct(Real: type, vec2: type) -> type:
         stop_stiffness: Real  # of a stop [N m/rad]
         stop_damping: Real  # [N m s/rad]
         reach: Real  # how far from the pivot the chain may touch it [m]
-        heft: vec2  # mass times its center of mass from the pivot, as drawn [kg m]
+        mass_moment: vec2  # mass times its center of mass from the pivot, as drawn [kg m]
         gravity: vec2  # [m/s^2]
 
     return Arm
 
 
 Arm = _arm_struct(wp.float64, wp.vec2d)
-Lever = _arm_struct(wp.float32, wp.vec2f)
-"""`Arm` on blocks at float32."""
 
 
 @wp.struct
@@ -203,8 +203,6 @@ def _tensioner_struct(Real: type, vec2: type) -> type:
 
 
 Tensioner = _tensioner_struct(wp.float64, wp.vec2d)
-Plunger = _tensioner_struct(wp.float32, wp.vec2f)
-"""`Tensioner` on blocks at float32."""
 
 
 @wp.struct
@@ -272,7 +270,7 @@ class Spin:
     """`Motion` on blocks at float32, as far as it is not tabulated."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
-    curved: wp.int32  # 1: tabulated
+    tabulated: wp.int32  # 1: tabulated
     drive_harmonics: Harmonics
     load_harmonics: Harmonics
     sign: wp.float32  # +1 "ccw", -1 "cw"
@@ -300,7 +298,7 @@ class SplitTable:
 
 @wp.struct
 class Wheel:
-    """A body on blocks at float32, as `Pose` and for `physics.seat`; the thread that has it writes it, all read it."""
+    """A body on blocks at float32, as `Pose` and for `physics.tooth`; the thread that has it writes it, all read it."""
 
     reach_cosine: Pair  # R cos theta, the high part on a grid of 12 bits [m]
     reach_sine: Pair
@@ -311,7 +309,7 @@ class Wheel:
     speed: Pair  # angular velocity, with leapfrog half a step behind [rad/s]
     velocity: wp.vec2f  # of the center [m/s]
     radius: Pair  # R [m]
-    grid: wp.float32  # for `physics.seat.gridded` [m]
+    grid: wp.float32  # for `physics.tooth.gridded` [m]
     angle: Pair  # [rad]
     exact_speed: wp.float32  # prescribed: angular velocity at the step's instant [rad/s]
     load: wp.float32  # free: load moment [N m]
@@ -350,40 +348,11 @@ class SpinRates:
 
 
 @wp.struct
-class HubSums:
-    """`MountSums` of a sprocket that is moved in pairs of float32."""
-
-    travel_x: Pair  # [m s]
-    travel_y: Pair
-    travel_max: wp.float32  # [m]
-    force: Pair  # [N s]
-    dissipated: Pair  # [J]
-    work: Pair  # [J]
-
-
-@wp.struct
 class SpinWrench:
     """`Wrench` in float32."""
 
     moment: wp.float32  # [N m]
     force: wp.vec2f  # [N]
-
-
-@wp.struct
-class SpinSums:
-    """`SprocketSums` of a sprocket that is moved in pairs of float32."""
-
-    speed_min: wp.float32  # [rad/s]
-    speed_max: wp.float32
-    speed: Pair  # [rad]
-    speed_square: Pair
-    moment: Pair  # [N m s]
-    contact_work: Pair  # [J]
-    load_work: Pair  # [J]
-    recent: wp.vec3f  # of these three what is not in them yet (`block_spin_sums.with_recent`)
-    force_x: Pair  # [N s]
-    force_y: Pair
-    force_max: wp.float32  # [N]
 
 
 @wp.struct
@@ -408,71 +377,13 @@ class WheelStages:
 
 @wp.struct
 class Stroke:
-    """What a tensioner's extension hangs on, on blocks at float32 (`physics.plunger`)."""
+    """What a tensioner's extension hangs on, on blocks at float32 (`physics.tensioner`)."""
 
     home: Pair  # r_0 . d [m]
     direction_x: Pair  # d
     direction_y: Pair
     along: Pair  # p . d, p the touched point in the body's frame [m]
     across: Pair  # d . p turned by +90 degrees [m]
-
-
-@wp.struct
-class PlungerState:
-    """`TensionerState` on blocks at float32."""
-
-    content: Pair  # mu
-    pressure: wp.float32  # P after the last step [Pa]
-    farthest: wp.float32  # x_max [m]
-
-
-@wp.struct
-class PlungerPush:
-    """`Push` on blocks at float32."""
-
-    force: wp.float32  # [N]
-    pressure: wp.float32  # [Pa]
-    extension: Pair  # [m]
-
-
-@wp.struct
-class PlungerMeter:
-    """`TensionerFlows` since the run began, on blocks at float32."""
-
-    leaked: Pair  # [m^3]
-    supplied: Pair  # [m^3]
-    leak_loss: Pair  # [J]
-    valve_loss: Pair  # [J]
-    supply_work: Pair  # [J]
-    lift: wp.float32  # y [m]
-
-
-@wp.struct
-class PlungerSums:
-    """`TensionerSums` on blocks at float32, but for what flowed."""
-
-    force_min: wp.float32  # [N]
-    force_max: wp.float32
-    force: Pair  # [N s]
-    pressure_min: wp.float32  # [Pa]
-    pressure_max: wp.float32
-    pressure: Pair  # [Pa s]
-    extension_min: wp.float32  # [m]
-    extension_max: wp.float32
-    extension: Pair  # [m s]
-    dissipated: Pair  # [J]
-
-
-@wp.struct
-class LeverSums:
-    """`ArmSums` on blocks at float32."""
-
-    angle_min: wp.float32  # [rad]
-    angle_max: wp.float32
-    angle: Pair  # [rad s]
-    angle_square: Pair
-    moment: Pair  # [N m s]
-    dissipated: Pair  # [J]
 
 
 @wp.struct
@@ -527,9 +438,38 @@ class Progress:
     diverged: wp.int32  # 1: stopped, at `step`
 
 
+TensionerMeter = TensionerFlows
+"""What has flowed through a tensioner since the run began."""
+
+
+@wp.struct
+class _Push:
+    """`Push` on blocks at float32: what it does to its body lies with that of the contacts."""
+
+    force: wp.float32  # on its body, along its direction [N]
+    pressure: wp.float32  # in its chamber [Pa]
+    extension: Pair  # [m]
+
+
+float32 = SimpleNamespace(
+    Arm=_arm_struct(wp.float32, wp.vec2f),
+    Tensioner=_tensioner_struct(wp.float32, wp.vec2f),
+    Push=_Push,
+    SprocketSums=at_float32(SprocketSums, recent=("moment", "contact_work", "load_work")),
+    MountSums=at_float32(MountSums),
+    ArmSums=at_float32(ArmSums),
+    TensionerSums=at_float32(TensionerSums),
+    TensionerState=at_float32(TensionerState, single=("pressure", "farthest")),
+    TensionerFlows=flows_struct(wp.float32),
+    TensionerMeter=at_float32(TensionerMeter, single=("lift",)),
+)
+"""Structs of this module as blocks at float32 keep them, by the same names."""
+
+
 @cache
 def types(Real: type) -> SimpleNamespace:
-    """The structs whose quantities are `Real`."""
+    """The structs whose quantities are `Real`, and the function that makes a body's of float64 that of a block."""
+    at = float32 if Real == wp.float32 else sys.modules[__name__]
     vec2 = wp.vec2d if Real == wp.float64 else wp.vec2f
 
     @wp.struct
@@ -584,7 +524,7 @@ def types(Real: type) -> SimpleNamespace:
     class Links:
         """Where the links of one chain are not all the same linear spring: outer ones have an even index."""
 
-        uneven: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
+        varied_links: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
         outer_stiffness: Real  # k of outer links [N/m]; the chain's is that of inner ones
         outer_damping: Real  # c of outer links [N s/m]
         play: Real  # s of a link, its two joints' [m]
@@ -647,14 +587,14 @@ def types(Real: type) -> SimpleNamespace:
         pieces: wp.array[Piece]  # (all profiles' pieces,)
         arms: wp.array[Arm]  # (all arms,)
         tensioners: wp.array[Tensioner]  # (all tensioners,)
-        levers: wp.array[Lever]  # the arms for blocks at float32, else (1,)
-        plungers: wp.array[Plunger]  # the tensioners, the same
+        block_arms: wp.array[float32.Arm]  # the arms for blocks at float32, else (1,)
+        block_tensioners: wp.array[float32.Tensioner]  # the tensioners, the same
         strokes: wp.array[Stroke]  # of the tensioners, the same
         curves: Curves
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
         split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
         split_tables: wp.array[SplitTable]  # (2 * all bodies,) for blocks at float32, else (1,): of motion, of load
-        split_pieces: wp.array[wp.vec4f]  # three rows a piece for blocks at float32, else (1,) (`physics.face`)
+        split_pieces: wp.array[wp.vec4f]  # three rows a piece for blocks at float32, else (1,) (`physics.profile`)
         split_values: wp.array[wp.vec2f]  # `curves.tables` for blocks at float32, else (1,)
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
@@ -719,13 +659,12 @@ def types(Real: type) -> SimpleNamespace:
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
         hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
-        hub_sums: wp.array[HubSums]  # (S,), the same
-        lever_sums: wp.array[LeverSums]  # (arms,), the same
         wheel_stages: wp.array[WheelStages]  # (bodies,), the same with rk4
-        plungers: wp.array[PlungerState]  # (tensioners,), the same
-        plunger_pushes: wp.array[PlungerPush]  # (tensioners,), the same
-        plunger_meters: wp.array[PlungerMeter]  # (tensioners,), the same
-        plunger_sums: wp.array[PlungerSums]  # (tensioners,), the same
+        tensioners: wp.array[at.TensionerState]  # (tensioners,), the same
+        pushes: wp.array[at.Push]  # (tensioners,), the same
+        meters: wp.array[at.TensionerMeter]  # (tensioners,), the same
+        tensioner_sums: wp.array[at.TensionerSums]  # (tensioners,), the same
+        arm_sums: wp.array[at.ArmSums]  # (arms,), the same
         lines: wp.array[wp.vec4f]  # rows of guides, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)
@@ -737,15 +676,15 @@ def types(Real: type) -> SimpleNamespace:
         links: wp.array[Links]  # (1,)
         parts: wp.array[Real]  # (3, bodies, `block_room.parts_of_a_body`): of moment [N m], force (x, y) [N] on each
         motions: wp.array[Motion]  # (S,)
-        course: wp.array[wp.float64]  # (courses, steps, 2): prescribed angle, speed (`block_room.COURSE`)
+        course: wp.array[wp.float64]  # (courses, steps, 2): prescribed angle, speed (`gpu.shared_memory.COURSE`)
         mounts: wp.array[Mount]  # (S,)
-        sprocket_sums: wp.array[SprocketSums]  # (S,)
-        spin_sums: wp.array[SpinSums]  # (S,), instead of these at float32
-        mount_sums: wp.array[MountSums]  # (S,)
+        sprocket_sums: wp.array[at.SprocketSums]  # (S,)
+        mount_sums: wp.array[at.MountSums]  # (S,)
 
     return SimpleNamespace(
         Real=Real,
         vec2=vec2,
+        narrowed=narrowing(Real),
         Shared=Shared,
         ContactLaw=ContactLaw,
         Friction=Friction,

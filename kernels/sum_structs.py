@@ -74,28 +74,24 @@ class ArmSums:
     dissipated: wp.float64  # in its damper and stops [J]
 
 
-@wp.struct
-class TensionerFlows:
-    """What flowed through a tensioner in a step, and what became of its energy."""
+def flows_struct(Real: type) -> type:
+    """`TensionerFlows` at a precision."""
 
-    leaked: wp.float64  # [m^3]
-    supplied: wp.float64  # [m^3]
-    leak_loss: wp.float64  # [J]
-    valve_loss: wp.float64  # [J]
-    supply_work: wp.float64  # [J]
-    lift: wp.float64  # y of the valve at the step's end [m]
+    @wp.struct
+    class TensionerFlows:
+        """What flowed through a tensioner in a step, and what became of its energy."""
+
+        leaked: Real  # [m^3]
+        supplied: Real  # [m^3]
+        leak_loss: Real  # [J]
+        valve_loss: Real  # [J]
+        supply_work: Real  # [J]
+        lift: Real  # y of the valve at the step's end [m]
+
+    return TensionerFlows
 
 
-@wp.struct
-class PlungerFlows:
-    """`TensionerFlows` on blocks at float32."""
-
-    leaked: wp.float32  # [m^3]
-    supplied: wp.float32  # [m^3]
-    leak_loss: wp.float32  # [J]
-    valve_loss: wp.float32  # [J]
-    supply_work: wp.float32  # [J]
-    lift: wp.float32  # y [m]
+TensionerFlows = flows_struct(wp.float64)
 
 
 @wp.struct

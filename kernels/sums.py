@@ -1,7 +1,7 @@
 """What is added up over the window, in float64: `add_*` adds what one step has, `merge_*` what another sum has.
 
 The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
-it, then added in float64, or in pairs of float32 (`pairs.added`).
+it, then added in float64, or in pairs of float32 (`number.added`), to the sums of `structs.float32`.
 """
 
 from dataclasses import dataclass
@@ -10,20 +10,10 @@ from typing import Any
 
 import warp as wp
 
-from .pairs import added, rounded
-from .root import reciprocal
-from .structs import BodyState, Drive, Mount, Strand
-from .sum_structs import (
-    ChainSums,
-    ContactSums,
-    MountSums,
-    RollerTally,
-    SprocketSums,
-    StrandSums,
-    TensionerFlows,
-    TensionerSums,
-    Totals,
-)
+from .fast_math import reciprocal
+from .number import added, rounded
+from .structs import Drive, Strand
+from .sum_structs import ChainSums, ContactSums, RollerTally, StrandSums, TensionerFlows, Totals
 
 MERGE_EVERY = wp.constant(32)
 """Steps after which what links and sprockets have gathered since is added to the window's sums.
@@ -161,55 +151,48 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 
 @wp.func
-def add_powers(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
+def add_powers(sums: Any, speed: Any, moment: Any, load: Any, weight: Any):
     """The chain's moment on a sprocket, and what it and the load's do in one step, which stands for `weight` [s]."""
     way = weight * speed
-    sums.moment = sums.moment + weight * moment
-    sums.contact_work = sums.contact_work + way * moment
-    sums.load_work = sums.load_work + way * load
+    sums.moment = added(sums.moment, weight * moment)
+    sums.contact_work = added(sums.contact_work, way * moment)
+    sums.load_work = added(sums.load_work, way * load)
     return sums
 
 
 @wp.func
-def add_speed(sums: SprocketSums, speed: wp.float64, weight: wp.float64):
+def add_speed(sums: Any, speed: Any, weight: Any):
     """One sprocket's speed at a watched step, which stands for `weight` [s]."""
-    if speed < sums.speed_min:
-        sums.speed_min = speed
-    if speed > sums.speed_max:
-        sums.speed_max = speed
-    sums.speed = sums.speed + weight * speed
-    sums.speed_square = sums.speed_square + weight * speed * speed
+    way = weight * speed
+    sums.speed_min = wp.min(sums.speed_min, speed)
+    sums.speed_max = wp.max(sums.speed_max, speed)
+    sums.speed = added(sums.speed, way)
+    sums.speed_square = added(sums.speed_square, way * speed)
     return sums
 
 
 @wp.func
-def add_hub_force(sums: SprocketSums, force: wp.vec2d, weight: wp.float64):
+def add_hub_force(sums: Any, force: Any, weight: Any):
     """The chain's force on one sprocket at a watched step, which stands for `weight` [s]."""
-    sums.force = sums.force + weight * force
-    square = wp.dot(force, force)
-    if square > sums.force_max * sums.force_max or sums.force_max < wp.float64(0.0):
-        sums.force_max = wp.sqrt(square)
+    sums.force = added(sums.force, weight * force)
+    sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
 
 
 @wp.func
-def add_mount(sums: MountSums, body: BodyState, mount: Mount, held: wp.vec2d, power: wp.float64, weight: wp.float64):
+def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power: Any, weight: Any):
     """One moving sprocket's displacement, the force `held` on its center, its damper's and its prescription's power."""
-    apart = body.center - mount.home
-    sums.travel = sums.travel + weight * apart
+    sums.travel = added(sums.travel, weight * apart)
     sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
-    sums.force = sums.force + weight * wp.length(held)
-    sums.dissipated = sums.dissipated + weight * wp.dot(body.velocity, mount.damping * body.velocity)
-    sums.work = sums.work + weight * power
+    sums.force = added(sums.force, weight * wp.length(held))
+    sums.dissipated = added(sums.dissipated, weight * wp.dot(velocity, mount.damping * velocity))
+    sums.work = added(sums.work, weight * power)
     return sums
 
 
 @wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
-    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take.
-
-    `sums` is `ArmSums`, or `structs.LeverSums` with what is added at float32.
-    """
+    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take."""
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
     sums.angle = added(sums.angle, weight * body.angle)
@@ -221,10 +204,7 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
 
 @wp.func
 def metered(total: Any, flows: Any):
-    """A tensioner's meter after one more step; the lift is that of the step's end.
-
-    `total` is `TensionerFlows`, or `structs.PlungerMeter` with `flows` at float32.
-    """
+    """A tensioner's meter after one more step; the lift is that of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)
     total.supplied = added(total.supplied, flows.supplied)
     total.leak_loss = added(total.leak_loss, flows.leak_loss)
@@ -247,10 +227,7 @@ def flowed_since(now: TensionerFlows, start: TensionerFlows):
 
 @wp.func
 def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
-    """One tensioner's force, pressure and extension, and the power that its damper and stop take.
-
-    `sums` is `TensionerSums`, or `structs.PlungerSums` with what is added at float32.
-    """
+    """One tensioner's force, pressure and extension, and the power that its damper and stop take."""
     x = rounded(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
@@ -266,7 +243,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
 
 
 @wp.func
-def add_meter(sums: TensionerSums, meter: TensionerFlows, start: bool, end: bool):
+def add_meter(sums: Any, meter: TensionerFlows, start: bool, end: bool):
     """What a tensioner's meter says at the window's two ends; nothing in between."""
     if start:
         sums.flows = meter

@@ -3,7 +3,8 @@
     python scripts/build_docs.py [FOLDER]      # default out/site; needs the extra `docs`, no network
 
 Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there. The pages are those of
-docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and `docs_reference.py`'s.
+docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and `docs_reference.py`'s. Those of
+docs/notes/ are built, but no menu shows them.
 """
 
 import argparse
@@ -144,6 +145,7 @@ def settings(folder: Path, site: Path) -> dict[str, Any]:
         ],
         "validation": {"nav": {"omitted_files": "warn"}, "links": {"anchors": "warn", "not_found": "warn"}},
         "nav": menu(folder),
+        "not_in_nav": "/notes/",
     }
 
 

@@ -1,7 +1,7 @@
 // The CPU benchmark's reference: the same work as warpchain's CPU kernel, by hand in plain C (IEEE float64, leapfrog,
 // seat kept while engaged, seat directions from a table turned by one cosine and sine a sprocket a step).
 //   cc -O3 -march=native -o chain_reference chain_reference.c -lm && ./chain_reference IN OUT STEPS
-// IN holds doubles as written by bench_cpu.py; OUT gets the final x, y, vx, vy. Prints the time loop's seconds of CPU time.
+// IN holds doubles as written by benches/reference.py; OUT gets the final x, y, vx, vy. Prints the time loop's seconds of CPU time.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

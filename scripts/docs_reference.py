@@ -17,22 +17,27 @@ from docs_tables import OF, table
 import warpchain
 from warpchain.cli.parser import parser as command_line
 from warpchain.drive import Drive
-from warpchain.drive.contact import GuideContact, GuideOverrides
-from warpchain.drive.part import Part, allowed
+from warpchain.drive.contact_settings import GuideContact, GuideOverrides
+from warpchain.drive.schema import Part, allowed
 from warpchain.results.channels import CHANNELS
-from warpchain.results.columns import COLUMNS, METRICS, RECORDED, RUN
+from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN
 from warpchain.results.units import DISPLAYED
-from warpchain.study.spec.study import Study
+from warpchain.study.spec.study_file import Study
 
 MODULES = {
-    "drives and files": ("warpchain.drive.drive", "warpchain.drive.parts", "warpchain.drive.contact"),
+    "drives and files": (
+        "warpchain.drive.drive",
+        "warpchain.drive.chain",
+        "warpchain.drive.sprocket",
+        "warpchain.drive.run_settings",
+        "warpchain.drive.contact_settings",
+    ),
     "before a run": (
         "warpchain.assembly.summary",
-        "warpchain.assembly.advice",
-        "warpchain.assembly.layout",
+        "warpchain.assembly.layout_checks",
         "warpchain.assembly.statics",
-        "warpchain.assembly.fit",
-        "warpchain.assembly.orders",
+        "warpchain.assembly.fitting",
+        "warpchain.assembly.frequencies",
     ),
     "results": (
         "warpchain.results.run",
@@ -44,15 +49,15 @@ MODULES = {
         "warpchain.results.measured_file",
         "warpchain.results.units",
     ),
-    "archives": ("warpchain.archive.read", "warpchain.archive.write", "warpchain.archive.export"),
+    "archives": ("warpchain.archive.read", "warpchain.archive.writer", "warpchain.archive.export"),
     "pictures": (
-        "warpchain.view.rerun.playback",
-        "warpchain.view.figures.write",
+        "warpchain.view.rerun.run_playback",
+        "warpchain.view.figures.plot",
         "warpchain.view.figures.sweep",
-        "warpchain.view.figures.measured",
-        "warpchain.view.scale",
+        "warpchain.view.figures.rig_figures",
+        "warpchain.view.palette",
     ),
-    "modes": ("warpchain.modal.modes", "warpchain.modal.campbell"),
+    "modes": ("warpchain.modal.eigenmodes", "warpchain.modal.campbell"),
     "studies": (
         "warpchain.study.run.runner",
         "warpchain.study.results",

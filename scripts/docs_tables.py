@@ -13,20 +13,20 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
-from warpchain.results.columns import (
+from warpchain.results.judgement import RULES, Limits
+from warpchain.results.metric_columns import (
     BALANCE,
     DESIGN,
     ENGAGED,
-    HANDED_IN,
     JOINTS,
     MEASURED,
     RECORDED,
+    REPORTED,
     RUN,
     SETTLING,
     STEADY,
     Group,
 )
-from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 OF = {
@@ -99,7 +99,7 @@ def tables() -> dict[str, str]:
         "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
-        "handed_in": metrics(HANDED_IN),
+        "handed_in": metrics(REPORTED),
     }
 
 

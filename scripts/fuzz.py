@@ -37,26 +37,26 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from warpchain.archive import read_archive, write_archive
+from warpchain.archive.archive_format import TOPICS as SCHEMAS
 from warpchain.archive.mcap_read import RECORD, records
 from warpchain.archive.options import ArchiveOptions
 from warpchain.archive.recover import recover_archive
-from warpchain.archive.schema import TOPICS as SCHEMAS
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
 from warpchain.cli import main as command_line
 from warpchain.drive import Drive, Guide, dumps_drive, load_drive, loads_drive
-from warpchain.drive.attached import read_points
+from warpchain.drive.csv_files import read_points
 from warpchain.drive.examples import drive_path
-from warpchain.drive.table import read_csv
+from warpchain.drive.motion_table import read_csv
 from warpchain.errors import WarpchainError
 from warpchain.results.metrics import table_of
 from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.design import make_design
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, study_status
-from warpchain.study.run.batch import Variant
 from warpchain.study.run.folder import make_folder
 from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.run.row_drives import Variant
 from warpchain.study.run.shards import results_table
 from warpchain.study.spec import Study, check_drive, dumps_study, load_study, loads_study
 from warpchain.study.store import read_table, write_table

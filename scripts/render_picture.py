@@ -156,7 +156,7 @@ def main() -> None:
 
     from warpchain import load_drive, simulate
     from warpchain.drive.examples import drive_path
-    from warpchain.view.rerun.playback import view
+    from warpchain.view.rerun.run_playback import view
 
     words = parser().parse_args()
     picture = words.picture

@@ -3,6 +3,12 @@
 from dataclasses import fields
 
 import numpy as np
+import pytest
+
+from warpchain.assembly import assemble
+from warpchain.assembly.assemble_batch import assemble_all
+from warpchain.drive.batch import stacks_of
+from warpchain.errors import DriveError
 
 
 def link_lengths(assembly):
@@ -33,3 +39,13 @@ def assert_same(found, expected):
             assert repr(mine) == repr(other)
         else:
             assert np.array_equal(mine, other) and np.shape(mine) == np.shape(other), field.name
+
+
+def error_of(drives, variant):
+    """Why a variant cannot be assembled: the same of a batch, which names it as the first, as by itself."""
+    with pytest.raises(DriveError) as alone:
+        assemble(drives[variant])
+    with pytest.raises(DriveError) as together:
+        assemble_all(stacks_of(drives))
+    assert str(together.value) == f"variant {variant}: {alone.value}"
+    return str(alone.value)

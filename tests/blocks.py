@@ -10,15 +10,15 @@ from drives import timing, two_sprockets
 
 from warpchain import Drive, load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import block_shape, room_for
 from warpchain.engine.buckets import curved, led
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
-from warpchain.kernels.gpu.block_observe import collect
-from warpchain.kernels.gpu.block_room import room
+from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.observe import collect
+from warpchain.kernels.gpu.shared_memory import room
 from warpchain.kernels.tension_bins import BINS
 from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
 from warpchain.results.schedule import Schedule
@@ -108,23 +108,23 @@ def kind_of(packed, shape, measuring=True):
     return BlockKind(
         packed.real,
         shape.threads,
-        shape.per,
+        shape.rollers_per_thread,
         int(packed.drives["sprockets"][0]),
         int(packed.drives["guides"][0]),
         moving=bool(packed.mounts["active"].any()),
         measuring=measuring,
         rk4=bool(packed.drives["integrator"].any()),
-        bending=bool(packed.joints["rubs"].any()),
-        sliding=bool(packed.slides.any()),
-        uneven=bool(packed.links["uneven"].any()),
-        crewed=shape.crewed,
-        roomy=not measuring and shape.roomy,
+        joint_friction=bool(packed.joints["rubs"].any()),
+        contact_friction=bool(packed.slides.any()),
+        varied_links=bool(packed.links["varied_links"].any()),
+        body_warp=shape.body_warp,
+        low_occupancy=not measuring and shape.low_occupancy,
         arms=int(packed.drives["arms"][0]),
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
-        curved=bool(curved(packed).any()),
-        usual=bool(packed.usual.all()),
-        regular=bool(packed.regular.all()),
+        tabulated=bool(curved(packed).any()),
+        linear_hysteretic=bool(packed.linear_hysteretic.all()),
+        uniform_links=bool(packed.uniform_links.all()),
         led=int(led(packed).max()),
     )
 
@@ -202,12 +202,12 @@ def rubbing_on_moving_sprockets():
     return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
-def run_blocks(packed, shape, blocks, order, frames, measuring=True, abreast=1):
-    """The ensemble on blocks of fibers, each of `abreast` variants: its state and its sums."""
+def run_blocks(packed, shape, blocks, order, frames, measuring=True, variants_per_block=1):
+    """The ensemble on blocks of fibers, each of `variants_per_block` variants: its state and its sums."""
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kind = replace(kind_of(packed, shape, measuring), abreast=abreast)
+    kind = replace(kind_of(packed, shape, measuring), variants_per_block=variants_per_block)
     kernel = block_kernel(kind, 4, packed.frame)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
@@ -236,15 +236,20 @@ def shape_of(variants, each):
     return block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), each)
 
 
+def pack_for(variants, schedules, precision):
+    """An ensemble whose frames have every channel that its drives have."""
+    packed = pack(variants, schedules).at_precision(precision)
+    return replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
+
+
 def assert_steps_of_the_cpu(drives, many, precision):
     """The block kernel takes the steps of the CPU kernel, with metrics and frames of every channel."""
     variants = drives()
     shape = shape_of(variants, 100 if many else 1)
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
-    packed = pack(variants, schedules).at_precision(precision)
+    packed = pack_for(variants, schedules, precision)
     bends = bool(packed.joints["rubs"].any())
-    packed = replace(packed, frame=frame_of(NAMES if bends else ()))
     widths = [frame_width(drive, packed.frame) * 16 for drive in variants]
     packed.drives["first_value"] = [0, widths[0]]
     serial = CpuEngine(packed, 1)
@@ -272,7 +277,7 @@ def assert_steps_of_the_cpu(drives, many, precision):
         assert powers[1].max() > 0.0
     summed = serial.sums()
     assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
-    for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", "arm", "tensioner", *NOTES):
+    for name in (name for name in TABLE["sums"] if name != "tension_counts"):
         mine, theirs_ = flat(getattr(sums, name).numpy()), flat(summed[name])
         for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
@@ -292,22 +297,27 @@ EVERY = [(many, precision) for many in (False, True) for precision in ("float64"
 """Few and many variants at both precisions."""
 
 
-def ways(*drives):
-    """Cases of `assert_steps_of_the_cpu`: drives take turns at them, and in thorough runs each takes all.
+def ways(*drives, usual):
+    """Cases of `assert_steps_of_the_cpu`: the usual ones, in long runs one of each of the drives, in thorough runs all.
 
     What hangs on numbers hardly hangs on precisions and on drives, and a kernel takes 10 s to compile.
     """
     cases = [(of, *way) for of in drives for way in EVERY]
-    usual = [(of, *EVERY[TURNS[k % 4]]) for k, of in enumerate(drives)]
+    turns = [(of, *EVERY[TURNS[k % 4]]) for k, of in enumerate(drives)]
     names = [f"{of.__name__}-{'many' if many else 'few'}-{precision}" for of, many, precision in cases]
-    return {"argnames": ("drives", "many", "precision"), "argvalues": some_of(cases, usual), "ids": names}
+    argvalues = some_of(cases, usual, turns)
+    return {"argnames": ("drives", "many", "precision"), "argvalues": argvalues, "ids": names}
 
 
 TURNS = 0, 3, 2, 1
 """Which of `EVERY`, one drive after the other: numbers change each time, precisions too but once in four."""
 
 
-def some_of(cases, usual):
-    """Cases of which those that are not usual are run where `-m thorough` asks for them."""
-    assert all(case in cases for case in usual)
-    return [pytest.param(*case, marks=() if case in usual else pytest.mark.thorough) for case in cases]
+def some_of(cases, usual, long=()):
+    """Cases, of which those that are not usual are marked `long` if they are among these, and else `thorough`."""
+    assert all(case in cases for case in (*usual, *long))
+
+    def marks(case):
+        return () if case in usual else pytest.mark.long if case in long else pytest.mark.thorough
+
+    return [pytest.param(*case, marks=marks(case)) for case in cases]

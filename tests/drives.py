@@ -152,6 +152,13 @@ inertia=2.0, speed=10.0, restitution=0.5, step=5e-6, duration=0.2, gravity=0.0, 
     )
 
 
+def with_bar(start, end, end_radius=0.02):
+    """Two sprockets 1 m apart and a guide-bar."""
+    bar = {"name": "bar", "start": start, "end": end, "end_radius": end_radius}
+    contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
+    return two_sprockets().with_values({"contact.guide": contact, "guides": (bar,)})
+
+
 def row(drive, **options):
     return simulate(drive, record=Record(variants="none"), **options).metrics.to_pylist()[0]
 

@@ -5,7 +5,7 @@ engine.
 import numpy as np
 import warp as wp
 
-from warpchain.assembly.together import Assemblies
+from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import REAL, Packed, state_rows
@@ -87,7 +87,7 @@ def chain(
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
-        put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("heft", mass), step)
+        put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
         law["speed_floor"], law["most_damping"] = values.get("speed_floor", 0.01), mass / step
@@ -105,7 +105,7 @@ def chain(
         strand = packed.strands[s]
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
     for g, (bar, values) in enumerate(zip(packed.guides, guides, strict=False)):
-        put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("heft", mass), step)
+        put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         if "pieces" in values:
             put_profile(packed, bar, values["pieces"])
             values = values | {"start": bar["start"], "end": bar["start"] + bar["length"] * bar["direction"]}
@@ -153,9 +153,9 @@ def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(
     body["center"], body["angle"], body["speed"] = pivot, angle, speed
 
 
-def put_friction(row, friction, heft, step):
+def put_friction(row, friction, effective_mass, step):
     """Friction of a hand-made contact."""
-    row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * heft / step
+    row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * effective_mass / step
     row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
     row["law"]["stribeck_speed"] = 1.0
 

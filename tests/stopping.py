@@ -1,5 +1,6 @@
-"""Commands that are interrupted at a moment that can be told again."""
+"""Commands that are interrupted, and processes that are killed, at a moment that can be told again."""
 
+import os
 import signal
 import sys
 
@@ -36,3 +37,25 @@ def interruptions(command, folder, count, capfd):
         out = folder / str(turn)
         status, _ = interrupted_at(1 + (2 * turn + 1) * most // (2 * count), [*command, str(out)])
         yield out, status, capfd.readouterr()
+
+
+class Killed(BaseException):
+    """The end of the process: no handler of the package's catches it."""
+
+
+def killed_at_file_operation(patch):
+    """From now on file operations count down the first of the list that is returned, and the one at 0 kills."""
+    left = [0]
+
+    def deadly(operation):
+        def call(*arguments, **settings):
+            left[0] -= 1
+            if left[0] == 0:
+                raise Killed(operation.__name__)
+            return operation(*arguments, **settings)
+
+        return call
+
+    for name in ("fsync", "link", "rename", "replace"):
+        patch.setattr(os, name, deadly(getattr(os, name)))
+    return left

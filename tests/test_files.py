@@ -20,8 +20,8 @@ import warpchain
 from warpchain import ArchiveOptions, Record, files, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
 from warpchain.archive.export import export_npz
+from warpchain.archive.file_set import cut_files
 from warpchain.archive.mcap_write import McapFile
-from warpchain.archive.names import cut_files
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.files import read_text, refusals, whole_file, write_text
 from warpchain.study.store import write_text as write_study_text

@@ -66,7 +66,8 @@ def test_bits_count(golden):
 
 def test_two_archives_of_a_run_are_the_same_but_for_their_random_names(golden, tmp_path):
     """Names of sets are random and stand in metadata, whose digests are over them; a changed value still shows."""
-    from golden_runs.cases import content, pair
+    cases = load_script("golden_runs.cases")
+    content, pair = cases.content, cases.pair
 
     run = warpchain.simulate(pair(), device="cpu", duration=2e-4)
     found = []

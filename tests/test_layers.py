@@ -14,7 +14,7 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "version", "files", "show", "garbage"),
+    ("errors", "version", "files", "show", "gc_tuning"),
     ("drive",),
     ("assembly",),
     ("results",),
@@ -28,8 +28,8 @@ LEVELS = (
 """The package's folders and single modules from the lowest up; "" is the root, with the names that users see."""
 
 KERNEL_LEVELS = (
-    ("root", "pairs", "sum_structs"),
-    ("trigonometry", "logarithm"),
+    ("fast_math", "namespace", "number", "sum_structs"),
+    ("precision",),
     ("structs", "rows"),
     ("integrate",),
     ("physics",),
@@ -38,8 +38,7 @@ KERNEL_LEVELS = (
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (
-    ("reasons",),
-    ("columns", "store"),
+    ("store",),
     ("results",),
     ("spec",),
     ("design",),
@@ -65,11 +64,29 @@ def modules(root: Path, prefix: str) -> dict[str, Path]:
     return found
 
 
+def named_modules(call: ast.Call, known: dict[str, Path]) -> list[str]:
+    """The modules in `known` that a call of `import_module` may name, by a literal or by an f-string's first part.
+
+    One that begins with the package alone may name any module, and counts for none.
+    """
+    called = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", None)
+    if called not in ("import_module", "__import__") or not call.args:
+        return []
+    word = call.args[0]
+    if isinstance(word, ast.JoinedStr):
+        head = getattr(word.values[0], "value", None) if word.values else None
+        below = isinstance(head, str) and head.count(".") > 1
+        return [module for module in known if module.startswith(head)] if below else []
+    return [word.value] if isinstance(word, ast.Constant) and isinstance(word.value, str) else []
+
+
 def imports(name: str, path: Path, known: dict[str, Path]) -> Iterator[str]:
     """The modules in `known` that a module imports, wherever in it the import stands."""
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     for node in ast.walk(ast.parse(path.read_text())):
         wanted = []
+        if isinstance(node, ast.Call):
+            wanted = [(source, "") for source in named_modules(node, known)]
         if isinstance(node, ast.Import):
             wanted = [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -143,6 +160,16 @@ def test_no_circles():
 
 def test_a_circle_would_be_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [("a", "b", "c")]
+
+
+def test_an_import_by_a_string_is_an_arrow(tmp_path):
+    path = tmp_path / "a.py"
+    known = {name: path for name in ("p.a", "p.b", "p.c.d", "p.c.e")}
+    path.write_text("import importlib\nimportlib.import_module('p.b')\nf = lambda: import_module(x, 'p.a')\n")
+    assert list(imports("p.a", path, known)) == ["p.b"]
+    calls = "import_module(f'p.c.{x}'), import_module(f'{x}.p.c'), import_module(f'p.{x}')"
+    path.write_text(f"f = lambda: ({calls})\n")
+    assert list(imports("p.a", path, known)) == ["p.c.d", "p.c.e"]
 
 
 def test_arrows_point_down():

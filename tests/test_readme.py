@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from warpchain.archive.proto import MESSAGES
-from warpchain.archive.schema import END_METADATA
+from warpchain.archive.archive_format import END_METADATA, MESSAGES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -31,7 +30,7 @@ def test_example_prints_what_it_says(capsys, tmp_path, monkeypatch):
     assert (tmp_path / "torques.mcap").exists()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "docs" / "notes").glob("*.md"))], ids=lambda page: page.stem)
 def test_links_lead_to_files(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target

@@ -5,8 +5,8 @@ import subprocess
 import tomllib
 from pathlib import Path
 
-from warpchain.archive.schema import FORMAT_VERSION, RUN_METADATA
-from warpchain.study.run.folder import FORMAT
+from warpchain.archive.archive_format import FORMAT_VERSION, RUN_METADATA
+from warpchain.study.run.shard_plan import FORMAT
 
 ROOT = Path(__file__).resolve().parent.parent
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]

@@ -15,11 +15,18 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 COMMAND = re.compile(r"\bpython ((?:\./)?scripts/[^\s`]+)([^`\n#]*)")
 
 
+def words_of(path):
+    """A page, or the descriptions in a script or in a case."""
+    if path.suffix == ".md":
+        return path.read_text()
+    nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Module | ast.FunctionDef)]
+    return "\n".join(ast.get_docstring(node) or "" for node in nodes)
+
+
 def commands():
     """Each `python scripts/X.py words` of the documents and of the scripts' own descriptions: where, script, words."""
-    for page in [*PAGES, *SCRIPTS]:
-        text = page.read_text() if page.suffix == ".md" else ast.get_docstring(ast.parse(page.read_text()))
-        for line in text.splitlines():
+    for page in [*PAGES, *sorted((ROOT / "scripts").rglob("*.py"))]:
+        for line in words_of(page).splitlines():
             for found in COMMAND.finditer(line):
                 # a line by itself is a command to its end; within a sentence, one in backquotes
                 yield page.name, found[1], found[2]
@@ -52,10 +59,10 @@ def test_documents_name_commands():
     """Without any the test below would pass. Every script is named, if only in its own description."""
     named = {(page, script) for page, script, _ in FOUND}
     assert {
-        ("teeth.md", "scripts/compare_profiles.py"),
-        ("wear.md", "scripts/wear_study.py"),
-        ("model.md", "scripts/seat_angle_study.py"),
-        ("README.md", "scripts/moving_picture.py"),
+        ("teeth.md", "scripts/figures.py"),
+        ("wear.md", "scripts/figures.py"),
+        ("model.md", "scripts/figures.py"),
+        ("performance.md", "scripts/bench.py"),
     } <= named
     assert {script for _, script in named} == {f"scripts/{path.name}" for path in SCRIPTS}
 
@@ -70,11 +77,12 @@ def test_named_commands_are_taken(page, script, words):
 
 
 def test_words_that_a_script_does_not_know_are_refused(capsys):
-    for name, words in (("bench_gpu", ["tables"]), ("study_figures", ["a", "b", "c"]), ("render_picture", ["a", "b"])):
+    for name, words in (
+        ("bench", ["gpu", "tables"]),
+        ("figures", ["study", "a", "b", "c"]),
+        ("render_picture", ["a", "b"]),
+    ):
         with pytest.raises(SystemExit) as left:
             load_script(name).parser().parse_args(words)
         assert left.value.code == 2
-    assert (
-        "'tables': allowed are table, joints, recording, runs, rollers, gpus, headline, kinds"
-        in capsys.readouterr().err
-    )
+    assert "'tables': allowed are table, joints, rollers, runs, recording" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 from loading import load_script
 
 from warpchain.drive import Drive
-from warpchain.results.columns import COLUMNS
+from warpchain.results.metric_columns import COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -54,6 +54,8 @@ def test_every_page_is_in_the_menu(site):
     index = (site / "index.html").read_text()
     for path in (ROOT / "docs").glob("*.md"):
         assert f'href="{path.stem}.html"' in index, path.name
+    for path in (ROOT / "docs" / "notes").glob("*.md"):  # the log is linked, not listed
+        assert (site / "notes" / f"{path.stem}.html").exists() and f"notes/{path.stem}.html" not in index
 
 
 def test_the_site_asks_no_other_machine_for_anything(site):

@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from warpchain import show
+
 if TYPE_CHECKING:
     from warpchain.archive import read_archive, write_archive
     from warpchain.archive.options import ArchiveOptions
@@ -11,8 +13,9 @@ if TYPE_CHECKING:
     from warpchain.engine.rig import bench_tensioner
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
-    from warpchain.modal import Modes, modes
-    from warpchain.results.handed_in import Wear
+    from warpchain.modal import Modes
+    from warpchain.modal import eigenmodes as modes
+    from warpchain.results.engineering_report import Wear
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.optimize import open_study, optimize
@@ -28,7 +31,7 @@ _HOME = {
     "Run": "results.run",
     "Trajectory": "results.run",
     "WarpchainError": "errors",
-    "Wear": "results.handed_in",
+    "Wear": "results.engineering_report",
     "assemble": "assembly",
     "bench_tensioner": "engine.rig",
     "dumps_drive": "drive",
@@ -80,3 +83,11 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"warpchain.{_HOME[name]}"), name)
     raise AttributeError(f"module 'warpchain' has no attribute {name!r}")
+
+
+def _notebook_html(thing: Any) -> str:
+    """HTML of a drive, run or trajectory; loads what draws it when the first is shown."""
+    return str(import_module("warpchain.view.notebook").html(thing))
+
+
+show.register(_notebook_html)

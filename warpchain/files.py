@@ -1,13 +1,13 @@
 """Files written whole or not at all, by one writer at a time, and text read; what the file system refuses is one line.
 
 A file is written under a temporary name in its own folder, flushed to the disk, and only then given its name, which the
-folder's flush makes last. Whoever looks at that name, at any moment and after any end of the writing process, finds
+folder's flush makes last. Whoever reads that name, at any moment and after any end of the writing process, finds
 the old file whole, or the new one.
 
 Who writes a name holds the lock of `.NAME.lock` beside it, which the system takes back when the process ends, however
-it ends; a second writer is told who that is. The temporary file is locked, too, so that what a killed process left can
-be told from what is being written. File systems without locks (flock) do without; temporary names are still nobody
-else's.
+it ends; a second writer learns who that is. The temporary file is locked, too, so that what a killed process left can
+be distinguished from what is being written. File systems without locks (flock) do without; temporary names are
+still nobody else's.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Lock:
         patience: how long to wait for another writer to end [s].
 
     Raises:
-        OSError: another one writes it (the reason tells who), or a folder that refuses.
+        OSError: another one writes it (the reason says who), or a folder that refuses.
     """
 
     def __init__(self, path: Path, patience: float = 0.0) -> None:

@@ -1,11 +1,18 @@
-"""How things show themselves in notebooks: each asks for what stands higher in the package only when it is shown."""
+"""HTML of drives, runs and trajectories for notebooks, by the renderer that the package's root registers."""
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any
+
+_renderers: list[Callable[[Any], str]] = []
+
+
+def register(renderer: Callable[[Any], str]) -> None:
+    """Makes `renderer` the one that `html` calls."""
+    _renderers[:] = [renderer]
 
 
 def html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML (`warpchain.view.notebook`): its picture, and tables with units."""
-    return str(import_module("warpchain.view.notebook").html(thing))
+    """A drive, run or trajectory as HTML: its picture, and tables with units."""
+    return _renderers[0](thing)

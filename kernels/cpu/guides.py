@@ -1,42 +1,31 @@
 """The CPU kernel's passes over a group of rollers for one guide, a straight bar or a profile: who is near, how deep."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
-from ..physics.guide import at_face
+from ..namespace import namespace
+from ..physics.contact import MISSED, UNTOUCHED, misses, surface_velocity, turned
+from ..physics.guide import at_face, on_guide
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
-from .contacts import Group, contacts, is_near, lowest_bit, next_bits
+from .contacts import contact_rows
+from .neighbor_list import Group, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
-@dataclass(frozen=True)
-class GuidePasses:
-    """The passes for one guide."""
-
-    find_over_bar: wp.Function
-    leave_bar: wp.Function
-    touch_bar: wp.Function
-    find_over_profile: wp.Function
-    touch_profile: wp.Function
-    count_missed: wp.Function
-
-
 @cache
-def guide_passes(Real: type, capacity: int) -> GuidePasses:
+def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
+    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contact_rows(Real, capacity)
     recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    at = rows(capacity)
-    VX, VY, NEAR, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.near, at.before, at.open, at.penetration
+    row = rows(capacity)
     unlike = accessors(Real).unlike
 
     @wp.func
@@ -52,7 +41,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
             near = Real(0.0)
             if along > -reach and along < end and at_face(across, bar):
                 near = Real(1.0)
-            store_row(w, NEAR + i, near)
+            store_row(w, row.near + i, near)
             i = i + 1
 
     @wp.func
@@ -69,12 +58,12 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
     ):
         """How roller i stands on a guide; one that did not come in through the face does not touch it."""
         kept = Real(UNTOUCHED)
-        if penetration > Real(0.0) and misses(penetration, load_row(w, BEFORE + i), guide):
+        if penetration > Real(0.0) and misses(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
             penetration = Real(0.0)
         place_arm(w, i, arm[0], arm[1])
         touch(w, i, penetration, normal[0], normal[1], relative[0], relative[1])
-        store_row(w, OPEN + i, kept)
+        store_row(w, row.open + i, kept)
 
     @wp.func
     def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
@@ -83,7 +72,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         while i < group.high:
             arm = place(w, i) - body.center
             surface = surface_velocity(body, arm)
-            v = vec2(load_row(w, VX + i), load_row(w, VY + i))
+            v = vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
             moving = vec2(Real(surface[0]), Real(surface[1]))
             penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
             recall(w, i, group, memory)
@@ -97,9 +86,9 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         bits = group.near
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            if load_row(w, OPEN + i) == Real(MISSED):
+            if load_row(w, row.open + i) == Real(MISSED):
                 totals.missing += 1
-                if load_row(w, BEFORE + i) == Real(UNTOUCHED):
+                if load_row(w, row.before + i) == Real(UNTOUCHED):
                     totals.missed += 1
             bits = next_bits(bits)
         return totals
@@ -112,7 +101,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
             near = Real(0.0)
             if near_profile(in_frame(place(w, i) - body.center, body), guide) != 0:
                 near = Real(1.0)
-            store_row(w, NEAR + i, near)
+            store_row(w, row.near + i, near)
             i = i + 1
 
     @wp.func
@@ -127,7 +116,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         penetration, facing = on_profile(q, number, guide, pieces)
         facing = turned(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
-        relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, VX + i), load_row(w, VY + i))
+        relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
         normal = vec2(Real(facing[0]), Real(facing[1]))
         touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), penetration, normal, relative, guide)
 
@@ -144,18 +133,11 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         i = group.low
         while i < group.high:
             recall(w, i, group, memory)
-            store_row(w, PENETRATION + i, Real(0.0))
+            store_row(w, row.penetration + i, Real(0.0))
             i = i + 1
         bits = group.near
         while bits != wp.uint64(0):
             touch_piece(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
             bits = next_bits(bits)
 
-    return GuidePasses(
-        find_over_bar=find_over_bar,
-        leave_bar=leave_bar,
-        touch_bar=touch_bar,
-        find_over_profile=find_over_profile,
-        touch_profile=touch_profile,
-        count_missed=count_missed,
-    )
+    return namespace(find_over_bar, leave_bar, touch_bar, find_over_profile, touch_profile, count_missed)

@@ -3,11 +3,12 @@
 Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components stand at i + 1.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
+from ..namespace import namespace
 from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
 from ..rows import accessors, whole_lanes
@@ -15,20 +16,8 @@ from ..structs import types
 from .rollers import passes, rows
 
 
-@dataclass(frozen=True)
-class JointPasses:
-    """The passes over the joints of one variant."""
-
-    pull_links: wp.Function
-    pull_uneven: wp.Function
-    rub_joints: wp.Function
-    bend_links: wp.Function
-    friction_power: wp.Function
-    joint_power: wp.Function
-
-
 @cache
-def joint_passes(Real: type, capacity: int) -> JointPasses:
+def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes over the joints of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -41,17 +30,15 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         part.acceleration,
     )
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
-    at = rows(capacity)
-    VX, VY, LINK_X, LINK_Y, LENGTH = at.vx, at.vy, at.link_x, at.link_y, at.length
-    TENSION, TURN, MOMENT, BEND_X, BEND_Y = at.tension, at.turn, at.moment, at.bend_x, at.bend_y
+    row = rows(capacity)
 
     @wp.func
     def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
         """How link i turns."""
         lever, turn = turning(d, v)
-        store_row(w, TURN + i, turn)
-        store_row(w, BEND_X + i + 1, lever[0])
-        store_row(w, BEND_Y + i + 1, lever[1])
+        store_row(w, row.turn + i, turn)
+        store_row(w, row.bend_x + i + 1, lever[0])
+        store_row(w, row.bend_y + i + 1, lever[1])
 
     @wp.func
     def pull_links(w: wp.array[Real], n: int, chain: kinds.Chain):
@@ -60,7 +47,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         i = int(0)
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
-            tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
+            tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
             store_link(w, i, tension, rate, u)
             store_turning(w, i, d, v)
             i = i + 1
@@ -73,12 +60,12 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
             mine = link_chain(i, chain, links)
-            tension, rate, u = played_force(d, v, load_row(w, LENGTH + i), links.play, mine)
+            tension, rate, u = played_force(d, v, load_row(w, row.length + i), links.play, mine)
             store_link(w, i, tension, rate, u)
             store_turning(w, i, d, v)
             i = i + 1
-        store_row(w, LINK_X, load_row(w, LINK_X + n))
-        store_row(w, LINK_Y, load_row(w, LINK_Y + n))
+        store_row(w, row.link_x, load_row(w, row.link_x + n))
+        store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
     def rub_evenly(w: wp.array[Real], n: int, joint: kinds.Joint):
@@ -86,10 +73,10 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         mu = joint.law.mu_dynamic
         i = int(0)
         while i < whole(n):
-            before = load_row(w, TENSION + i)
-            after = load_row(w, TENSION + i + 1)
-            moment = rubbing_moment(mu, before, load_row(w, TURN + i), after, load_row(w, TURN + i + 1), joint)
-            store_row(w, MOMENT + i + 1, moment)
+            before = load_row(w, row.tension + i)
+            after = load_row(w, row.tension + i + 1)
+            moment = rubbing_moment(mu, before, load_row(w, row.turn + i), after, load_row(w, row.turn + i + 1), joint)
+            store_row(w, row.moment + i + 1, moment)
             i = i + 1
 
     @wp.func
@@ -97,38 +84,38 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """The same, of a coefficient that depends on the speed."""
         i = int(0)
         while i < n:
-            before = load_row(w, TENSION + i)
-            after = load_row(w, TENSION + i + 1)
-            moment = joint_moment(before, load_row(w, TURN + i), after, load_row(w, TURN + i + 1), joint)
-            store_row(w, MOMENT + i + 1, moment)
+            before = load_row(w, row.tension + i)
+            after = load_row(w, row.tension + i + 1)
+            moment = joint_moment(before, load_row(w, row.turn + i), after, load_row(w, row.turn + i + 1), joint)
+            store_row(w, row.moment + i + 1, moment)
             i = i + 1
 
     @wp.func
     def rub_joints(w: wp.array[Real], n: int, joint: kinds.Joint):
         """The moment of every joint."""
-        store_row(w, TENSION + n, load_row(w, TENSION))
-        store_row(w, TURN + n, load_row(w, TURN))
+        store_row(w, row.tension + n, load_row(w, row.tension))
+        store_row(w, row.turn + n, load_row(w, row.turn))
         if joint.law.mu_static == joint.law.mu_dynamic:
             rub_evenly(w, n, joint)
         else:
             rub_by_speed(w, n, joint)
-        store_row(w, MOMENT, load_row(w, MOMENT + n))
+        store_row(w, row.moment, load_row(w, row.moment + n))
 
     @wp.func
     def bend_links(w: wp.array[Real], n: int):
         """Adds the force of its joints' couple to every link's."""
         i = int(0)
         while i < whole(n):
-            lever = vec2(load_row(w, BEND_X + i + 1), load_row(w, BEND_Y + i + 1))
-            force = couple_force(load_row(w, MOMENT + i), load_row(w, MOMENT + i + 1), lever)
-            store_row(w, BEND_X + i + 1, force[0])
-            store_row(w, BEND_Y + i + 1, force[1])
-            store_row(w, LINK_X + i + 1, load_row(w, LINK_X + i + 1) + force[0])
-            store_row(w, LINK_Y + i + 1, load_row(w, LINK_Y + i + 1) + force[1])
+            lever = vec2(load_row(w, row.bend_x + i + 1), load_row(w, row.bend_y + i + 1))
+            force = couple_force(load_row(w, row.moment + i), load_row(w, row.moment + i + 1), lever)
+            store_row(w, row.bend_x + i + 1, force[0])
+            store_row(w, row.bend_y + i + 1, force[1])
+            store_row(w, row.link_x + i + 1, load_row(w, row.link_x + i + 1) + force[0])
+            store_row(w, row.link_y + i + 1, load_row(w, row.link_y + i + 1) + force[1])
             i = i + 1
-        for row in range(2):
-            store_row(w, LINK_X + row * wp.static(capacity), load_row(w, LINK_X + row * wp.static(capacity) + n))
-            store_row(w, BEND_X + row * wp.static(capacity), load_row(w, BEND_X + row * wp.static(capacity) + n))
+        for k in range(2):
+            store_row(w, row.link_x + k * wp.static(capacity), load_row(w, row.link_x + k * wp.static(capacity) + n))
+            store_row(w, row.bend_x + k * wp.static(capacity), load_row(w, row.bend_x + k * wp.static(capacity) + n))
 
     @wp.func
     def friction_power(w: wp.array[Real], n: int, chain: kinds.Chain, lag: Real):
@@ -141,10 +128,10 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         while i < n:
             a = acceleration(w, i, chain.inverse_mass, chain.gravity)
             force = vec2(
-                load_row(w, BEND_X + i + 1) - load_row(w, BEND_X + i),
-                load_row(w, BEND_Y + i + 1) - load_row(w, BEND_Y + i),
+                load_row(w, row.bend_x + i + 1) - load_row(w, row.bend_x + i),
+                load_row(w, row.bend_y + i + 1) - load_row(w, row.bend_y + i),
             )
-            velocity = vec2(load_row(w, VX + i) + lag * a[0], load_row(w, VY + i) + lag * a[1])
+            velocity = vec2(load_row(w, row.vx + i) + lag * a[0], load_row(w, row.vy + i) + lag * a[1])
             total -= wp.float64(wp.dot(force, velocity))
             i = i + 1
         return total
@@ -162,13 +149,6 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """Power that joint i dissipates [W]; over all joints the sum is `friction_power`."""
         before = wp.where(i > 0, i - 1, n - 1)
         turn = turn_at(w, i, n, chain, lag)
-        return joint_friction_power(load_row(w, MOMENT + i), turn_at(w, before, n, chain, lag), turn)
+        return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before, n, chain, lag), turn)
 
-    return JointPasses(
-        pull_links=pull_links,
-        pull_uneven=pull_uneven,
-        rub_joints=rub_joints,
-        bend_links=bend_links,
-        friction_power=friction_power,
-        joint_power=joint_power,
-    )
+    return namespace(pull_links, pull_uneven, rub_joints, bend_links, friction_power, joint_power)

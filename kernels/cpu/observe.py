@@ -3,14 +3,15 @@
 What few steps come to is kept out of the time loop's one piece (`inline=False`), which compiles sooner then.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
+from ..namespace import namespace
 from ..physics.arm import arm_dissipation, arm_energy
 from ..physics.body import body_energy, heading_of, held_by
 from ..physics.motion import load_moment, load_moment_at_speed
@@ -23,7 +24,6 @@ from ..sums import (
     add_arm,
     add_contact,
     add_contact_force,
-    add_displacement,
     add_energy,
     add_hub_force,
     add_meter,
@@ -32,16 +32,13 @@ from ..sums import (
     add_speed,
     add_tensioner,
     add_touches,
-    following,
-    is_look,
     is_watched,
     watch_weight,
 )
+from .chain_sums import chain_sums
 from .joints import joint_passes
 from .rollers import passes, rows
-from .statistics import statistics
 from .steps import arm_of, moving
-from .tallies import tallies
 
 
 @wp.struct
@@ -83,34 +80,11 @@ def wanted_at(drive: Drive, step: int, stage: int):
     return wanted
 
 
-@dataclass(frozen=True)
-class Observing:
-    """What observes one variant, and the length of its frames."""
-
-    clear: wp.Function
-    merge: wp.Function
-    measure: wp.Function
-    sample: wp.Function
-    width: wp.Function
-
-
 @cache
-def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
-    """The functions that observe one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
-    kinds = types(Real)
-    vec2 = kinds.vec2
-    tally = tallies(Real, capacity)
-    friction_power, joint_power = joint_passes(Real, capacity).friction_power, joint_passes(Real, capacity).joint_power
-    look, note = statistics(Real, capacity).look, statistics(Real, capacity).note
-    follow = following(Real).follow
-    load_row = accessors(Real).load_row
-    acceleration = passes(Real, capacity).acceleration
-    body_now, wrench_on = moving(Real, plain).body_now, moving(Real, plain).wrench_on
-    row = rows(capacity)
-    X, Y, VX, VY = row.x, row.y, row.vx, row.vy
-    TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
-    write = frame_writers(Real, frame)
-    write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
+def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+    """The functions that add evaluated steps of one variant to the sums of the window."""
+    kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real, plain)
+    friction_power, body_now = joint_passes(Real, capacity).friction_power, bodies.body_now
 
     @wp.func(inline=False)
     def mechanical_energy(
@@ -123,7 +97,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         at: Instant,
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = tally.rollers_energy(w, drive.rollers, chain, links, Real(at.lag))
+        total = sums_of.energy(w, drive.rollers, chain, links, Real(at.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -158,9 +132,11 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         load_part = load_moment(at.time, body.angle, before, motion, ensemble.curves)
         load_part = load_moment_at_speed(at.time, load_part, before, body.speed, motion)
         if mount.active == 1:
-            whole = wrench_on(ensemble, state, drive, b)
+            whole = bodies.wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
-            sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
+            sums.mount[i] = add_mount(
+                sums.mount[i], body.center - mount.home, body.velocity, mount, held, power, at.weight
+            )
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
         if is_watched(drive, at.step):
             sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
@@ -187,59 +163,9 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 
     @wp.func
-    def merge(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, w: wp.array[Real]):
-        """Merges the tallies of links into the sums of the window, and begins them anew."""
-        drive = ensemble.drives[variant]
-        chain = ensemble.chains[variant]
-        n = drive.rollers
-        sums.chain[variant] = tally.merge_links(w, n, chain, ensemble.links[variant], sums.chain[variant], drive.step)
-        for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-            sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
-        tally.clear(w, n)
-
-    @wp.func
-    def look_at_chain(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        variant: int,
-        drive: Drive,
-        w: wp.array[Real],
-        step: int,
-    ):
-        """Brings the strands up to date, and adds tensions and mid-strand displacements of step `step` to the sums."""
-        n = drive.rollers
-        if step > drive.window_start:
-            note(sums, variant, drive, step)
-        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-            state.strands[i] = follow(w, X, Y, n, state.strands[i])
-        look(ensemble, state, sums, variant, drive, w)
-        sums.chain[variant] = tally.add_links(w, n, sums.chain[variant])
-        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-            strand = state.strands[i]
-            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
-            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
-
-    @wp.func(inline=False)
-    def gather(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        variant: int,
-        drive: Drive,
-        w: wp.array[Real],
-        step: int,
-    ):
-        """What is done before step `step` is added, at some steps only: tallies are merged, the chain looked at."""
-        if step > drive.window_start:
-            merge(ensemble, state, sums, variant, w)
-        if is_look(drive, step):
-            look_at_chain(ensemble, state, sums, variant, drive, w, step)
-
-    @wp.func
     def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
         """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
-        tally.widen(w, drive.rollers)
+        sums_of.widen(w, drive.rollers)
         weight = watch_weight(drive.step)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
@@ -272,10 +198,10 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
         if at.step % MERGE_EVERY == 0 or at.step == drive.window_start:
-            gather(ensemble, state, sums, variant, drive, w, at.step)
+            sums_of.gather(ensemble, state, sums, variant, drive, w, at.step)
         if is_watched(drive, at.step):
             watch(state, sums, drive, w)
-        tally.add_rates(w, n, Real(at.weight / drive.step))
+        sums_of.add_rates(w, n, Real(at.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:
             lost = at.weight * friction_power(w, n, chain, Real(at.lag))
             sums.chain[variant].friction = sums.chain[variant].friction + lost
@@ -291,14 +217,25 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 add_push(ensemble, state, sums, drive, t, at)
 
+    return namespace(measure, clear=sums_of.clear, merge=sums_of.merge)
+
+
+@cache
+def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamespace:
+    """The functions that write frames of one variant, which lie as `frame` says (`frames.frame_writers`)."""
+    kinds = types(Real)
+    vec2, load_row, row = kinds.vec2, accessors(Real).load_row, rows(capacity)
+    acceleration, joint_power = passes(Real, capacity).acceleration, joint_passes(Real, capacity).joint_power
+    body_now, write = moving(Real, plain).body_now, frame_writers(Real, frame)
+
     @wp.func
     def seen(w: wp.array[Real], i: int):
         """What a frame wants of roller i beside its motion."""
         of = kinds.Extra()
-        of.tension = load_row(w, TENSION + i)
-        of.rate = load_row(w, RATE + i)
-        of.sprocket_force = load_row(w, SPROCKET_FORCE + i)
-        of.guide_force = load_row(w, GUIDE_FORCE + i)
+        of.tension = load_row(w, row.tension + i)
+        of.rate = load_row(w, row.rate + i)
+        of.sprocket_force = load_row(w, row.sprocket_force + i)
+        of.guide_force = load_row(w, row.guide_force + i)
         return of
 
     @wp.func(inline=False)
@@ -320,17 +257,17 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            position = vec2(load_row(w, X + i), load_row(w, Y + i))
-            velocity = vec2(load_row(w, VX + i) + lag * a[0], load_row(w, VY + i) + lag * a[1])
+            position = vec2(load_row(w, row.x + i), load_row(w, row.y + i))
+            velocity = vec2(load_row(w, row.vx + i) + lag * a[0], load_row(w, row.vy + i) + lag * a[1])
             extra = seen(w, i)
             if wp.static(frame.holds("joint_friction_power")):
                 if ensemble.joints[variant].rubs != 0:
                     extra.friction_power = joint_power(w, i, n, chain, lag)
-            write_roller(frames, begin, n, i, position, velocity, extra)
+            write.write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
             body = body_now(ensemble, state, b, at.time, at.lag)
-            write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
+            write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
         if wp.static(not plain):
             for a in range(drive.arms):
                 b = drive.first_body + drive.bodies - drive.arms + a
@@ -339,4 +276,4 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             for t in range(drive.tensioners):
                 write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
-    return Observing(clear=tally.clear, merge=merge, measure=measure, sample=sample, width=width)
+    return namespace(sample, width=write.width)

@@ -1,63 +1,35 @@
-"""Contacts of the rollers of one variant with its partners, sprockets and guides, on the CPU."""
+"""Partners of the chain: a variant's sprockets, then its guides; and which rollers are near each."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
+from ..namespace import namespace
 from ..physics.body import pose_of
-from ..physics.contact import carried
+from ..physics.guide import carried
 from ..rows import accessors, whole_lanes
-from ..structs import GROUND, Drive, Wanted, Wrench, types
-from ..sum_structs import Totals
-from .contacts import GROUP, Group, contacts
+from ..structs import GROUND, Drive, Pose, types
 from .guides import guide_passes
-from .partner import partner_type
+from .neighbor_list import GROUP, lowest_bit, neighbor_list, next_bits
 from .rollers import rows
-from .runs import runs
 from .teeth import teeth_passes
 
 
-@wp.func
-def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
-    """The wrench on a body with what one more partner's contacts do to it."""
-    wrench.force = wrench.force + force
-    wrench.moment = wrench.moment + moment
-    return wrench
-
-
-@dataclass(frozen=True)
-class Partners:
-    """What meets the partners of one variant."""
-
-    memory_of: wp.Function
-    see_bodies: wp.Function
-    look_around: wp.Function
-    meet_all: wp.Function
-
-
 @cache
-def partners(Real: type, capacity: int, plain: bool) -> Partners:
-    """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
+def partners(Real: type) -> SimpleNamespace:
+    """The partners of one variant, where they are now, with their contact laws."""
     kinds = types(Real)
-    Partner = partner_type(Real)
-    teeth, face, contact = teeth_passes(Real, capacity), guide_passes(Real, capacity), contacts(Real, capacity)
-    group_of, answer, add_sizes, leave_seats = (
-        contact.group_of,
-        contact.answer,
-        contact.add_sizes,
-        contact.leave_seats,
-    )
-    at = rows(capacity)
-    NEAR, SPROCKET_FORCE, GUIDE_FORCE = at.near, at.sprocket_force, at.guide_force
-    unlike, whole = accessors(Real).unlike, whole_lanes(Real)
-    soon = runs(Real, capacity)
 
-    @wp.func
-    def see_bodies(state: kinds.State, drive: Drive):
-        """Finds all bodies' poses, one right after the other: each is a long chain that waits for itself only."""
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            state.poses[b] = pose_of(state.bodies[b])
+    @wp.struct
+    class Partner:
+        """A sprocket, or a guide where `teeth` is 0, and the body that carries it."""
+
+        teeth: wp.int32
+        body: wp.int32  # of the drive, or `GROUND`
+        pose: Pose
+        sprocket: kinds.Sprocket
+        guide: kinds.Guide
 
     @wp.func
     def sprocket_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int):
@@ -122,20 +94,50 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         return body
 
     @wp.func
-    def widened(partner: Partner, margin: Real):
-        """A partner with a margin [m] around where rollers are near it."""
-        far = wp.sqrt(partner.sprocket.far_square) + margin
-        near = wp.max(wp.sqrt(partner.sprocket.near_square) - margin, Real(0.0))
+    def widened(partner: Partner, skin: Real):
+        """A partner with a skin [m] around where rollers are near it."""
+        far = wp.sqrt(partner.sprocket.far_square) + skin
+        near = wp.max(wp.sqrt(partner.sprocket.near_square) - skin, Real(0.0))
         partner.sprocket.far_square = far * far
         partner.sprocket.near_square = near * near
         if near == Real(0.0):
             partner.sprocket.near_square = Real(-1.0)
-        partner.guide.end_radius += margin
-        partner.guide.roller_radius += margin
-        apart = wp.vec2d(wp.float64(margin), wp.float64(margin))
+        partner.guide.end_radius += skin
+        partner.guide.roller_radius += skin
+        apart = wp.vec2d(wp.float64(skin), wp.float64(skin))
         partner.guide.low = partner.guide.low - apart
         partner.guide.high = partner.guide.high + apart
         return partner
+
+    return namespace(Partner, sprocket_of, guide_of, partner_of, law_of, sliding_of, carrier_of, widened)
+
+
+@cache
+def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+    """The functions that find which rollers are near a partner, for rows of `capacity` values of type `Real`."""
+    kinds, partner_types = types(Real), partners(Real)
+    Partner, partner_of, widened = partner_types.Partner, partner_types.partner_of, partner_types.widened
+    teeth, face = teeth_passes(Real, capacity), guide_passes(Real, capacity)
+    unlike, whole, store_row = accessors(Real).unlike, whole_lanes(Real), accessors(Real).store_row
+    store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
+    row, neighbors = rows(capacity), neighbor_list(Real, capacity)
+
+    @wp.func
+    def see_bodies(state: kinds.State, drive: Drive):
+        """Finds all bodies' poses, one right after the other: each is a long chain that waits for itself only."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.poses[b] = pose_of(state.bodies[b])
+
+    @wp.func
+    def memory_of(state: kinds.State, drive: Drive):
+        """What contacts with the first partner of a drive keep."""
+        memory = kinds.Memory()
+        memory.seat = state.seat
+        memory.impact_speed = state.impact_speed
+        memory.first = drive.first_contact
+        if drive.integrator == 0:
+            memory.lag = Real(wp.float64(0.5) * drive.step)
+        return memory
 
     @wp.func
     def find_near(w: wp.array[Real], first: int, end: int, partner: Partner):
@@ -146,6 +148,18 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
             face.find_over_bar(w, first, end, partner.guide)
         elif wp.static(not plain):
             face.find_over_profile(w, first, end, partner.guide, partner.pose)
+
+    @wp.func
+    def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
+        """Forgets the seats, or pieces, and contacts of rollers that are no longer near; who had one, as bits."""
+        seated = unlike_seat(memory.seat, memory.first + first, count, -1)
+        left = seated & ~near
+        while left != wp.uint64(0):
+            i = memory.first + first + lowest_bit(left)
+            store_seat(memory.seat, i, -1)
+            store_row(memory.impact_speed, i, Real(0.0))
+            left = next_bits(left)
+        return seated
 
     @wp.func
     def leave_partner(
@@ -161,204 +175,39 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
             face.leave_bar(first, count, near, memory)
         return seated
 
-    @wp.func
-    def memory_of(state: kinds.State, drive: Drive):
-        """What contacts with the first partner of a drive keep."""
-        memory = kinds.Memory()
-        memory.seat = state.seat
-        memory.impact_speed = state.impact_speed
-        memory.first = drive.first_contact
-        if drive.integrator == 0:
-            memory.lag = Real(wp.float64(0.5) * drive.step)
-        return memory
-
     @wp.func(inline=False)
-    def look_around(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
+    def rebuild(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
         """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
         n = drive.rollers
         memory = memory_of(state, drive)
-        margin = soon.margin(w)
+        skin = neighbors.skin(w)
         see_bodies(state, drive)
         for p in range(drive.sprockets + drive.guides):
             partner = partner_of(ensemble, state, drive, p)
             if partner.teeth != 0 or partner.body == GROUND:
-                find_near(w, 0, whole(n), widened(partner, margin))
+                find_near(w, 0, whole(n), widened(partner, skin))
             else:
-                soon.call_all(w, n)
-            soon.gather(w, n, p)
+                neighbors.mark_all(w, n)
+            neighbors.gather(w, n, p)
             first = int(0)
             while first < n:
                 count = wp.min(n - first, GROUP)
-                leave_partner(w, first, count, unlike(w, NEAR + first, count, Real(0.0)), partner, memory)
+                leave_partner(w, first, count, unlike(w, row.near + first, count, Real(0.0)), partner, memory)
                 first = first + GROUP
             memory.first = memory.first + n
-        soon.renew(w, drive)
-
-    @wp.func
-    def whole_run(first: int, end: int):
-        """The rollers from `first` on, before `end`, as a group."""
-        group = Group()
-        group.first = first
-        group.low = first
-        group.high = end
-        return group
+        neighbors.set_lifetime(w, drive)
 
     @wp.func
     def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: Partner, memory: kinds.Memory):
         """The group of rollers from `first` on, before `end`, that are near a partner; the others leave it."""
         find_near(w, first, end, partner)
         count = wp.min(n, end) - first
-        near = unlike(w, NEAR + first, count, Real(0.0))
+        near = unlike(w, row.near + first, count, Real(0.0))
         had = leave_partner(w, first, count, near, partner, memory)
         if near != wp.uint64(0):
-            group = group_of(first, near, near & ~had)
+            group = neighbors.group_of(first, near, near & ~had)
             return group
-        group = whole_run(first, first)
+        group = neighbors.whole_run(first, first)
         return group
 
-    @wp.func
-    def place_on_sprocket(
-        w: wp.array[Real],
-        ensemble: kinds.Ensemble,
-        first: int,
-        end: int,
-        n: int,
-        partner: Partner,
-        memory: kinds.Memory,
-    ):
-        """Where the rollers from `first` on, before `end`, are in a sprocket's gaps; the group that may touch it.
-
-        In most steps none of them comes, leaves or changes its seat.
-        """
-        moved, others = teeth.place_in_gaps(w, first, end, n, partner.sprocket, partner.pose, partner.body)
-        if others != 0 or moved != wp.uint64(0):
-            group = near_group(w, first, end, n, partner, memory)
-            if group.high > group.low:
-                teeth.seat_rollers(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
-            return group
-        group = whole_run(first, end)
-        return group
-
-    @wp.func
-    def touch_guide(
-        w: wp.array[Real],
-        ensemble: kinds.Ensemble,
-        first: int,
-        end: int,
-        n: int,
-        partner: Partner,
-        memory: kinds.Memory,
-    ):
-        """How the rollers from `first` on, before `end`, stand on a guide; the group of those that may touch it."""
-        group = near_group(w, first, end, n, partner, memory)
-        if partner.guide.pieces == 0:
-            face.touch_bar(w, group, partner.guide, partner.pose, memory)
-        elif wp.static(not plain):
-            face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
-        return group
-
-    @wp.func
-    def stand_on(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        w: wp.array[Real],
-        p: int,
-        run: int,
-        memory: kinds.Memory,
-    ):
-        """How the rollers of one run stand on partner p; the group of those that may touch it."""
-        n = drive.rollers
-        first, count = soon.run(w, drive, p, run)
-        if p < drive.sprockets:
-            partner = sprocket_of(ensemble, state, drive, p)
-            group = place_on_sprocket(w, ensemble, first, first + count, n, partner, memory)
-            teeth.touch_teeth(w, group.low, group.high, partner.sprocket, partner.pose, partner.body)
-            return group
-        guide = guide_of(ensemble, state, drive, p - drive.sprockets)
-        group = touch_guide(w, ensemble, first, first + count, n, guide, memory)
-        return group
-
-    @wp.func
-    def take_down(
-        w: wp.array[Real],
-        group: Group,
-        on_teeth: bool,
-        impacts: int,
-        wanted: Wanted,
-        totals: wp.array[Totals],
-        slot: int,
-    ):
-        """Adds what only metrics count to the totals, `impacts` before this group; magnitudes for frames."""
-        if wanted.sizes != 0:
-            add_sizes(w, group, wp.where(on_teeth, SPROCKET_FORCE, GUIDE_FORCE))
-        if wanted.measures != 0:
-            if on_teeth:
-                if totals[slot].impacts != impacts:
-                    totals[slot].contacts += teeth.first_touches(w, group)
-            else:
-                totals[slot] = face.count_missed(w, group, totals[slot])
-
-    @wp.func
-    def meet(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        w: wp.array[Real],
-        p: int,
-        run: int,
-        memory: kinds.Memory,
-    ):
-        """Contacts of one run of rollers with partner p, eq. (5)-(23); adds them to its totals."""
-        group = stand_on(ensemble, state, drive, w, p, run, memory)
-        on_teeth = p < drive.sprockets
-        if group.high > group.low:
-            slot = drive.first_sprocket + drive.first_guide + p
-            law = law_of(ensemble, drive, p)
-            sliding = sliding_of(ensemble, drive, p)
-            impacts = state.totals[slot].impacts
-            changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
-            if changed != 0 and memory.stage == 0:
-                if on_teeth:
-                    teeth.keep(w, group.low, group.high, p, memory)
-                else:
-                    contact.keep(w, group, memory)
-            take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
-
-    @wp.func
-    def meet_all(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
-        """Contacts of all rollers with all partners: each one's `Totals`, and the wrenches on their bodies.
-
-        One loop over all runs, not one over each partner's: else what the loops over rollers want of a partner, common
-        and rare ones alike, is laid out before its first run.
-        """
-        p = int(0)
-        run = int(0)
-        while p < drive.sprockets + drive.guides:
-            slot = drive.first_sprocket + drive.first_guide + p
-            runs = soon.count(w, drive, p)
-            if run == 0:
-                state.totals[slot] = Totals()
-            if run < runs:
-                meet(ensemble, state, drive, chain, w, p, run, memory)
-                run += 1
-            if run >= runs:
-                body = carrier_of(ensemble, drive, p)
-                if body != GROUND:
-                    b = drive.first_body + body
-                    state.wrenches[b] = with_reaction(
-                        state.wrenches[b], state.totals[slot].push, state.totals[slot].moment
-                    )
-                memory.first = memory.first + drive.rollers
-                run = 0
-                p += 1
-
-    return Partners(memory_of=memory_of, see_bodies=see_bodies, look_around=look_around, meet_all=meet_all)
+    return namespace(see_bodies, memory_of, rebuild, near_group)

@@ -9,9 +9,9 @@ from ..physics.arm import relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
 from ..structs import Drive, types
-from .partners import partners
+from .neighbor_list import neighbor_list
+from .partners import nearness
 from .rollers import passes, rows
-from .runs import runs
 from .steps import evaluating, moving
 
 
@@ -19,20 +19,18 @@ from .steps import evaluating, moving
 def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     """The kernel that settles variants, for up to `capacity` - 1 rollers; `plain` as in `serial.advance_kernel`."""
     kinds = types(Real)
-    part = passes(Real, capacity)
-    evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, partners(Real, capacity, plain).memory_of
+    part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
+    evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, nearness(Real, capacity, plain).memory_of
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    at, forget = rows(capacity), runs(Real, capacity).forget
-    VX, VY, TENSION = at.vx, at.vy, at.tension
-    kick_drift, acceleration, rates_of = part.kick_drift, part.acceleration, moving(Real, plain).rates_of
+    rates_of = moving(Real, plain).rates_of
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
         total = wp.float64(0.0)
         i = int(0)
         while i < n:
-            vx = load_row(w, VX + i)
-            vy = load_row(w, VY + i)
+            vx = load_row(w, row.vx + i)
+            vy = load_row(w, row.vy + i)
             total += wp.float64(vx * vx + vy * vy)
             i = i + 1
         return wp.float64(0.5) * wp.float64(mass) * total
@@ -70,8 +68,8 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     def stop(w: wp.array[Real], n: int):
         i = int(0)
         while i < n:
-            store_row(w, VX + i, Real(0.0))
-            store_row(w, VY + i, Real(0.0))
+            store_row(w, row.vx + i, Real(0.0))
+            store_row(w, row.vy + i, Real(0.0))
             i = i + 1
 
     @wp.func
@@ -81,8 +79,8 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         tension = Real(0.0)
         i = int(0)
         while i < n:
-            worst = wp.max(worst, finite_size(acceleration(w, i, chain.inverse_mass, chain.gravity)))
-            tension = wp.max(tension, wp.abs(load_row(w, TENSION + i)))
+            worst = wp.max(worst, finite_size(part.acceleration(w, i, chain.inverse_mass, chain.gravity)))
+            tension = wp.max(tension, wp.abs(load_row(w, row.tension + i)))
             i = i + 1
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
         stiffness = wp.float64(chain.stiffness)
@@ -106,7 +104,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
-        forget(w, drive)
+        neighbors.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
             evaluate(ensemble, state, drive, chain, links, joint, w, memory)
@@ -123,12 +121,12 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
             if s.settled == 0:
                 if wp.static(not plain):
                     turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
-                kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
+                part.kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
 
-    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity, plain))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity, plain))
     def relax(
         ensemble: kinds.Ensemble,
         state: kinds.State,

@@ -14,10 +14,10 @@ from ..modules import own_module
 from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, types
 from ..sum_structs import Sums
-from .observe import instant_of, observing, wanted_at
-from .partners import partners
+from .neighbor_list import neighbor_list
+from .observe import instant_of, measuring, sampling, wanted_at
+from .partners import nearness
 from .rollers import ROWS, passes
-from .runs import runs
 from .steps import evaluating, moving, stepping
 
 SCRATCH_ROWS = len(ROWS)
@@ -33,10 +33,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     kinds = types(Real)
     part = passes(Real, capacity)
     do = stepping(Real, capacity, plain)
-    observe = observing(Real, capacity, frame, plain)
+    sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
     evaluate = evaluating(Real, capacity, plain).evaluate
-    soon, meet = runs(Real, capacity), partners(Real, capacity, plain)
-    look_around, memory_of = meet.look_around, meet.memory_of
+    neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
     inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
     @wp.func
@@ -54,19 +53,19 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         chain = ensemble.chains[variant]
         links = ensemble.links[variant]
         joint = ensemble.joints[variant]
-        memory = memory_of(state, drive)
+        memory = near.memory_of(state, drive)
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
-        soon.forget(w, drive)
-        observe.clear(w, n)
+        neighbors.reset(w, drive)
+        sums_of.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
             now = instant_of(drive, step)
-            if soon.used_up(w, drive):
-                look_around(ensemble, state, drive, w)
+            if neighbors.needs_rebuild(w, drive):
+                near.rebuild(ensemble, state, drive, w)
             stage = int(0)
             while stage < 4:
                 wanted = wanted_at(drive, step, stage)
@@ -77,10 +76,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
                     if wanted.measures != 0:
-                        observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
+                        sums_of.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if wanted.sizes != 0:
-                        observe.sample(ensemble, state, variant, drive, w, frames, at, now)
-                        at = at + wp.int64(observe.width(n, drive.sprockets, drive.arms, drive.tensioners))
+                        frames_of.sample(ensemble, state, variant, drive, w, frames, at, now)
+                        at = at + wp.int64(frames_of.width(n, drive.sprockets, drive.arms, drive.tensioners))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1
@@ -95,12 +94,12 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1
-        observe.merge(ensemble, state, sums, variant, w)
+        sums_of.merge(ensemble, state, sums, variant, w)
         progress.step = step
         state.progress[variant] = progress
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
 
-    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame, plain))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, plain))
     def advance(
         ensemble: kinds.Ensemble,
         state: kinds.State,

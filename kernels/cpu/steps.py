@@ -1,11 +1,12 @@
 """Forces of one variant at one instant, and a step of each integrator, over its rollers and its bodies."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
 from ..integrate import Rk4Stage
+from ..namespace import namespace
 from ..physics.arm import arm_rates
 from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
@@ -13,11 +14,12 @@ from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
 from ..structs import Drive, Wrench, types
 from ..sums import metered
-from .contacts import contacts
+from .contact_pairs import contact_pairs, with_reaction
+from .contacts import contact_rows
 from .joints import joint_passes
-from .partners import partners, with_reaction
+from .neighbor_list import neighbor_list
+from .partners import nearness
 from .rollers import passes, rows
-from .runs import runs
 
 
 @wp.func
@@ -27,23 +29,16 @@ def arm_of(drive: Drive, b: int):
     return wp.where(place >= 0, drive.first_arm + place, -1)
 
 
-@dataclass(frozen=True)
-class Evaluating:
-    """What evaluates the forces of one variant."""
-
-    evaluate: wp.Function
-
-
 @cache
-def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
+def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
 
     For `plain` see `serial.advance_kernel`, as everywhere here.
     """
     kinds = types(Real)
-    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain)
-    see_bodies, meet_all = meet.see_bodies, meet.meet_all
-    clear_sizes = contacts(Real, capacity).clear_sizes
+    link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
+    evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
+    clear_sizes = contact_rows(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -63,7 +58,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
         """
         n = drive.rollers
         see_bodies(state, drive)
-        if links.uneven != 0:
+        if links.varied_links != 0:
             joints.pull_uneven(w, n, chain, links)
         elif joint.rubs != 0:
             joints.pull_links(w, n, chain)
@@ -76,31 +71,18 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
             clear_sizes(w, n)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        meet_all(ensemble, state, drive, chain, w, memory)
+        evaluate_all(ensemble, state, drive, chain, w, memory)
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]
                 plunger = state.bodies[drive.first_body + tensioner.body]
                 state.pushes[t] = push_by(plunger, state.tensioners[t], tensioner)
 
-    return Evaluating(evaluate=evaluate)
-
-
-@dataclass(frozen=True)
-class BodyFunctions:
-    """What moves the bodies of one variant, and observes them."""
-
-    rates_of: wp.Function
-    find_rates: wp.Function
-    leapfrog_bodies: wp.Function
-    rk4_bodies: wp.Function
-    wrench_on: wp.Function
-    body_now: wp.Function
-    bodies_sound: wp.Function
+    return namespace(evaluate)
 
 
 @cache
-def moving(Real: type, plain: bool) -> BodyFunctions:
+def moving(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that move the bodies of one variant of an ensemble, and observe them."""
     kinds = types(Real)
 
@@ -197,55 +179,19 @@ def moving(Real: type, plain: bool) -> BodyFunctions:
                 good = int(0)
         return good
 
-    return BodyFunctions(
-        rates_of=rates_of,
-        find_rates=find_rates,
-        leapfrog_bodies=leapfrog_bodies,
-        rk4_bodies=rk4_bodies,
-        wrench_on=wrench_on,
-        body_now=body_now,
-        bodies_sound=bodies_sound,
-    )
-
-
-@dataclass(frozen=True)
-class Stepping:
-    """What takes one variant a step on."""
-
-    leapfrog: wp.Function
-    rk4: wp.Function
+    return namespace(rates_of, find_rates, leapfrog_bodies, rk4_bodies, wrench_on, body_now, bodies_sound)
 
 
 @cache
-def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
+def stepping(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     leapfrog_bodies, rk4_bodies = moving(Real, plain).leapfrog_bodies, moving(Real, plain).rk4_bodies
-    hurry = runs(Real, capacity).hurry
+    invalidate = neighbor_list(Real, capacity).invalidate
     acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
     row = rows(capacity)
-    X, Y, VX, VY, X_LOW, Y_LOW, X0_LOW, Y0_LOW = (
-        row.x,
-        row.y,
-        row.vx,
-        row.vy,
-        row.x_low,
-        row.y_low,
-        row.x0_low,
-        row.y0_low,
-    )
-    X0, Y0, VX0, VY0, SUM_X, SUM_Y, SUM_VX, SUM_VY = (
-        row.x0,
-        row.y0,
-        row.vx0,
-        row.vy0,
-        row.sum_x,
-        row.sum_y,
-        row.sum_vx,
-        row.sum_vy,
-    )
 
     @wp.func
     def leapfrog(
@@ -262,7 +208,7 @@ def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
         kick_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active != 0:
-                hurry(w, state.bodies[b].velocity)
+                invalidate(w, state.bodies[b].velocity)
 
     @wp.func
     def rk4_rollers(w: wp.array[Real], n: int, chain: kinds.Chain, stage: int, weight: Real, reach: Real):
@@ -271,35 +217,35 @@ def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
         i = int(0)
         while i < n:
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            vx = load_row(w, VX + i)
-            vy = load_row(w, VY + i)
+            vx = load_row(w, row.vx + i)
+            vy = load_row(w, row.vy + i)
             if stage == 0:
-                store_row(w, X0 + i, load_row(w, X + i))
-                store_row(w, Y0 + i, load_row(w, Y + i))
-                store_row(w, X0_LOW + i, load_row(w, X_LOW + i))
-                store_row(w, Y0_LOW + i, load_row(w, Y_LOW + i))
-                store_row(w, VX0 + i, vx)
-                store_row(w, VY0 + i, vy)
-                store_row(w, SUM_X + i, Real(0.0))
-                store_row(w, SUM_Y + i, Real(0.0))
-                store_row(w, SUM_VX + i, Real(0.0))
-                store_row(w, SUM_VY + i, Real(0.0))
-            store_row(w, SUM_X + i, load_row(w, SUM_X + i) + weight * vx)
-            store_row(w, SUM_Y + i, load_row(w, SUM_Y + i) + weight * vy)
-            store_row(w, SUM_VX + i, load_row(w, SUM_VX + i) + weight * a[0])
-            store_row(w, SUM_VY + i, load_row(w, SUM_VY + i) + weight * a[1])
-            store_row(w, X + i, load_row(w, X0 + i))
-            store_row(w, Y + i, load_row(w, Y0 + i))
-            store_row(w, X_LOW + i, load_row(w, X0_LOW + i))
-            store_row(w, Y_LOW + i, load_row(w, Y0_LOW + i))
+                store_row(w, row.x0 + i, load_row(w, row.x + i))
+                store_row(w, row.y0 + i, load_row(w, row.y + i))
+                store_row(w, row.x0_low + i, load_row(w, row.x_low + i))
+                store_row(w, row.y0_low + i, load_row(w, row.y_low + i))
+                store_row(w, row.vx0 + i, vx)
+                store_row(w, row.vy0 + i, vy)
+                store_row(w, row.sum_x + i, Real(0.0))
+                store_row(w, row.sum_y + i, Real(0.0))
+                store_row(w, row.sum_vx + i, Real(0.0))
+                store_row(w, row.sum_vy + i, Real(0.0))
+            store_row(w, row.sum_x + i, load_row(w, row.sum_x + i) + weight * vx)
+            store_row(w, row.sum_y + i, load_row(w, row.sum_y + i) + weight * vy)
+            store_row(w, row.sum_vx + i, load_row(w, row.sum_vx + i) + weight * a[0])
+            store_row(w, row.sum_vy + i, load_row(w, row.sum_vy + i) + weight * a[1])
+            store_row(w, row.x + i, load_row(w, row.x0 + i))
+            store_row(w, row.y + i, load_row(w, row.y0 + i))
+            store_row(w, row.x_low + i, load_row(w, row.x0_low + i))
+            store_row(w, row.y_low + i, load_row(w, row.y0_low + i))
             if stage == 3:
-                move(w, i, load_row(w, SUM_X + i), load_row(w, SUM_Y + i))
-                store_row(w, VX + i, load_row(w, VX0 + i) + load_row(w, SUM_VX + i))
-                store_row(w, VY + i, load_row(w, VY0 + i) + load_row(w, SUM_VY + i))
+                move(w, i, load_row(w, row.sum_x + i), load_row(w, row.sum_y + i))
+                store_row(w, row.vx + i, load_row(w, row.vx0 + i) + load_row(w, row.sum_vx + i))
+                store_row(w, row.vy + i, load_row(w, row.vy0 + i) + load_row(w, row.sum_vy + i))
             else:
                 move(w, i, reach * vx, reach * vy)
-                store_row(w, VX + i, load_row(w, VX0 + i) + reach * a[0])
-                store_row(w, VY + i, load_row(w, VY0 + i) + reach * a[1])
+                store_row(w, row.vx + i, load_row(w, row.vx0 + i) + reach * a[0])
+                store_row(w, row.vy + i, load_row(w, row.vy0 + i) + reach * a[1])
             i = i + 1
 
     @wp.func
@@ -315,4 +261,4 @@ def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
         rk4_bodies(ensemble, state, drive, at)
         rk4_rollers(w, drive.rollers, chain, at.number, Real(at.weight), Real(at.reach))
 
-    return Stepping(leapfrog=leapfrog, rk4=rk4)
+    return namespace(leapfrog, rk4)

@@ -1,52 +1,31 @@
 """The CPU kernel's passes over a group of rollers for one sprocket: who is near, in which seat, how deep."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned_by
-from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
-from ..rows import accessors
+from ..namespace import namespace
+from ..physics.contact import UNTOUCHED, after_teeth, turned_by
+from ..physics.tooth import beyond_tip, endless_gap, in_gap, nearest_seat, on_tip, seat_step, tracked_seat
+from ..rows import accessors, load_constant
 from ..structs import Pose, types
-from .contacts import Group, bit_of, contacts, lowest_bit, next_bits
+from .contacts import contact_rows
+from .neighbor_list import Group, bit_of, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
-@dataclass(frozen=True)
-class TeethPasses:
-    """The passes for one sprocket, in the order in which they are made."""
-
-    find_engaged: wp.Function
-    disengage: wp.Function
-    place_in_gaps: wp.Function
-    seat_rollers: wp.Function
-    touch_teeth: wp.Function
-    keep: wp.Function
-    first_touches: wp.Function
-
-
 @cache
-def teeth_passes(Real: type, capacity: int) -> TeethPasses:
+def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     compensated = Real == wp.float32
-    place, contact = passes(Real, capacity).place, contacts(Real, capacity)
+    place, contact = passes(Real, capacity).place, contact_rows(Real, capacity)
     place_arm, touch = contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    at = rows(capacity)
-    X, Y, VX, VY, NEAR = at.x, at.y, at.vx, at.vy, at.near
-    DIRECTION_X, DIRECTION_Y, DIRECTION_X_LOW, DIRECTION_Y_LOW = (
-        at.direction_x,
-        at.direction_y,
-        at.direction_x_low,
-        at.direction_y_low,
-    )
-    DIRECTION_OF, HELD, unlike = at.direction_of, at.held, accessors(Real).unlike
-    KEPT = at.kept
-    RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
-    BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
+    row = rows(capacity)
+    unlike = accessors(Real).unlike
 
     @wp.func
     def find_engaged(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose):
@@ -55,13 +34,13 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         center_y = Real(body.center[1])
         i = first
         while i < end:
-            x = load_row(w, X + i) - center_x
-            y = load_row(w, Y + i) - center_y
+            x = load_row(w, row.x + i) - center_x
+            y = load_row(w, row.y + i) - center_y
             square = x * x + y * y
             near = Real(0.0)
             if square > sprocket.near_square and square < sprocket.far_square:
                 near = Real(1.0)
-            store_row(w, NEAR + i, near)
+            store_row(w, row.near + i, near)
             i = i + 1
 
     @wp.func
@@ -69,7 +48,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         """Forgets to where the seats of some rollers from `first` on point."""
         bits = rollers
         while bits != wp.uint64(0):
-            store_row(w, DIRECTION_OF + first + lowest_bit(bits), Real(-1.0))
+            store_row(w, row.direction_of + first + lowest_bit(bits), Real(-1.0))
             bits = next_bits(bits)
 
     @wp.func
@@ -77,9 +56,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         """What the contacts with sprocket `number` of the drive keep from now on."""
         i = first
         while i < end:
-            if load_row(w, DIRECTION_OF + i) == Real(number):
-                store_row(w, HELD + i, load_row(w, KEPT + i))
-                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
+            if load_row(w, row.direction_of + i) == Real(number):
+                store_row(w, row.held + i, load_row(w, row.kept + i))
+                store_row(memory.impact_speed, memory.first + i, load_row(w, row.kept + i))
             i = i + 1
 
     @wp.func
@@ -93,19 +72,19 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             bits = next_bits(bits)
 
     @wp.func
-    def store_half(w: wp.array[Real], row: int, row_low: int, value: wp.float64):
+    def store_half(w: wp.array[Real], high: int, low: int, value: wp.float64):
         """A value at the rows' precision, and at float32 what that rounds off."""
-        high = Real(value)
-        store_row(w, row, high)
+        rounded = Real(value)
+        store_row(w, high, rounded)
         if wp.static(compensated):
-            store_row(w, row_low, Real(value - wp.float64(high)))
+            store_row(w, low, Real(value - wp.float64(rounded)))
 
     @wp.func
-    def load_half(w: wp.array[Real], row: int, row_low: int):
+    def load_half(w: wp.array[Real], high: int, low: int):
         """Such a value."""
-        value = wp.float64(load_row(w, row))
+        value = wp.float64(load_row(w, high))
         if wp.static(compensated):
-            value += wp.float64(load_row(w, row_low))
+            value += wp.float64(load_row(w, low))
         return value
 
     @wp.func
@@ -122,11 +101,11 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         bits = rollers
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
-            direction = load_direction(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
-            store_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i, direction[0])
-            store_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i, direction[1])
-            store_row(w, DIRECTION_OF + i, Real(number))
-            store_row(w, HELD + i, load_row(memory.impact_speed, memory.first + i))
+            direction = load_constant(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
+            store_half(w, row.direction_x + i, row.direction_x_low + i, direction[0])
+            store_half(w, row.direction_y + i, row.direction_y_low + i, direction[1])
+            store_row(w, row.direction_of + i, Real(number))
+            store_row(w, row.held + i, load_row(memory.impact_speed, memory.first + i))
             bits = next_bits(bits)
 
     @wp.func
@@ -144,27 +123,27 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         others = int(0)
         i = first
         while i < end:
-            x = load_row(w, X + i) - center_x
-            y = load_row(w, Y + i) - center_y
+            x = load_row(w, row.x + i) - center_x
+            y = load_row(w, row.y + i) - center_y
             square = x * x + y * y
             near = i < n and square > sprocket.near_square and square < sprocket.far_square
-            seated = load_row(w, DIRECTION_OF + i) == Real(number)
+            seated = load_row(w, row.direction_of + i) == Real(number)
             others = others | wp.where(near == seated, 0, 1)
             p = place(w, i) - body.center
-            direction_x = load_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i)
-            direction_y = load_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i)
-            outward, radial, lateral = in_gap(p, wp.vec2d(direction_x, direction_y), body.cosine, body.sine)
+            direction_x = load_half(w, row.direction_x + i, row.direction_x_low + i)
+            direction_y = load_half(w, row.direction_y + i, row.direction_y_low + i)
+            outward, radial, xi, lateral = in_gap(p, wp.vec2d(direction_x, direction_y), body, sprocket)
             moved = moved | wp.where(near and seat_step(radial, lateral, tangent) != 0, bit_of(i - first), wp.uint64(0))
-            store_row(w, RADIAL + i, Real(radial - sprocket.exact_radius))
-            store_row(w, LATERAL + i, Real(lateral))
-            store_row(w, OUTWARD_X + i, Real(outward[0]))
-            store_row(w, OUTWARD_Y + i, Real(outward[1]))
+            store_row(w, row.radial + i, Real(xi))
+            store_row(w, row.lateral + i, Real(lateral))
+            store_row(w, row.outward_x + i, Real(outward[0]))
+            store_row(w, row.outward_y + i, Real(outward[1]))
             i = i + 1
         return moved, others
 
     @wp.func
     def stand(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
-        """How the rollers stand in their gaps, as `contact.in_teeth` but for tips; 1 if any is at a tip."""
+        """How the rollers stand in their gaps, as `tooth.in_teeth` but for tips; 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -173,21 +152,23 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         tipped = int(0)
         i = first
         while i < end:
-            xi = load_row(w, RADIAL + i)
-            lateral = load_row(w, LATERAL + i)
+            xi = load_row(w, row.radial + i)
+            lateral = load_row(w, row.lateral + i)
             penetration, along, across = endless_gap(xi, lateral, sprocket)
-            seated = load_row(w, DIRECTION_OF + i) == Real(number)
+            seated = load_row(w, row.direction_of + i) == Real(number)
             depth = wp.where(seated, penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
             p = place(w, i) - body.center
-            relative_x = -omega * Real(p[1]) - (load_row(w, VX + i) - center_vx)
-            relative_y = omega * Real(p[0]) - (load_row(w, VY + i) - center_vy)
-            normal_x, normal_y = turned_by(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i), along, across)
-            before = wp.where(seated, load_row(w, HELD + i), Real(0.0))
-            place_arm(w, i, load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
+            relative_x = -omega * Real(p[1]) - (load_row(w, row.vx + i) - center_vx)
+            relative_y = omega * Real(p[0]) - (load_row(w, row.vy + i) - center_vy)
+            normal_x, normal_y = turned_by(
+                load_row(w, row.outward_x + i), load_row(w, row.outward_y + i), along, across
+            )
+            before = wp.where(seated, load_row(w, row.held + i), Real(0.0))
+            place_arm(w, i, load_row(w, row.x + i) - center_x, load_row(w, row.y + i) - center_y)
             touch(w, i, depth, normal_x, normal_y, relative_x, relative_y)
-            store_row(w, BEFORE + i, before)
-            store_row(w, OPEN + i, after_teeth(before))
+            store_row(w, row.before + i, before)
+            store_row(w, row.open + i, after_teeth(before))
             i = i + 1
         return tipped
 
@@ -211,13 +192,13 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
     ):
-        """Brings rollers that have come nearer to another seat there, as `contact.tracked_seat` does."""
+        """Brings rollers that have come nearer to another seat there, as `tooth.tracked_seat` does."""
         bits = moved
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
             kept = load_seat(memory.seat, memory.first + i)
-            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
-            store_seat(memory.seat, memory.first + i, seat.number)
+            number, e, xi, lateral = tracked_seat(place(w, i) - body.center, kept, body, sprocket, seats)
+            store_seat(memory.seat, memory.first + i, number)
             bits = next_bits(bits)
 
     @wp.func
@@ -225,14 +206,16 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         """Mends the depths and normals of rollers at tips, which are few."""
         i = first
         while i < end:
-            xi = load_row(w, RADIAL + i)
-            lateral = load_row(w, LATERAL + i)
-            if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
+            xi = load_row(w, row.radial + i)
+            lateral = load_row(w, row.lateral + i)
+            if beyond_tip(load_row(w, row.penetration + i), xi, lateral, sprocket):
                 penetration, along, across = on_tip(xi, lateral, sprocket)
-                normal_x, normal_y = turned_by(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i), along, across)
-                store_row(w, PENETRATION + i, penetration)
-                store_row(w, NORMAL_X + i, normal_x)
-                store_row(w, NORMAL_Y + i, normal_y)
+                normal_x, normal_y = turned_by(
+                    load_row(w, row.outward_x + i), load_row(w, row.outward_y + i), along, across
+                )
+                store_row(w, row.penetration + i, penetration)
+                store_row(w, row.normal_x + i, normal_x)
+                store_row(w, row.normal_y + i, normal_y)
             i = i + 1
 
     @wp.func(inline=False)
@@ -248,7 +231,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     ):
         """The seats of the rollers of a group that are near, and where they are in their gaps."""
         find_seats(w, group, sprocket, body, memory)
-        other = unlike(w, DIRECTION_OF + group.first, group.high - group.first, Real(number))
+        other = unlike(w, row.direction_of + group.first, group.high - group.first, Real(number))
         find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)
         moved, others = place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
         if moved != wp.uint64(0):
@@ -270,9 +253,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         count = int(0)
         i = group.low
         while i < group.high:
-            if load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) == Real(UNTOUCHED):
+            if load_row(w, row.penetration + i) > Real(0.0) and load_row(w, row.before + i) == Real(UNTOUCHED):
                 count = count + 1
             i = i + 1
         return count
 
-    return TeethPasses(find_engaged, disengage, place_in_gaps, seat_rollers, touch_teeth, keep, first_touches)
+    return namespace(find_engaged, disengage, place_in_gaps, seat_rollers, touch_teeth, keep, first_touches)

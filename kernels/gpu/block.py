@@ -17,23 +17,23 @@ from ..modules import own_module
 from ..structs import types
 from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force, watch_weight
-from .block_arms import block_arms
-from .block_bodies import Seen, block_bodies
-from .block_events import END, ENDS, EXTRA, START
-from .block_forces import block_forces
-from .block_joints import block_joints
-from .block_kind import WARP, BlockKind, Mine, mine_of, now_struct
-from .block_levers import block_levers
-from .block_near import block_near
-from .block_observe import block_observing
-from .block_partners import block_partners
-from .block_rk4 import block_rk4
-from .block_rows import block_rows
-from .block_sampling import block_sampling
-from .block_spin_sums import add_spin_hub
-from .block_strands import block_strands
-from .block_wheels import seen_wheel
-from .block_wrench import block_wrench
+from .arms import block_arms
+from .bodies import Seen, block_bodies
+from .events import END, ENDS, EXTRA, START
+from .forces import contact_forces
+from .joints import block_joints
+from .kind import WARP, BlockKind, Mine, mine_of, now_struct
+from .link_forces import link_forces
+from .near import near_partners
+from .observe import block_observing
+from .rk4 import block_rk4
+from .roller_rows import roller_rows
+from .sampling import block_sampling
+from .shared_memory import shared_arrays, view
+from .strands import block_strands
+from .sync import sync
+from .wheels import seen_wheel
+from .wrench import wrench_parts
 
 MEETING = wp.constant(16)
 """Steps after which variants abreast wait for each other."""
@@ -47,18 +47,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     variants the compiler is to make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as
     `frame` says (`frames.frame_writers`).
     """
-    Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
+    Real, threads, rollers_per_thread, sprockets = kind.Real, kind.threads, kind.rollers_per_thread, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2, of_three, of_each = kinds.vec2, wp.types.vector(3, Real), wp.types.vector(per, Real)
-    row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
-    sampling, partners = block_sampling(kind, frame), block_partners(kind)
-    barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
-    joints, arms, levers = block_joints(kind), block_arms(kind), block_levers(kind)
-    pull = joints.pull if kind.bending else row.pull
+    vec2, of_three, of_each = kinds.vec2, wp.types.vector(3, Real), wp.types.vector(rollers_per_thread, Real)
+    row, forces, bodies = roller_rows(kind), contact_forces(kind), block_bodies(kind)
+    sampling, partners = block_sampling(kind, frame), near_partners(kind)
+    threads_of, barrier = sync(kind), sync(kind).barrier
+    shared_of, lengths_of = shared_arrays(kind), view(Real)
+    joints, arms = block_joints(kind), block_arms(kind)
+    pull = joints.pull if kind.joint_friction else link_forces(kind).pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrenches = block_near(kind).SPROCKETS, block_wrench(kind)
+    SPROCKETS, wrenches = partners.SPROCKETS, wrench_parts(kind)
     moment_on, acting_on = wrenches.moment_on, wrenches.acting_on
     wrench_of, body_of = wrenches.wrench_of, wrenches.body_of
     observe, step_of, find_strands = block_observing(kind), row.step_of, block_strands(kind).find_strands
@@ -133,11 +134,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
         """Adds the chain's force on the thread's sprocket to its sums."""
         hub = vec2(acting[1], acting[2])
+        sums = shared.sprocket_sums[mine.sprocket]
         if wp.static(kind.paired):
-            spun = shared.spin_sums[mine.sprocket]
-            shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
+            shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, hub, now.watch_weight)
         else:
-            sums = shared.sprocket_sums[mine.sprocket]
             force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
 
@@ -151,7 +151,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 j = j + wp.static(threads)
         elif now.going != 0:
             h = step_of(mine)
-            for k in range(wp.static(per)):
+            for k in range(wp.static(rollers_per_thread)):
                 j = k * wp.static(threads) + mine.thread
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
@@ -181,7 +181,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         acting = chain_on(state, shared, mine, now)
         if mine.sprocket >= 0:
             if wp.static(not ahead):
-                weigh(ensemble, shared, mine, now)
+                load_moment_ahead(ensemble, shared, mine, now)
             before = shared.poses[mine.sprocket]
             wrench = wrench_of(acting)
             if wp.static(kind.tensioners > 0):
@@ -223,7 +223,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             wheel = seen_wheel(shared.wheels, b)
             pushing = of_three()
             if wp.static(kind.tensioners > 0):
-                pushing = levers.pushed(ensemble, shared, mine, b)
+                pushing = arms.pushed(ensemble, shared, mine, b)
             seen = Seen()
             if mine.sprocket >= 0:
                 seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
@@ -235,15 +235,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 sampling.write_sprocket_frame(ensemble, state, out.frames, mine, now, seen, acting[0])
             if wp.static(kind.arms > 0):
                 if mine.arm >= 0:
-                    seen = levers.advance_arm(ensemble, shared, mine, now, acting[0] + pushing[0])
+                    seen = arms.advance_arm(ensemble, shared, mine, now, acting[0] + pushing[0])
                     if wp.static(measuring) and now.measured != 0:
-                        levers.observe_arm(ensemble, out.tallies, shared, mine, now, seen, acting[0], wheel)
+                        arms.observe_arm(ensemble, out.tallies, shared, mine, now, seen, acting[0], wheel)
                     sampling.write_arm_frame(ensemble, state, out.frames, mine, now, seen, acting[0])
             if wp.static(kind.tensioners > 0):
                 if wp.static(measuring) and now.measured != 0:
-                    levers.observe_pushes(ensemble, out.sums, out.tallies, shared, mine, now, wheel, seen)
+                    arms.observe_pushes(ensemble, out.sums, out.tallies, shared, mine, now, wheel, seen)
                 sampling.write_push_frames(ensemble, state, out.frames, shared, mine, now, b)
-                levers.flow(ensemble, shared, mine, now, b)
+                arms.flow(ensemble, shared, mine, now, b)
 
     @wp.func
     def advance_bodies(
@@ -268,19 +268,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """The thread's rollers a step on, their contacts done; a warp that moves bodies does not wait for that."""
         if wp.static(kind.handing):
             if mine.thread < wp.static(threads - WARP):
-                row.sharing.hand_over()
+                threads_of.hand_over()
                 advance_rollers(state, shared, mine, now)
-                row.sharing.among_rollers()
+                threads_of.among_rollers()
             else:
-                row.sharing.taken_over()
+                threads_of.taken_over()
         else:
             advance_rollers(state, shared, mine, now)
 
     @wp.func
-    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
+    def load_moment_ahead(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
         """Works out the load on the thread's sprocket."""
         if mine.sprocket >= 0 and now.stage == 0:
-            bodies.weigh(ensemble, shared, mine, now)
+            bodies.load_moment_ahead(ensemble, shared, mine, now)
 
     @wp.func
     def sample_rollers(
@@ -295,7 +295,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """What is wanted of the thread's rollers, whose forces are complete."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-        if wp.static(kind.bending and measuring) and now.measured != 0:
+        if wp.static(kind.joint_friction and measuring) and now.measured != 0:
             joints.add_friction(shared, mine, now)
 
     @wp.func
@@ -308,7 +308,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         touch: forces.Touch,
     ):
         """What the thread's rollers may touch, of which `touch` is what they were near at the step before."""
-        near = partners.meet(state, shared, mine, now, touch.near)
+        near = partners.update_near(state, shared, mine, now, touch.near)
         return forces.touch_of(ensemble, state, shared, mine, near)
 
     @wp.func
@@ -344,7 +344,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
         """
-        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.slots))
         # first, so that both read places of rollers once, and nothing branches while they wait for them
         touch = look(ensemble, state, shared, mine, now, touch)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
@@ -364,8 +364,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     @wp.func
     def wait_for_others(now: Now):
         """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
-        if wp.static(kind.abreast > 1) and now.step % MEETING == 0:
-            row.sharing.together()
+        if wp.static(kind.variants_per_block > 1) and now.step % MEETING == 0:
+            threads_of.together()
 
     @wp.func
     def to_event(
@@ -412,7 +412,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def standing(shared: kinds.Shared, now: Now):
         """With what a launch does not change: the sprockets that their moment moves, and those with the usual laws."""
         now.driven = driven(shared)
-        now.usual = forces.usual_laws(shared)
+        now.linear_hysteretic = forces.linear_hysteretic_laws(shared)
         return now
 
     @wp.func
@@ -441,14 +441,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, step)
             if wp.static(kind.paired and kind.tensioners > 0):
-                levers.start_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
+                arms.start_tensioners(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
             find_strands(ensemble, state, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 if wp.static(kind.paired):
-                    levers.start_arm(ensemble, state, sums, shared, mine)
+                    arms.start_arm(ensemble, state, sums, shared, mine)
                 else:
                     arms.start_arm(ensemble, state, shared, mine)
 
@@ -469,13 +469,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
             if wp.static(kind.paired and kind.tensioners > 0):
-                levers.end_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
+                arms.end_tensioners(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 if wp.static(kind.paired):
-                    levers.end_arm(ensemble, state, sums, shared, mine)
+                    arms.end_arm(ensemble, state, sums, shared, mine)
                 else:
                     arms.end_arm(ensemble, state, shared, mine)
         if mine.thread == 0:
@@ -484,9 +484,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             progress.diverged = now.diverged
             state.progress[mine.variant] = progress
 
-    module = own_module("advance_block", kind, blocks, frame)
+    module = own_module(__file__, "advance_block", kind, blocks, frame)
 
-    bounds = kind.block_threads, max(blocks // kind.abreast, 1)
+    bounds = kind.block_threads, max(blocks // kind.variants_per_block, 1)
 
     @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=bounds)
     def advance_block(
@@ -506,8 +506,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
         mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
-        shared = shared_arrays(state, number)
-        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
+        shared = shared_of(state, number)
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         out = out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
         now = instant(state, mine, since)
@@ -521,7 +521,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             tension, rate = pull(shared, lengths, mine.rollers, i)
         touch = forces.Touch()
         touch.near = partners.remembered(state, mine)
-        if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+        if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
             touch = look(ensemble, state, shared, mine, now, touch)
         while now.step < end and now.diverged == 0:
             wait_for_others(now)
@@ -531,8 +531,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                     go_on(state, shared, mine, plain(now))
                 else:
-                    weigh(ensemble, shared, mine, now)
-                    row.sharing.taken_over()
+                    load_moment_ahead(ensemble, shared, mine, now)
+                    threads_of.taken_over()
                     advance_bodies(ensemble, state, out, shared, mine, plain(now))
             else:
                 if now.step == now.event and now.stage == 0:
@@ -543,13 +543,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         touch = look(ensemble, state, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
-                        weigh(ensemble, shared, mine, now)
+                        load_moment_ahead(ensemble, shared, mine, now)
                         go_on(state, shared, mine, plain(now))
                     else:
                         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                         forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
-                        weigh(ensemble, shared, mine, now)
-                        if wp.static(kind.bending) or now.flags != 0:
+                        load_moment_ahead(ensemble, shared, mine, now)
+                        if wp.static(kind.joint_friction) or now.flags != 0:
                             barrier()  # others may still be at rollers beside theirs
                             sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
                         go_on(state, shared, mine, now)
@@ -562,7 +562,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 else:
                     touch, _ = step_of_a_warp(ensemble, state, out, shared, mine, now, touch, of_each())
             now = next_stage(now)
-            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+            if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = look(ensemble, state, shared, mine, now, touch)
             if wp.static(ahead):
                 tension, rate = pull(shared, lengths, mine.rollers, i)

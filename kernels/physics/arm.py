@@ -37,8 +37,8 @@ def own_moment(body: Any, heading: Any, arm: Any):
         heading: cosine and sine of its angle.
         arm: its data.
     """
-    x = arm.heft[0] * heading[0] - arm.heft[1] * heading[1]
-    y = arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
+    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
+    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
     weight = x * arm.gravity[1] - y * arm.gravity[0]
     return weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
@@ -75,8 +75,8 @@ def arm_energy(body: Any, heading: Any, arm: Any):
     energy = half * body.speed * body.speed / arm.inverse_inertia + half * arm.stiffness * turned * turned
     beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
     energy += half * arm.stop_stiffness * beyond * beyond
-    x = arm.heft[0] * heading[0] - arm.heft[1] * heading[1]
-    y = arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
+    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
+    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     return energy - x * arm.gravity[0] - y * arm.gravity[1]
 
 

@@ -10,10 +10,10 @@ each, `body_at` observes it. A new kind of body adds its own forces in `body_rat
 
 import warp as wp
 
+from ..fast_math import reciprocal
 from ..integrate import Rk4Stage
-from ..root import reciprocal
+from ..number import sine_cosine
 from ..structs import BodyStages, BodyState, Curves, Drive, Motion, Mount, Pose, Wrench
-from ..trigonometry import sine_cosine
 from .motion import prescribed_acceleration, prescribed_at
 from .mount import PRESCRIBED, accelerations, holding_force, mounted_energy, prescribed_center, prescribing_power
 

@@ -1,4 +1,4 @@
-r"""One roller against one sprocket or guide-bar: gap, relative velocity, response, and the memory that a contact keeps.
+r"""The response of one roller's contact with a sprocket or guide, and the memory that the contact keeps.
 
 A contact keeps the approach speed v0 of its first instant until it opens. What stands there of an open one is not
 positive: `UNTOUCHED`, or between a sprocket's teeth `TOUCHED` once the roller has touched them in its pass, or in a
@@ -6,14 +6,13 @@ guide-bar `MISSED` if the roller did not come in through the face: it then feels
 keeps its seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the
 partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller,
 its opposite on the partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross
-product).
+product). Penetration and normal are those of `tooth.in_teeth`, `guide.on_guide` or `profile.on_profile`.
 
-    in_teeth, on_guide  where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
     misses      whether it is in a bar without having come through its face
-    respond     what the contact answers: force vector, v0, what of it damps, energy
+    respond     the contact's force vector, v0, the part of it that damps, and energy
     rub         the friction on the roller
-    dissipated  what damping and friction take
-    reaction    the moment of the answer on the partner's body
+    dissipated  the power of damping and friction
+    reaction    the moment of the force on the partner's body
 
 Friction acts at the roller's center like the contact force, against what the partner's material point there slides
 along the contact: so the reaction's moment and the power are exact, and no roller needs an angle.
@@ -23,15 +22,11 @@ from typing import Any
 
 import warp as wp
 
-from ..root import product, products, quotient
-from ..rows import accessors
-from ..structs import Pose
+from ..fast_math import product, products, quotient
+from ..number import pair_vector
+from ..structs import Pose, Wheel
 from .friction import bounded, friction
-from .guide import guide_gap
 from .impact import contact_force, elastic_force
-from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
-
-load_direction = accessors(wp.vec2d).load_row
 
 UNTOUCHED = wp.constant(0.0)
 TOUCHED = wp.constant(-1.0)
@@ -46,7 +41,7 @@ def sized(direction: Any, size: Any):
 
 @wp.func
 def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law: Any):
-    """What a closed contact answers, eq. (15)-(19); where `penetration` is not positive there is none to ask.
+    """The force of a closed contact, eq. (15)-(19); `penetration` must be positive.
 
     Args:
         penetration: pen > 0 [m].
@@ -57,8 +52,8 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         law: the contact's parameters (`structs.ContactLaw`).
 
     Returns:
-        Force on the roller (vector) and its magnitude [N], v0 [m/s], what of the magnitude damps [N], elastic energy
-        [J].
+        Force on the roller (vector) and its magnitude [N], v0 [m/s], the damping part of that magnitude [N], elastic
+        energy [J].
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     size, first, damper, energy = pressed(penetration, speed, impact_speed, law)
@@ -84,7 +79,7 @@ def stored(penetration: Any, elastic: Any, law: Any):
 
 @wp.func
 def after_teeth(impact_speed: Any):
-    """What an open contact with teeth keeps, from what it kept before."""
+    """The memory of an open contact with teeth, from its memory of before."""
     return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(TOUCHED))
 
 
@@ -107,7 +102,7 @@ def rub(size: Any, normal: Any, relative: Any, sliding: Any):
         size: the contact force's magnitude [N].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s].
-        sliding: what rubs (`structs.Sliding`).
+        sliding: the contact's friction (`structs.Sliding`).
     """
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
@@ -158,6 +153,18 @@ def surface_velocity(body: Pose, arm: wp.vec2d):
 
 
 @wp.func
+def center_of(body: Pose):
+    """Center of a body [m]."""
+    return body.center
+
+
+@wp.func
+def center_of(body: Wheel):
+    """Center of a body [m]."""
+    return pair_vector(body.center, body.center_low)
+
+
+@wp.func
 def turned_by(x: Any, y: Any, cosine: Any, sine: Any):
     """As `turned`, of a direction's components."""
     return products(x, cosine, -y, sine), products(x, sine, y, cosine)
@@ -168,112 +175,3 @@ def turned(direction: Any, cosine: Any, sine: Any):
     """`direction` turned by the angle whose cosine and sine are given."""
     x, y = turned_by(direction[0], direction[1], cosine, sine)
     return type(direction)(x, y)
-
-
-@wp.struct
-class Seat:
-    """Which seat of a sprocket a roller is nearest to, and where it is in that seat's gap."""
-
-    number: wp.int32
-    outward: wp.vec2d  # direction from the sprocket's center
-    radial: wp.float64  # along it, from the center [m]
-    lateral: wp.float64  # across it [m]
-
-
-@wp.func
-def in_gap(p: wp.vec2d, direction: wp.vec2d, cosine: wp.float64, sine: wp.float64):
-    """Outward direction of a seat that points to `direction` at angle zero, and p's components along and across it."""
-    e = turned(direction, cosine, sine)
-    return e, wp.dot(p, e), p[1] * e[0] - p[0] * e[1]
-
-
-@wp.func
-def tracked_seat(
-    p: wp.vec2d, kept: int, cosine: wp.float64, sine: wp.float64, sprocket: Any, seats: wp.array[wp.vec2d]
-):
-    """The seat of a roller at `p` from the center of a sprocket turned by (cosine, sine).
-
-    The seat `kept` from the step before, or a neighbor of it; by angle where there was none (negative).
-    """
-    number = kept
-    if number < 0:
-        number = nearest_seat(p, cosine, sine, sprocket.teeth)
-    return seat_from(p, number, load_direction(seats, sprocket.first_seat + number), cosine, sine, sprocket, seats)
-
-
-@wp.func
-def seat_from(
-    p: wp.vec2d,
-    number: int,
-    direction: wp.vec2d,
-    cosine: wp.float64,
-    sine: wp.float64,
-    sprocket: Any,
-    seats: wp.array[wp.vec2d],
-):
-    """As `tracked_seat`, from seat `number`, which points to `direction` at angle zero."""
-    e, radial, lateral = in_gap(p, direction, cosine, sine)
-    seat = Seat()
-    seat.outward = e
-    seat.radial = radial
-    seat.lateral = lateral
-    step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-    tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
-    while step != 0 and tries > 0:
-        number = wrapped_seat(number + step, sprocket.teeth)
-        new_e, new_radial, new_lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
-        seat.outward = new_e
-        seat.radial = new_radial
-        seat.lateral = new_lateral
-        step = seat_step(new_radial, new_lateral, wp.float64(sprocket.half_pitch_tangent))
-        tries = tries - 1
-    seat.number = number
-    return seat
-
-
-@wp.func
-def in_teeth(p: wp.vec2d, v: Any, omega: Any, seat: Seat, sprocket: Any):
-    """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
-
-    The roller's place in the gap is taken in float64 at every precision: it is the small difference of large lengths.
-
-    Args:
-        p: roller from the sprocket's center [m].
-        v: roller's velocity relative to the center's [m/s].
-        omega: sprocket's angular velocity [rad/s].
-        seat: the roller's seat at p.
-        sprocket: its teeth (`structs.Sprocket`).
-    """
-    xi = type(omega)(seat.radial - sprocket.exact_radius)
-    penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(seat.lateral), sprocket)
-    e = type(v)(type(omega)(seat.outward[0]), type(omega)(seat.outward[1]))
-    surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
-    return penetration, turned(e, normal_radial, normal_lateral), surface - v
-
-
-@wp.func
-def carried(bar: Any, body: Pose):
-    """A guide-bar, given in the frame of the body that carries it, where the body is now."""
-    start = turned(bar.start, body.cosine, body.sine)
-    bar.start = body.center + start
-    bar.direction = turned(bar.direction, body.cosine, body.sine)
-    return bar
-
-
-@wp.func
-def on_guide(p: wp.vec2d, v: Any, surface: Any, bar: Any):
-    """Penetration [m], normal and relative velocity [m/s] of a roller on a guide-bar, eq. (21)-(23).
-
-    Args:
-        p: roller from the bar's start [m], in float64 as in `in_teeth`.
-        v: roller's velocity [m/s].
-        surface: velocity of the body that carries the bar, where the roller is [m/s]; zero on the ground.
-        bar: the guide-bar (`structs.Guide`).
-    """
-    t = bar.direction
-    length = bar.length
-    along = type(length)(wp.dot(p, t))
-    across = type(length)(p[1] * t[0] - p[0] * t[1])
-    penetration, normal_along, normal_across = guide_gap(along, across, bar)
-    face = type(v)(type(length)(t[0]), type(length)(t[1]))
-    return penetration, turned(face, normal_along, normal_across), surface - v

@@ -6,7 +6,7 @@ leads is as smooth as others; a torque is float32.
 
 import warp as wp
 
-from ..pairs import Pair, exact_product, minus, pair, pair_of, plus, split, times
+from ..number import Pair, exact_product, minus, pair, pair_of, plus, split, times
 from ..structs import SplitTable
 from .table import CELL_VALUES
 

@@ -8,10 +8,22 @@ from typing import Any
 
 import warp as wp
 
-from ..pairs import Pair, apart, exact_product, pair, pair_of, plus, rounded, settled, times, trimmed, whole
-from ..root import reciprocal
+from ..fast_math import reciprocal
+from ..number import (
+    Pair,
+    apart,
+    exact_product,
+    pair,
+    pair_of,
+    plus,
+    rounded,
+    settled,
+    sine_cosine,
+    times,
+    trimmed,
+    whole,
+)
 from ..structs import BodyState, Hub, Mount, SpinWrench, Wheel, WheelStages
-from ..trigonometry import sine_cosine
 from .mount import PRESCRIBED, accelerations, holding_force, prescribing_power
 from .stages import staged
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import larger, reciprocal, smaller
+from ..fast_math import larger, reciprocal, smaller
 
 
 @wp.func
@@ -69,13 +69,13 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
 
 
 @wp.func
-def is_usual(law: Any):
+def is_linear_hysteretic(law: Any):
     """Whether a contact's law is hysteretic and linear."""
     return law.form == 0 and law.exponent == type(law.exponent)(1.0)
 
 
 @wp.func
-def usual_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
+def linear_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
     """Force [N] and v0 [m/s] of such a law, without branches (`hysteretic`, `contact_force`)."""
     first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
     elastic = law.stiffness * penetration

@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root
+from ..fast_math import inverse_root
 from .friction import coefficient
 
 

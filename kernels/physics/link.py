@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root, root
+from ..fast_math import inverse_root, root
 
 
 @wp.func

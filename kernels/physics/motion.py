@@ -16,9 +16,9 @@ from typing import Any
 
 import warp as wp
 
-from ..root import quotient
+from ..fast_math import quotient
+from ..number import sine_cosine
 from ..structs import Curves, Motion
-from ..trigonometry import sine_cosine
 from .table import table_at
 
 

@@ -13,14 +13,26 @@ whichever the sign of k, without the difference of large lengths, and for k = 0 
 and the place under the roller is s = atan2(k u, 1 - k w) / k from the piece's start. A roller is over piece i where
 (r - a_i).t_i >= 0 and (r - a_{i+1}).t_{i+1} < 0. It keeps its piece and looks at the next and the one before, so that
 the time does not grow with the pieces (Pedersen et al. 2004, eq. (21)-(23), are the case of one straight piece).
+
+On blocks at float32 without float64, the roller in the frame of the guide's body, and so from a piece's start, is a
+pair; along and across the piece it is the difference of products that are small there, and float32
+(`guide.line_coordinates`). A piece is three rows of four then:
+
+    0  start, high parts (x, y) and low parts      1  direction, the same      2  curvature, 0, 0, 0
 """
 
 from typing import Any
 
 import warp as wp
 
-from ..root import inside, inverse_root
-from ..structs import Piece, Pose
+from ..fast_math import inside, inverse_root
+from ..number import PairVector, difference, fused, leading, minus, pair, pair_vector, plus, times
+from ..rows import load_constant
+from ..structs import Line, Piece, Pose, Wheel
+from .guide import line_coordinates
+
+PIECE_ROWS = wp.constant(3)
+"""Rows of four a piece at float32."""
 
 
 @wp.func
@@ -54,35 +66,103 @@ def in_frame(q: wp.vec2d, body: Pose):
 
 
 @wp.func
+def in_frame(q: PairVector, body: Wheel):
+    """The same in pairs."""
+    x = pair(q.high[0], q.low[0])
+    y = pair(q.high[1], q.low[1])
+    along = plus(times(x, body.cosine), times(y, body.sine))
+    across = plus(times(y, body.cosine), minus(times(x, body.sine)))
+    return pair_vector(wp.vec2f(along.high, across.high), wp.vec2f(along.low, across.low))
+
+
+@wp.func
 def near_profile(q: wp.vec2d, guide: Any):
-    """1 where a roller at `q`, in the frame of the guide's body, is in the box where it is looked after."""
-    p = q - guide.start
-    along = wp.dot(p, guide.direction)
-    across = p[1] * guide.direction[0] - p[0] * guide.direction[1]
+    """1 where a roller at `q`, in the frame of the guide's body, is in the box about the guide's chord, else 0."""
+    along, across = line_coordinates(q - guide.start, guide.direction)
     return inside(along, guide.low[0], guide.high[0]) & inside(across, guide.low[1], guide.high[1])
 
 
 @wp.func
-def piece_beyond(q: wp.vec2d, number: int, first: int, pieces: wp.array[Piece]):
-    """+1 where a roller is past piece `number` of a profile whose first is `first`, -1 where it is before, else 0."""
-    here = pieces[first + number]
-    ahead = pieces[first + number + 1]
-    step = wp.where(wp.dot(q - here.start, here.direction) < wp.float64(0.0), -1, 0)
-    return wp.where(wp.dot(q - ahead.start, ahead.direction) >= wp.float64(0.0), 1, step)
+def near_profile(q: PairVector, line: Line, box: wp.vec4f):
+    """The same at float32; `line` is the chord, `box` has the low and the high corner along and across it [m]."""
+    along, across = line_coordinates(q, line)
+    return inside(along, box[0], box[2]) & inside(across, box[1], box[3])
 
 
 @wp.func
-def nearest_piece(q: wp.vec2d, count: int, first: int, pieces: wp.array[Piece]):
+def from_piece(q: wp.vec2d, i: int, pieces: wp.array[Piece]):
+    """`q` from the start of piece `i` of all [m]."""
+    return q - pieces[i].start
+
+
+@wp.func
+def from_piece(q: PairVector, i: int, pieces: wp.array[wp.vec4f]):
+    """The same in pairs."""
+    start = load_constant(pieces, PIECE_ROWS * i)
+    return difference(q, pair_vector(wp.vec2f(start[0], start[1]), wp.vec2f(start[2], start[3])))
+
+
+@wp.func
+def is_past(q: wp.vec2d, i: int, pieces: wp.array[Piece]):
+    """Whether a roller is past the start of piece `i` of all."""
+    return wp.dot(from_piece(q, i, pieces), pieces[i].direction) >= wp.float64(0.0)
+
+
+@wp.func
+def is_past(q: PairVector, i: int, pieces: wp.array[wp.vec4f]):
+    """The same in pairs, wherever it is asked and whatever is fused there."""
+    p = from_piece(q, i, pieces)
+    t = load_constant(pieces, PIECE_ROWS * i + 1)
+    rest = fused(p.low[0], t[0], fused(p.low[1], t[1], fused(p.high[0], t[2], p.high[1] * t[3])))
+    return fused(p.high[0], t[0], fused(p.high[1], t[1], rest)) >= 0.0
+
+
+@wp.func
+def tangent_of(i: int, pieces: wp.array[Piece]):
+    """Direction of piece `i` of all at its start."""
+    return pieces[i].direction
+
+
+@wp.func
+def tangent_of(i: int, pieces: wp.array[wp.vec4f]):
+    """The same at float32."""
+    t = load_constant(pieces, PIECE_ROWS * i + 1)
+    return wp.vec2f(t[0], t[1])
+
+
+@wp.func
+def piece_coordinates(q: wp.vec2d, i: int, pieces: wp.array[Piece]):
+    """u, w [m] and curvature [1/m] of a roller over piece `i` of all, see (a)."""
+    u, w = line_coordinates(from_piece(q, i, pieces), pieces[i].direction)
+    return u, w, pieces[i].curvature
+
+
+@wp.func
+def piece_coordinates(q: PairVector, i: int, pieces: wp.array[wp.vec4f]):
+    """The same at float32."""
+    t = load_constant(pieces, PIECE_ROWS * i + 1)
+    u, w = line_coordinates(from_piece(q, i, pieces), wp.vec2f(t[0], t[1]), wp.vec2f(t[2], t[3]))
+    return u, w, load_constant(pieces, PIECE_ROWS * i + 2)[0]
+
+
+@wp.func
+def piece_beyond(q: Any, number: int, first: int, pieces: Any):
+    """+1 where a roller is past piece `number` of a profile whose first is `first`, -1 where it is before, else 0."""
+    step = wp.where(is_past(q, first + number, pieces), 0, -1)
+    return wp.where(is_past(q, first + number + 1, pieces), 1, step)
+
+
+@wp.func
+def nearest_piece(q: Any, count: int, first: int, pieces: Any):
     """The piece of a profile that a roller is over, the one whose face is nearest; if over none, the nearer end's."""
-    ending = pieces[first + count].start
-    nearest = wp.where(wp.length(q - pieces[first].start) < wp.length(q - ending), 0, count - 1)
-    least = wp.float64(1.0e308)
+    begun = wp.length(leading(from_piece(q, first, pieces)))
+    ending = wp.length(leading(from_piece(q, first + count, pieces)))
+    nearest = wp.where(begun < ending, 0, count - 1)
+    least = type(begun)(1.0e38)
     for number in range(count):
         if piece_beyond(q, number, first, pieces) == 0:
-            piece = pieces[first + number]
-            p = q - piece.start
-            across = p[1] * piece.direction[0] - p[0] * piece.direction[1]
-            height, normal_along, normal_across = piece_height(wp.dot(p, piece.direction), across, piece.curvature)
+            u, w, curvature = piece_coordinates(q, first + number, pieces)
+            height, along, across = piece_height(u, w, curvature)
             if wp.abs(height) < least:
                 least = wp.abs(height)
                 nearest = number
@@ -90,12 +170,12 @@ def nearest_piece(q: wp.vec2d, count: int, first: int, pieces: wp.array[Piece]):
 
 
 @wp.func
-def tracked_piece(q: wp.vec2d, kept: int, guide: Any, pieces: wp.array[Piece]):
+def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
     """The piece of a guide that a roller at `q` is over or, beyond the guide's ends, was over last.
 
     Args:
         q: in the frame of the guide's body [m].
-        kept: the piece of the step before, of which this one is a neighbor; negative: all are looked at.
+        kept: the piece of the step before, of which this one is a neighbor; negative: all are searched.
         guide: `structs.Guide`, its `first_piece` counted among all.
         pieces: of all.
     """
@@ -105,7 +185,7 @@ def tracked_piece(q: wp.vec2d, kept: int, guide: Any, pieces: wp.array[Piece]):
 
 
 @wp.func
-def on_profile(q: wp.vec2d, number: int, guide: Any, pieces: wp.array[Piece]):
+def on_profile(q: Any, number: int, guide: Any, pieces: Any):
     """Penetration [m] of a roller on a guide's profile and the normal, in the frame of the guide's body.
 
     The penetration is not positive where they do not touch, and where the roller is behind the guide.
@@ -116,15 +196,13 @@ def on_profile(q: wp.vec2d, number: int, guide: Any, pieces: wp.array[Piece]):
         guide: `structs.Guide`, its `first_piece` counted among all; the penetration has the type of its lengths.
         pieces: of all.
     """
-    piece = pieces[guide.first_piece + number]
-    p = q - piece.start
-    t = piece.direction
-    u = type(guide.length)(wp.dot(p, t))
-    w = type(guide.length)(p[1] * t[0] - p[0] * t[1])
-    height, along, across = piece_height(u, w, type(guide.length)(piece.curvature))
+    u, w, curvature = piece_coordinates(q, guide.first_piece + number, pieces)
+    length = guide.length
+    height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(curvature))
     penetration = guide.roller_radius - height
     if height <= -guide.end_radius or piece_beyond(q, number, guide.first_piece, pieces) != 0:
-        penetration = type(guide.length)(0.0)
-    x = wp.float64(along) * t[0] - wp.float64(across) * t[1]
-    y = wp.float64(along) * t[1] + wp.float64(across) * t[0]
-    return penetration, wp.vec2d(x, y)
+        penetration = type(length)(0.0)
+    t = tangent_of(guide.first_piece + number, pieces)
+    x = type(u)(along) * t[0] - type(u)(across) * t[1]
+    y = type(u)(along) * t[1] + type(u)(across) * t[0]
+    return penetration, type(t)(x, y)

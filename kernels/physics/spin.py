@@ -12,13 +12,27 @@ import math
 
 import warp as wp
 
-from ..pairs import Pair, apart, exact_product, minus, pair, pair_of, plus, rounded, settled, times, trimmed, whole
-from ..root import reciprocal
+from ..fast_math import reciprocal
+from ..number import (
+    HALF_PI,
+    Pair,
+    apart,
+    exact_product,
+    minus,
+    pair,
+    pair_of,
+    plus,
+    rounded,
+    settled,
+    sine_cosine,
+    times,
+    trimmed,
+    whole,
+)
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel, WheelStages
-from ..trigonometry import HALF_PI, sine_cosine
 from .motion import ramp, resisted
-from .seat import grid_of, reach_of
 from .stages import staged
+from .tooth import grid_of, reach_of
 
 
 @wp.func
@@ -26,7 +40,7 @@ def spin_of(motion: Motion):
     """A body's motion and load for blocks at float32."""
     spin = Spin()
     spin.prescribed = motion.prescribed
-    spin.curved = wp.where(motion.drive_table.cells + motion.load_table.cells > 0, 1, 0)
+    spin.tabulated = wp.where(motion.drive_table.cells + motion.load_table.cells > 0, 1, 0)
     spin.drive_harmonics = motion.drive_harmonics
     spin.load_harmonics = motion.load_harmonics
     spin.sign = wp.float32(motion.sign)

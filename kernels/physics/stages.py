@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..pairs import Pair, plus, times
+from ..number import Pair, plus, times
 from ..structs import Slope
 
 

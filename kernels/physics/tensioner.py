@@ -50,6 +50,13 @@ plunger where it is pushed back below
     x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
 
 x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
+
+**float32.** The touched point p turns with its body. From numbers that stand (`Stroke`) the extension is a pair,
+
+    x = (c - r_0) . d + (p . d) cos theta + (p' . d) sin theta
+    dx/dtheta = (p' . d) cos theta - (p . d) sin theta,                                     (13)
+
+p' being p turned by +90 degrees. The second is the lever, too, at which the force along d turns the body.
 """
 
 import math
@@ -57,10 +64,9 @@ from typing import Any
 
 import warp as wp
 
-from ..logarithm import log_of_sum, logarithm
-from ..pairs import Pair, apart, pair_of, plus, rounded, times, trimmed
-from ..structs import BodyState, Plunger, PlungerState, Push, Tensioner, TensionerState, Wrench
-from ..sum_structs import PlungerFlows, TensionerFlows
+from ..number import Pair, apart, log_of_sum, logarithm, minus, pair, pair_of, plus, rounded, times, trimmed
+from ..structs import BodyState, Push, Stroke, Tensioner, TensionerState, Wheel, Wrench, float32
+from ..sum_structs import TensionerFlows
 from .body import heading_of
 
 ROUNDS = wp.constant(60)
@@ -96,6 +102,27 @@ def touch_of(center: wp.vec2d, heading: wp.vec2d, speed: wp.float64, velocity: w
 def extension(place: wp.vec2d, tensioner: Tensioner):
     """x [m] of the touched point, eq. (1)."""
     return wp.dot(place - tensioner.home, tensioner.direction)
+
+
+@wp.func
+def lever_of(wheel: Wheel, stroke: Stroke):
+    """dx/dtheta [m], eq. (13)."""
+    return wheel.cosine.high * stroke.across.high - wheel.sine.high * stroke.along.high
+
+
+@wp.func
+def extension(wheel: Wheel, stroke: Stroke):
+    """The same at float32, eq. (13)."""
+    x = times(pair(wheel.center[0], wheel.center_low[0]), stroke.direction_x)
+    y = times(pair(wheel.center[1], wheel.center_low[1]), stroke.direction_y)
+    turned = plus(times(wheel.cosine, stroke.along), times(wheel.sine, stroke.across))
+    return plus(plus(plus(x, y), minus(stroke.home)), turned)
+
+
+@wp.func
+def stroke_rate(lever: wp.float32, speed: wp.float32, velocity: wp.vec2f, tensioner: float32.Tensioner):
+    """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s]."""
+    return wp.dot(velocity, tensioner.direction) + speed * lever
 
 
 @wp.func
@@ -200,7 +227,7 @@ def filling(x: wp.float64, state: TensionerState, tensioner: Tensioner):
 
 
 @wp.func
-def filling(x: Pair, state: PlungerState, tensioner: Plunger):
+def filling(x: Pair, state: float32.TensionerState, tensioner: float32.Tensioner):
     """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 2e-9."""
     reach = x
     if x.high < tensioner.bottom:
@@ -217,7 +244,7 @@ def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Tensioner):
 
 
 @wp.func
-def room_left(volume: wp.float32, inflow: wp.float32, tensioner: Plunger):
+def room_left(volume: wp.float32, inflow: wp.float32, tensioner: float32.Tensioner):
     """The same at float32, the logarithm that of its part of V."""
     part = wp.max(-inflow / volume, -0.99)
     return volume + volume * part, log_of_sum(part)
@@ -366,6 +393,19 @@ def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
 
 
 @wp.func
+def push_by(wheel: Wheel, state: float32.TensionerState, stroke: Stroke, tensioner: float32.Tensioner):
+    """The same at float32: its push, and the moment [N m] and force (x, y) [N] on its body."""
+    lever = lever_of(wheel, stroke)
+    push = float32.Push()
+    push.extension = extension(wheel, stroke)
+    rate = stroke_rate(lever, wheel.speed.high, wheel.velocity, tensioner)
+    force, pressure = tensioner_force(push.extension, rate, state, tensioner)
+    push.force = force
+    push.pressure = pressure
+    return push, force * wp.vec3f(lever, tensioner.direction[0], tensioner.direction[1])
+
+
+@wp.func
 def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
     """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
 
@@ -478,7 +518,7 @@ def no_flows(h: wp.float64):
 @wp.func
 def no_flows(h: wp.float32):
     """The same at float32."""
-    return PlungerFlows()
+    return float32.TensionerFlows()
 
 
 @wp.func

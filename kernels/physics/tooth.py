@@ -18,13 +18,26 @@ the roller stands off the arc's center by h with c h = (1 - c s, c t) across and
     pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|,
 
 which loses no digits however large the flank's radius is.
+
+xi and eta are small, some micrometers where it matters, and differences of lengths of a meter. They are taken in
+float64, or on blocks at float32 without it, from the vector from the seat to the roller,
+
+    q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y),                 (a)
+
+d the seat's direction at angle zero. R cos theta and R sin theta are kept with a high part that is a multiple of
+2^-12 of a power of two above R, d with one that is a multiple of 2^-12: products and sums of these are exact in
+float32, and what has low parts in it is small, so that plain float32 is off by 2^-37 of R.
 """
 
 from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root, larger, reciprocal, root
+from ..fast_math import inverse_root, larger, reciprocal, root
+from ..number import Pair, PairVector, fused, leading, pair, rounded_sum
+from ..rows import load_constant
+from ..structs import Pose, Wheel
+from .contact import turned
 
 
 @wp.func
@@ -94,7 +107,7 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
-def usual_gap(xi: Any, lateral: Any, gap: Any):
+def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
     """As `tooth_gap` without branches, of straight flanks and no tip; and whether the roller is there (1, else 0)."""
     zero = type(xi)(0.0)
     eta = wp.abs(lateral)
@@ -109,9 +122,9 @@ def usual_gap(xi: Any, lateral: Any, gap: Any):
     across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
     radial = gap.pitch_radius + xi
     limit = larger(gap.tip_reach - penetration, zero)
-    usual = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
-    usual = wp.where(in_arc, usual, usual * int(gap.flank_curvature <= zero))
-    return penetration, along, across, usual
+    applies = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
+    applies = wp.where(in_arc, applies, applies * int(gap.flank_curvature <= zero))
+    return penetration, along, across, applies
 
 
 @wp.func
@@ -150,3 +163,132 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         at[1] = along_of_tip
         at[2] = across_of_tip
     return at[0], at[1], at[2]
+
+
+@wp.func
+def gridded(value: wp.float32, magic: wp.float32):
+    """`value` on the grid of spacing `magic` / 1.5 / 2^23."""
+    return rounded_sum(rounded_sum(value, magic), -magic)
+
+
+@wp.func
+def reach_of(part: Pair, radius: Pair, magic: wp.float32):
+    """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_of`) [m]."""
+    high = gridded(radius.high * part.high, magic)
+    low = fused(radius.high, part.high, -high) + (radius.high * part.low + radius.low * part.high)
+    return pair(high, low)
+
+
+@wp.func
+def grid_of(radius: wp.float32):
+    """The `magic` of `gridded` for a grid of 2^-12 of the power of two above `radius`."""
+    return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
+
+
+@wp.func
+def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Pose, sprocket: Any):
+    """A roller in the gap of a seat.
+
+    Args:
+        p: roller from the sprocket's center [m].
+        direction: of the seat, at angle zero.
+        body: where the sprocket is.
+        sprocket: its teeth (`structs.Sprocket`).
+
+    Returns:
+        Direction e in which the seat is now, the roller's place along e from the center, xi and eta [m].
+    """
+    e = turned(direction, body.cosine, body.sine)
+    radial = wp.dot(p, e)
+    return e, radial, radial - sprocket.exact_radius, p[1] * e[0] - p[0] * e[1]
+
+
+@wp.func
+def in_gap(p: PairVector, direction: wp.vec4f, body: Wheel, sprocket: Any):
+    """The same from pairs, (a); `direction` has high parts (x, y) and low parts (x, y)."""
+    c = body.reach_cosine
+    s = body.reach_sine
+    x = direction[0] + direction[2]
+    y = direction[1] + direction[3]
+    to_x = c.high * direction[0] - s.high * direction[1]
+    to_y = s.high * direction[0] + c.high * direction[1]
+    rest_x = (c.high * direction[2] + c.low * x) - (s.high * direction[3] + s.low * y)
+    rest_y = (s.high * direction[2] + s.low * x) + (c.high * direction[3] + c.low * y)
+    q = wp.vec2f((p.high[0] - to_x) + (p.low[0] - rest_x), (p.high[1] - to_y) + (p.low[1] - rest_y))
+    e = turned(wp.vec2f(x, y), body.cosine.high, body.sine.high)
+    xi = wp.dot(q, e)
+    return e, sprocket.pitch_radius + xi, xi, q[1] * e[0] - q[0] * e[1]
+
+
+@wp.func
+def seat_from(p: wp.vec2d, number: int, direction: wp.vec2d, body: Pose, sprocket: Any, seats: wp.array[wp.vec2d]):
+    """As `tracked_seat`, from seat `number`, which points to `direction` at angle zero."""
+    e, radial, xi, lateral = in_gap(p, direction, body, sprocket)
+    step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+    tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
+    while step != 0 and tries > 0:
+        number = wrapped_seat(number + step, sprocket.teeth)
+        next_e, radial, next_xi, next_lateral = in_gap(
+            p, load_constant(seats, sprocket.first_seat + number), body, sprocket
+        )
+        e = next_e
+        xi = next_xi
+        lateral = next_lateral
+        step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+        tries = tries - 1
+    return number, e, xi, lateral
+
+
+@wp.func
+def seat_from(p: PairVector, number: int, direction: wp.vec4f, body: Wheel, sprocket: Any, seats: wp.array[wp.vec4f]):
+    """The same from pairs; at most the next seat."""
+    e, radial, xi, lateral = in_gap(p, direction, body, sprocket)
+    step = seat_step(radial, lateral, sprocket.half_pitch_tangent)
+    if step != 0:
+        number = wrapped_seat(number + step, sprocket.teeth)
+        next_e, radial, next_xi, next_lateral = in_gap(
+            p, load_constant(seats, sprocket.first_seat + number), body, sprocket
+        )
+        e = next_e
+        xi = next_xi
+        lateral = next_lateral
+    return number, e, xi, lateral
+
+
+@wp.func
+def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
+    """The seat of a roller in a sprocket, and the roller's place in that seat's gap.
+
+    Args:
+        p: roller from the sprocket's center [m].
+        kept: its seat at the step before, of which this one is a neighbor; negative: found by angle.
+        body: where the sprocket is.
+        sprocket: its teeth (`structs.Sprocket`).
+        seats: directions of the seats at angle zero.
+
+    Returns:
+        The seat's number, its direction e, xi and eta [m].
+    """
+    number = kept
+    if number < 0:
+        number = nearest_seat(leading(p), leading(body.cosine), leading(body.sine), sprocket.teeth)
+    found, e, xi, lateral = seat_from(
+        p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats
+    )
+    return found, e, xi, lateral
+
+
+@wp.func
+def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
+    """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
+
+    Args:
+        arm: roller from the sprocket's center [m].
+        v: roller's velocity relative to the center's [m/s].
+        omega: sprocket's angular velocity [rad/s].
+        e, xi, lateral: of the roller in its gap (`in_gap`) [m].
+        sprocket: its teeth (`structs.Sprocket`).
+    """
+    penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
+    surface = type(v)(-omega * arm[1], omega * arm[0])
+    return penetration, turned(e, normal_radial, normal_lateral), surface - v

@@ -17,10 +17,10 @@ from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
-from warpchain.kernels.gpu.block_observe import collect
-from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.block_room import room
+from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.observe import collect
+from warpchain.kernels.gpu.relax import block_relax_kernel
+from warpchain.kernels.gpu.shared_memory import room
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
@@ -42,15 +42,15 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     return BlockKind(
         packed.real,
         shape.threads,
-        shape.per,
+        shape.rollers_per_thread,
         int(packed.drives["sprockets"][0]),
         int(packed.drives["guides"][0]),
         moving=bool(packed.mounts["active"].any()),
         measuring=measuring,
         rk4=bool(packed.drives["integrator"].any()),
-        bending=bool(packed.joints["rubs"].any()),
-        uneven=bool(packed.links["uneven"].any()),
-        crewed=shape.crewed,
+        joint_friction=bool(packed.joints["rubs"].any()),
+        varied_links=bool(packed.links["varied_links"].any()),
+        body_warp=shape.body_warp,
     )
 
 
@@ -118,7 +118,7 @@ def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     with fibers():
         settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
         state, order = upload_state(still, "cpu", (0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
-        kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.per, 2, 0), 4)
+        kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.rollers_per_thread, 2, 0), 4)
         inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]
         wp.launch(kernel, dim=shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
     return {"settling": settling, "rollers": state.rollers}

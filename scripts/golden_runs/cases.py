@@ -31,7 +31,7 @@ from golden_runs.drives import (
     run,
 )
 from warpchain import ArchiveOptions, Record, Run
-from warpchain.assembly.fit import fit_links, fit_position
+from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.cli import main as command_line

@@ -140,7 +140,7 @@ def test_descriptors_are_those_that_foxglove_publishes():
     messages = pytest.importorskip("foxglove.messages")
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-    from warpchain.archive.proto import message_type, schema_bytes
+    from warpchain.archive.archive_format import message_type, schema_bytes
 
     for name in ("foxglove.PointCloud", "foxglove.SceneUpdate"):
         published = FileDescriptorSet.FromString(getattr(messages, name.split(".")[1]).get_schema().data)

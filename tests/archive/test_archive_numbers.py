@@ -9,7 +9,7 @@ from study_helpers import tiny_drive
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.handed_in import handed_in
+from warpchain.results.engineering_report import handed_in
 
 NUMBERS = (40, 7, 123456)
 DRIVES = [tiny_drive().with_values({"sprockets.s1.load.torque": torque}) for torque in (0.1, 0.2, 0.3)]

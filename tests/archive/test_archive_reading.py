@@ -12,9 +12,9 @@ from archives import assert_same
 from drives import two_sprockets
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
+from warpchain.archive.file_parts import Parts
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
-from warpchain.archive.parts import Parts
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
 from warpchain.results.channels import CHANNEL, UNITS
 
@@ -27,7 +27,7 @@ def run():
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])
 def archive(request, run, tmp_path_factory):
-    from warpchain.archive import write as archive
+    from warpchain.archive import writer as archive
 
     patch = pytest.MonkeyPatch()
     patch.setattr(archive, "CHUNK", 2**16)
@@ -140,11 +140,11 @@ class Sparse(McapFile):
 
 
 def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.archive.target.McapFile", Sparse)
+    monkeypatch.setattr("warpchain.archive.file_set.McapFile", Sparse)
     variants, data = 2500, bytes(4 * 2**20)
     layout = read_archive(write_archive(run, tmp_path / "a.mcap")).trajectories.layout(0)
     drives = [run.drives[0]] * variants
-    monkeypatch.setattr("warpchain.archive.parts.dumps_drive", lambda drive: "# a drive\n" * 100)
+    monkeypatch.setattr("warpchain.archive.file_parts.dumps_drive", lambda drive: "# a drive\n" * 100)
     parts = Parts(tmp_path / "big.mcap", drives, range(variants), run.info, ArchiveOptions(), False, False)
     part = parts.part(0)
     for variant in range(variants):

@@ -34,7 +34,7 @@ def run():
 @pytest.fixture(scope="module")
 def whole(run, tmp_path_factory):
     """An archive of many chunks, and where each of them ends."""
-    from warpchain.archive import write as archive
+    from warpchain.archive import writer as archive
 
     patch = pytest.MonkeyPatch()
     patch.setattr(archive, "CHUNK", 2**16)
@@ -258,7 +258,8 @@ def test_two_channels_of_a_topic_are_refused(pair, tmp_path, monkeypatch):
 
 def old_archive(run, folder, monkeypatch):
     """Bytes of an archive as versions without digests wrote it."""
-    from warpchain.archive import mcap_write, schema
+    from warpchain.archive import archive_format as schema
+    from warpchain.archive import mcap_write
 
     with monkeypatch.context() as patch:
         patch.setattr(mcap_write, "of_channel", lambda *_: "")
@@ -353,7 +354,7 @@ from archives import assert_same
 from command import run as command
 from drives import two_sprockets
 from warpchain import Record, simulate
-from warpchain.archive import ArchiveOptions, write
+from warpchain.archive import ArchiveOptions, writer as write
 write.CHUNK = 2**16
 options = ArchiveOptions(**eval(sys.argv[2]))
 simulate(two_sprockets(duration=5.0, settle="false"), record=Record(rate=1e5), archive=sys.argv[1],
@@ -395,7 +396,7 @@ def test_full_disk_when_written_afterwards_leaves_nothing(run, tmp_path):
 
 
 def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**16)
     with small_disk(400_000), pytest.raises(ArchiveError) as caught:
         simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
     (left,) = tmp_path.iterdir()
@@ -409,13 +410,13 @@ def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypat
 @pytest.mark.parametrize("moment", ["take", "finish"])
 def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, capsys, moment):
     """It ends the run at once, while frames are taken or while the archive is ended, and costs no more than kill -9."""
-    from warpchain.archive.parts import Parts
+    from warpchain.archive.file_parts import Parts
     from warpchain.engine.recorder import Recorder
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**14)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**14)
     monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
     if moment == "finish":
         monkeypatch.setattr(Parts, "finish", interrupted)

@@ -14,7 +14,7 @@ from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
-from warpchain.archive.pipeline import Pipeline
+from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
 
@@ -28,7 +28,7 @@ def run():
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**16)
 
 
 def test_results_are_handed_on_in_order_whatever_the_work_takes():

@@ -3,10 +3,10 @@
 import math
 
 import pytest
-from drives import two_sprockets
+from drives import two_sprockets, with_bar
 
 from warpchain import load_drive
-from warpchain.assembly.advice import advice
+from warpchain.assembly.layout_checks import advice
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
 
@@ -15,20 +15,15 @@ DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 """Half the distance of the strands of `two_sprockets`: driver->driven is at y = -DROP, run to the right."""
 
 
-def with_bar(height, start=0.3, end=0.7):
-    """Two sprockets 1 m apart, and a bar below whose rollers would ride `height` above the strand driver->driven."""
+def with_bar_below(height, start=0.3, end=0.7):
+    """A bar below whose rollers would ride `height` above the strand driver->driven."""
     y = -DROP + height - ROLLER
-    bar = {"name": "bar", "start": (start, y), "end": (end, y), "end_radius": 0.02}
-    contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
-    drive = two_sprockets()
-    values = drive.model_dump(exclude_none=True)
-    values["guides"], values["contact"]["guide"] = [bar], contact
-    return type(drive)(**values)
+    return with_bar((start, y), (end, y))
 
 
 def test_equal_sprockets_are_told_nothing():
     assert advice(two_sprockets()) == ()
-    assert advice(with_bar(0.0)) == ()
+    assert advice(with_bar_below(0.0)) == ()
 
 
 def test_an_idler_with_few_teeth_in_mesh():
@@ -66,14 +61,14 @@ def test_a_driver_with_a_thin_wrap():
     ],
 )
 def test_bars_that_miss_or_dent_their_strand(height, word):
-    found = advice(with_bar(height))
+    found = advice(with_bar_below(height))
     assert len(found) == (word is not None)
     if word:
         assert word in found[0] and '"driver->driven"' in found[0]
 
 
 def test_a_bar_past_all_strands_misses():
-    (line,) = advice(with_bar(0.0, 2.0, 2.5))
+    (line,) = advice(with_bar_below(0.0, 2.0, 2.5))
     assert "no strand passes over its face" in line
 
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from layouts import PITCH, Placed, drive_of, loops, tangles
 
 from warpchain.assembly import assemble
-from warpchain.assembly.route import chain_path
-from warpchain.assembly.together import assemble_all
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.drive import load_drive
+from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stack import stacks_of
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
@@ -105,6 +105,13 @@ def check_velocities(drive, assembly):
             assert np.all(along > 0.5 * travel)
 
 
+def check(drive, assembly):
+    check_seats(drive, assembly)
+    check_links(drive, assembly)
+    check_ends(drive, assembly)
+    check_velocities(drive, assembly)
+
+
 def assembled(sprockets, pick, gravity=(0.0, -9.81)):
     """A drive of these sprockets with one of the numbers of links that fit, and its assembly."""
     try:
@@ -121,10 +128,7 @@ def assembled(sprockets, pick, gravity=(0.0, -9.81)):
 def test_random_loops(sprockets, pick):
     drive, assembly = assembled(sprockets, pick)
     assert assembly.position.shape == assembly.velocity.shape == (drive.chain.links, 2)
-    check_seats(drive, assembly)
-    check_links(drive, assembly)
-    check_ends(drive, assembly)
-    check_velocities(drive, assembly)
+    check(drive, assembly)
     assert abs(assembly.path.turning) == 2 * math.pi
     assert turned(drive, assembly) == pytest.approx(assembly.path.turning, abs=1e-9)
 
@@ -132,10 +136,7 @@ def test_random_loops(sprockets, pick):
 @given(tangles(), st.floats(0.0, 1.0))
 def test_random_tangles(sprockets, pick):
     drive, assembly = assembled(sprockets, pick)
-    check_seats(drive, assembly)
-    check_links(drive, assembly)
-    check_ends(drive, assembly)
-    check_velocities(drive, assembly)
+    check(drive, assembly)
     assert turned(drive, assembly) == pytest.approx(assembly.path.turning, abs=1e-9)
 
 

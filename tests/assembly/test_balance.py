@@ -9,12 +9,11 @@ from drives import timing, two_sprockets
 from scipy.optimize import brentq
 
 from warpchain import assemble
-from warpchain.assembly.arms import StillArm, _secant, chain_moment
-from warpchain.assembly.fit import fit_angle, fit_links, fit_position
-from warpchain.assembly.layout import findings
+from warpchain.assembly.arm_balance import StillArm, _secant, chain_moment, chain_path
+from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
+from warpchain.assembly.layout_checks import findings
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.route import chain_path
 from warpchain.assembly.statics import running
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.oil import static_force

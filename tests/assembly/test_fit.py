@@ -11,10 +11,10 @@ from layouts import PITCH, Placed, drive_of, loops
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.fit import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
 from warpchain.assembly.summary import derive
-from warpchain.cli.fit import edited
+from warpchain.cli.fit_command import edited
 from warpchain.errors import DriveError
 
 TEETH, SPAN = 20, 30

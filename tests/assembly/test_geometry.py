@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given
 from layouts import PITCH, Placed, drive_of, loops, tangles
 
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.path import MAX_STRAIN, check_fit
-from warpchain.assembly.route import chain_path
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too

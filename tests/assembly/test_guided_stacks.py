@@ -9,18 +9,19 @@ import math
 
 import numpy as np
 import pytest
+from assemblies import error_of
 
 from warpchain import assemble
 from warpchain.assembly import path
-from warpchain.assembly.fit import fit_position, fit_positions
-from warpchain.assembly.layout import findings, suspects
-from warpchain.assembly.together import assemble_all
+from warpchain.assembly.assemble_batch import assemble_all
+from warpchain.assembly.fitting import fit_position, fit_positions
+from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.drive import load_drive
+from warpchain.drive.batch import picked, stacks_of
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stack import picked, stacks_of
+from warpchain.engine.arrays import dtype_of
 from warpchain.engine.fill_tensioner import fill_element
 from warpchain.engine.pack import pack
-from warpchain.engine.packed import dtype_of
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.results.schedule import Schedule
@@ -133,11 +134,7 @@ def test_chains_on_unlike_arcs_are_told_apart():
 def test_a_car_that_does_not_fit_is_named():
     drives = cars(6)
     drives[4] = drives[4].with_values({"sprockets.exhaust cam.center.1": 0.4})
-    with pytest.raises(DriveError) as alone:
-        assemble(drives[4])
-    with pytest.raises(DriveError) as together:
-        assemble_all(stacks_of(drives))
-    assert str(together.value) == f"variant 4: {alone.value}"
+    assert error_of(drives, 4)
 
 
 def rows(packed, v):

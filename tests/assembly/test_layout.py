@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from drives import two_sprockets
+from drives import with_bar
 from hypothesis import given
 from layouts import Placed, drive_of, loops
 
 from warpchain import load_drive
-from warpchain.assembly.layout import findings, meeting
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.layout_checks import findings, meeting
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.errors import DriveError
@@ -17,16 +17,6 @@ from warpchain.errors import DriveError
 PITCH, ROLLER = 0.05, 0.015
 DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 """Half the distance of the strands of `two_sprockets`: driver->driven is at y = -DROP, run to the right."""
-
-
-def with_bar(start, end, end_radius=0.02):
-    """Two sprockets 1 m apart and a guide-bar."""
-    bar = {"name": "bar", "start": start, "end": end, "end_radius": end_radius}
-    contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
-    drive = two_sprockets()
-    values = drive.model_dump(exclude_none=True)
-    values["guides"], values["contact"]["guide"] = [bar], contact
-    return type(drive)(**values)
 
 
 @pytest.mark.parametrize("name", example_names())

@@ -11,7 +11,7 @@ from warpchain import Record, load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import load_moments, running, standing
+from warpchain.assembly.statics import at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
 
@@ -83,7 +83,7 @@ def test_a_slack_strand_carries_its_weight():
     """Flat catenary at rest, sag f << C: T = m g C^2 / (8 p f) at its lowest; 3 %: links of finite length, slopes at
     the ends."""
     drive = two_sprockets(span=19.98, gravity=-9.81, torque=0.0)
-    steady = standing(drive)
+    steady = at_rest(drive)
     sag = np.abs(steady.displacement)
     length = 19.98 * 0.05
     for k in (0, 1):

@@ -7,7 +7,7 @@ from drives import errors_of, marine_values, put, two_sprockets
 from scipy.interpolate import PchipInterpolator
 
 from warpchain import Record, load_drive, loads_drive, simulate
-from warpchain.assembly.tables import Cells, cells_of, hermite, slopes_of
+from warpchain.assembly.table_cells import Cells, cells_of, hermite, slopes_of
 from warpchain.drive import SpeedTable, TorqueTable, dumps_drive
 from warpchain.errors import DriveError
 from warpchain.kernels import structs

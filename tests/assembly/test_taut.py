@@ -8,9 +8,9 @@ from assemblies import link_lengths
 from drives import two_sprockets
 
 from warpchain import assemble
-from warpchain.assembly.route import chain_path
-from warpchain.assembly.taut import obstacle, point, taut
-from warpchain.drive.profile import Piece, make_profile
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.taut_string import obstacle, point, taut
+from warpchain.drive.face_profile import Piece, make_profile
 
 
 def face(center, radius, half, upward=1.0):

@@ -4,15 +4,15 @@ import warnings
 
 import numpy as np
 import pytest
-from assemblies import assert_same
+from assemblies import assert_same, error_of
 
 from warpchain.assembly import assemble
-from warpchain.assembly.layout import findings, suspects
-from warpchain.assembly.route import chain_paths
-from warpchain.assembly.together import assemble_all
+from warpchain.assembly.arm_balance import chain_paths
+from warpchain.assembly.assemble_batch import assemble_all
+from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.drive import load_drive
+from warpchain.drive.batch import LARGEST, arrays_of, picked, size_of, stacked, stacks_of
 from warpchain.drive.examples import drive_path, example_names
-from warpchain.drive.stack import LARGEST, arrays_of, picked, size_of, stacked, stacks_of
 from warpchain.errors import DriveError
 
 
@@ -80,11 +80,7 @@ def test_the_first_variant_that_does_not_fit_is_named():
     far = {5: (1.0, 9.0), 3: (0.30, 3.5), 17: (0.3, 9.0)}
     for v, center in far.items():
         drives[v] = marine(sprockets__camshaft__center=center)
-    with pytest.raises(DriveError) as alone:
-        assemble(drives[3])
-    with pytest.raises(DriveError) as together:
-        assemble_all(stacks_of(drives))
-    assert str(together.value) == f"variant 3: {alone.value}"
+    assert error_of(drives, 3)
 
 
 def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():

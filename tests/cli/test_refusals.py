@@ -20,9 +20,9 @@ from small_disk import small_disk
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive.file_parts import Parts
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
-from warpchain.archive.parts import Parts
 from warpchain.drive import dumps_drive
 from warpchain.errors import ArchiveError, WarpchainError
 
@@ -245,7 +245,7 @@ def test_every_number_of_a_summary_made_huge(run, archive, tmp_path):
 
 def test_a_damaged_table_of_metrics(run, tmp_path):
     """Where the attachment's checksum is right, the table may still be anything."""
-    from warpchain.archive import parts
+    from warpchain.archive import file_parts as parts
 
     plain, rng, told = parts._arrow_bytes(run.metrics), np.random.default_rng(6), 0
     for _ in range(150):
@@ -279,7 +279,7 @@ with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=option
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
 def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
     """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
-    from warpchain.archive import parts
+    from warpchain.archive import file_parts as parts
 
     subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
     data = (tmp_path / "bomb").read_bytes()

@@ -10,7 +10,7 @@ from warpchain import load_drive
 from warpchain.drive import loads_drive
 from warpchain.drive.biarcs import TOLERANCE, biarc, fitted
 from warpchain.drive.examples import drive_path
-from warpchain.drive.profile import ProfileError, make_profile, turn
+from warpchain.drive.face_profile import ProfileError, make_profile, turn
 from warpchain.errors import DriveError
 
 CIRCLE = 0.25

@@ -12,8 +12,8 @@ import pytest
 from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, put
 
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive, save_drive
+from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stack import stacks_of
 from warpchain.errors import DriveError
 
 PITCH = 0.009525

@@ -7,9 +7,9 @@ import pytest
 from drives import BLADE, put
 
 from warpchain.drive import Chain, Drive, load_drive
-from warpchain.drive.changes import Changes
 from warpchain.drive.drive import NUMBER_RULES
 from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.replace import Changes
 from warpchain.errors import DriveError
 
 PATHS = (

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Material, loads_drive
-from warpchain.drive.rubbing import Rubbing, guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
 

@@ -20,7 +20,7 @@ from warpchain.drive import (
     loads_drive,
     save_drive,
 )
-from warpchain.drive.part import Part
+from warpchain.drive.schema import Part
 from warpchain.errors import DriveError
 
 DOCS = Path(__file__).parents[2] / "docs" / "drive-file.md"

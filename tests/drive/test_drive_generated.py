@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.drive import toml as drive_toml
-from warpchain.drive.part import is_name
+from warpchain.drive.schema import is_name
 from warpchain.errors import DriveError
 
 positive = st.floats(1e-6, 1e9)

@@ -8,8 +8,8 @@ from loading import load_script
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.fit import strand_sag
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.fitting import strand_sag
 from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path, example_names, is_example
@@ -50,7 +50,7 @@ def test_check_works(name, capsys):
 @pytest.fixture(scope="module")
 def table():
     """The script of docs/examples.md's table."""
-    return load_script("example_table")
+    return load_script("drawings.example_table")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from grown import grown, recipe, run_in
 
 DRIVE = """
@@ -14,6 +15,7 @@ print(drive.contact.sprocket.law, simulate(drive, device="cpu")[0].tension.max()
 """
 
 
+@pytest.mark.long
 def test_the_recipe_of_a_law(tmp_path):
     changes = recipe("A new contact law")
     paths = ["kernels/physics/impact.py", "warpchain/drive/laws.py", "tests/drive/test_laws.py"]

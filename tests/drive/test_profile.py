@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from warpchain.drive.profile import Piece, Profile, ProfileError, arcs, make_profile, rounded, straight, turn
+from warpchain.drive.face_profile import Piece, Profile, ProfileError, arcs, make_profile, rounded, straight, turn
 
 BLADE = [(0.10, 0.30), (0.13, 0.22), (0.12, 0.12)]
 EXACT = 1e-13  # [m, rad]: rounding of a few operations on numbers below 1

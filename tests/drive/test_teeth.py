@@ -10,7 +10,7 @@ import pytest
 from drives import row, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.drive.teeth import default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.drive.tooth_shape import default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.results.scene import tooth_outline
 
 

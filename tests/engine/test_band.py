@@ -5,7 +5,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Record, loads_drive, simulate
-from warpchain.assembly.fit import fit_position
+from warpchain.assembly.fitting import fit_position
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
 

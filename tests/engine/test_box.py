@@ -12,8 +12,8 @@ from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
-from warpchain.engine.ends import causes_of
 from warpchain.engine.fill import ESCAPE_PITCHES, escape
+from warpchain.engine.outcomes import causes_of
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import settle
 from warpchain.engine.simulation import schedules_of

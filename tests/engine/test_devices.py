@@ -14,12 +14,12 @@ from warpchain import Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.block_shape import (
-    ABREAST,
-    CREWED,
+    BODY_WARP,
     LONGER_ROW,
     MANY,
     ROOMS,
     ROW,
+    VARIANTS_PER_BLOCK,
     BlockShape,
     block_shape,
     room_for,
@@ -31,8 +31,8 @@ from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import GpuEngine, launch_steps
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
-from warpchain.kernels.gpu.block_room import ORDERED, room
+from warpchain.kernels.gpu.kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.shared_memory import ORDERED, room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
@@ -127,32 +127,41 @@ def test_registers_of_a_block_fit_a_multiprocessor():
 
 
 def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
-    def abreast(real, links, each, most_shared, **more):
+    def variants_per_block(real, links, each, most_shared, **more):
         shape = block_shape(links, each)
-        kind = BlockKind(real, sprockets=2, guides=0, curved=False, usual=True, **of_shape(shape), **more)
+        kind = BlockKind(
+            real, sprockets=2, guides=0, tabulated=False, linear_hysteretic=True, **of_shape(shape), **more
+        )
         bucket = Bucket(kind, np.arange(7), None, each, most_shared)
-        return [kernel_kind(name, bucket).abreast for name in ("advance", "measure", "relax")]
+        return [kernel_kind(name, bucket).variants_per_block for name in ("advance", "measure", "relax")]
 
     # of an H200, and of a workstation's GPU, on which seven fit one by one and four abreast
     large, small = 232_448, 101_376
-    assert abreast(wp.float32, 128, 16, large) == [1, ABREAST, 1]
-    assert abreast(wp.float32, 192, 16, large) == [ABREAST, ABREAST, 1]
-    assert abreast(wp.float32, 128, 16, large, sliding=True, bending=True) == [1, ABREAST, 1]
+    assert variants_per_block(wp.float32, 128, 16, large) == [1, VARIANTS_PER_BLOCK, 1]
+    assert variants_per_block(wp.float32, 192, 16, large) == [VARIANTS_PER_BLOCK, VARIANTS_PER_BLOCK, 1]
+    assert variants_per_block(wp.float32, 128, 16, large, contact_friction=True, joint_friction=True) == [
+        1,
+        VARIANTS_PER_BLOCK,
+        1,
+    ]
     one_by_one = [
-        abreast(wp.float32, 128, 15, large),
-        abreast(wp.float32, 192, 16, small),
-        abreast(wp.float64, 128, 16, large),
-        abreast(wp.float64, 192, 16, large),
-        abreast(wp.float32, 128, 16, large, moving=True),
-        abreast(wp.float32, 256, 16, large),
+        variants_per_block(wp.float32, 128, 15, large),
+        variants_per_block(wp.float32, 192, 16, small),
+        variants_per_block(wp.float64, 128, 16, large),
+        variants_per_block(wp.float64, 192, 16, large),
+        variants_per_block(wp.float32, 128, 16, large, moving=True),
+        variants_per_block(wp.float32, 256, 16, large),
     ]
     assert one_by_one == [[1, 1, 1]] * len(one_by_one)
 
 
 def test_short_kernels_abreast_at_float32_are_more_on_a_multiprocessor():
     shape = block_shape(128, 100)
-    kind = BlockKind(wp.float32, sprockets=2, guides=0, abreast=ABREAST, **of_shape(shape))
-    rows = [row_of(replace(kind, **of)) for of in ({}, {"sliding": True}, {"per": 6}, {"abreast": 1})]
+    kind = BlockKind(wp.float32, sprockets=2, guides=0, variants_per_block=VARIANTS_PER_BLOCK, **of_shape(shape))
+    rows = [
+        row_of(replace(kind, **of))
+        for of in ({}, {"contact_friction": True}, {"rollers_per_thread": 6}, {"variants_per_block": 1})
+    ]
     assert rows == [20, 16, 16, 0]
     assert shape.resident("float32", True, 100, True, row_of(kind)) == 20
     assert shape.resident("float32", True, 16, True, row_of(kind)) == 16
@@ -163,15 +172,15 @@ def test_blocks_have_room_for_the_chain_and_little_more():
     most = room_for(links)
     assert (most >= links).all()
     assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 1280, 2560, 4096, 5120, 16_384]
-    for each in (1, CREWED + 1, MANY):
+    for each in (1, BODY_WARP + 1, MANY):
         shapes = [block_shape(int(r), each) for r in most]
         assert [shape.room for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
         assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
-        assert all(shape.crewed == (each == 1 and 32 < shape.room < 512) for shape in shapes)
+        assert all(shape.body_warp == (each == 1 and 32 < shape.room < 512) for shape in shapes)
     # at float32 two warps have chains of 161 to 256 links, where they are neither few nor many
     shapes = [block_shape(room, each, precision="float32") for room, each in ((192, 3), (192, 6), (192, 8), (256, 6))]
-    assert shapes == [BlockShape(192, 1), BlockShape(64, 3), BlockShape(32, 6, roomy=True), BlockShape(64, 4)]
+    assert shapes == [BlockShape(192, 1), BlockShape(64, 3), BlockShape(32, 6, low_occupancy=True), BlockShape(64, 4)]
     assert all(block_shape(128, each, precision="float32") == block_shape(128, each) for each in (1, 3, 5, 8, 100))
     # longer chains have one shape however many they are: their order is that of threads
     assert all(block_shape(int(r), 1) == block_shape(int(r), MANY) for r in most if r > 512)
@@ -192,8 +201,10 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
         shape = kernel_shape(name, bucket)
         assert shape.room >= room_
         allowed = most if room_ > 512 else DECLARED
-        mine = BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed)
-        assert kernel_kind(name, bucket) == replace(mine, crewed=shape.crewed)
+        mine = BlockKind(
+            wp.float64, shape.threads, shape.rollers_per_thread, 3, 1, moving, measuring, shared_bytes=allowed
+        )
+        assert kernel_kind(name, bucket) == replace(mine, body_warp=shape.body_warp)
         of = room(mine)
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.part_values
     # a roller has 6 values, 48 bytes: 1,024 need 49,152 of 47,000 bytes, 4,096 need 196,608 of 232,448
@@ -284,7 +295,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
     drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
     processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, (CREWED + 1) * processors, MANY * processors, ROW * processors):
+    for count in (1, (BODY_WARP + 1) * processors, MANY * processors, ROW * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
@@ -295,7 +306,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
         engine.close()
     # different kernels: at float64 none on two warps, nor abreast
     assert len({kind for _, _, kind in ends}) == (3 if precision == "float64" else 4)
-    assert ends[-1][2].abreast == (ABREAST if teeth == 30 and precision == "float32" else 1)
+    assert ends[-1][2].variants_per_block == (VARIANTS_PER_BLOCK if teeth == 30 and precision == "float32" else 1)
     for rollers, chain, _ in ends[1:]:
         np.testing.assert_array_equal(rollers, ends[0][0])
         assert chain == ends[0][1]

@@ -5,7 +5,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.results.handed_in import HandedIn
+from warpchain.results.engineering_report import HandedIn
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from drives import two_sprockets
 from raw import chain, polygon, run, state
 
 from warpchain import Record, read_archive, simulate, write_archive
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.drive import loads_drive

@@ -93,6 +93,6 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
         for k in (stiffness, 0.9 * stiffness)
     ]
     links = pack(drives, schedules(2)).links
-    assert links["uneven"].tolist() == [0, 1] and links["play"].tolist() == [0.0, 0.0]
+    assert links["varied_links"].tolist() == [0, 1] and links["play"].tolist() == [0.0, 0.0]
     assert links["outer_stiffness"].tolist() == [0.0, stiffness]
     assert links["outer_damping"].tolist() == [0.0, damping]

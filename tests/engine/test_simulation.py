@@ -10,7 +10,7 @@ import warp as wp
 from drives import MARINE, two_sprockets
 
 from warpchain import Record, load_drive, simulate
-from warpchain.engine.arrays import SUMS, empty_sums, sums_bytes
+from warpchain.engine.arrays import TABLE, empty_sums, sums_bytes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, SimulationError
@@ -204,7 +204,7 @@ def test_sums_and_statistics_count_in_the_memory_budget():
     drives = [short(), short(teeth=12, links=52), short()]
     packed = pack(drives, schedules_of(drives, 1e-4, None, Record(), None))
     sums = empty_sums(packed, "cpu")
-    held = [getattr(sums, name) for name in SUMS]
+    held = [getattr(sums, name) for name in TABLE["sums"]]
     taken = sums_bytes(packed)
     assert taken == sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in held)
     assert taken > 3 * 3 * 1000  # about a kilobyte a strand, and of links on none

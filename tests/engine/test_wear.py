@@ -13,7 +13,7 @@ from raw import chain, run, state
 
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.errors import DriveError

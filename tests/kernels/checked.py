@@ -22,7 +22,7 @@ STEPS = 96
 
 def beyond(how: str) -> None:
     """Reads the value after an array's last, as an array, as a row of one, or as a view that is too long."""
-    from warpchain.kernels.gpu.exchange import OWN
+    from warpchain.kernels.gpu.shared_memory import PART
     from warpchain.kernels.rows import accessors
 
     load_row = accessors(wp.float64).load_row
@@ -31,7 +31,7 @@ def beyond(how: str) -> None:
     def reads(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):
         found[0] = values[i]
 
-    @wp.func_native(OWN)
+    @wp.func_native(PART)
     def view(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
 
     @wp.kernel(module="unique")
@@ -90,8 +90,8 @@ def settle_on_blocks() -> None:
 
     from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
     from warpchain.engine.settling import elastic
-    from warpchain.kernels.gpu.block_kind import BlockKind
-    from warpchain.kernels.gpu.block_relax import block_relax_kernel
+    from warpchain.kernels.gpu.kind import BlockKind
+    from warpchain.kernels.gpu.relax import block_relax_kernel
     from warpchain.kernels.relaxation import Settling
 
     drives = blocks.marine()

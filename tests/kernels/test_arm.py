@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import raw
 
-INERTIA, HEFT, WEIGHT = 6e-4, 0.09 * 0.08, 9.81
+INERTIA, MOMENT, WEIGHT = 6e-4, 0.09 * 0.08, 9.81
 
 
 def swinging(*, steps, step=1e-4, integrator="leapfrog", gravity=(0.0, 0.0), window=None, **arm):
@@ -39,10 +39,10 @@ def test_torsion_spring(integrator, order):
 def test_free_swing_of_a_pendulum():
     # small amplitude a: period 2 pi sqrt(I / (m g l)) (1 + a^2 / 16); after a quarter of it the arm hangs straight.
     amplitude = 0.05
-    period = 2.0 * np.pi * np.sqrt(INERTIA / (HEFT * WEIGHT)) * (1.0 + amplitude**2 / 16.0)
+    period = 2.0 * np.pi * np.sqrt(INERTIA / (MOMENT * WEIGHT)) * (1.0 + amplitude**2 / 16.0)
     steps = 4000
     _, body = swinging(
-        steps=steps, step=0.25 * period / steps, gravity=(0.0, -WEIGHT), heft=(0.0, -HEFT), angle=amplitude,
+        steps=steps, step=0.25 * period / steps, gravity=(0.0, -WEIGHT), mass_moment=(0.0, -MOMENT), angle=amplitude,
     )  # fmt: skip
     assert abs(body["angle"]) < 1e-5 * amplitude + 1.6e-3 * amplitude**3  # the period's next term, 11 a^4 / 3072
 
@@ -66,7 +66,8 @@ def test_energy_of_a_damped_arm_on_its_stops():
     residuals = []
     for steps in (4000, 8000):
         engine, body = swinging(
-            steps=steps, step=0.2 / steps, gravity=(0.0, -WEIGHT), heft=(HEFT, 0.0), damping=2e-4, stops=(-0.3, 0.3),
+            steps=steps, step=0.2 / steps, gravity=(0.0, -WEIGHT), mass_moment=(MOMENT, 0.0), damping=2e-4,
+            stops=(-0.3, 0.3),
             stop_stiffness=20.0, stop_damping=1e-3, angle=0.25, speed=20.0,
         )  # fmt: skip
         chain, arm = engine.sums()["chain"][0], engine.sums()["arm"][0]

@@ -26,32 +26,43 @@ from blocks import (
 from warpchain.engine.block_shape import BlockShape
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
-from warpchain.kernels.gpu.block_kind import BlockKind
-from warpchain.kernels.gpu.block_room import strand_words
+from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.shared_memory import strand_words
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
 
 
-@pytest.mark.parametrize(**ways(marine, rubbing, bending, equal_sprockets, long_chains, unusual_contacts, uneven))
+KINDS = marine, rubbing, bending, equal_sprockets, long_chains, unusual_contacts, uneven
+USUAL = [
+    (marine, False, "float64"),
+    (rubbing, True, "float32"),
+    (equal_sprockets, True, "float32"),
+    (uneven, True, "float64"),
+]
+
+
+@pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 
 
 MARINE = [(marine, 1, "float64"), (marine, 8, "float32"), (led_elsewhere, 100, "float64")]
+BARE = [(equal_sprockets, 1, "float32"), (equal_sprockets, 8, "float64"), (equal_sprockets, 100, "float64"), *MARINE]
 
 
 @pytest.mark.parametrize(
     ("drives", "each", "precision"),  # alone, so few that there is room for two contacts at once, many
     some_of(
         [*product([equal_sprockets], [1, 8, 100], ["float64", "float32"]), *MARINE],
-        [(equal_sprockets, 1, "float32"), (equal_sprockets, 8, "float64"), (equal_sprockets, 100, "float64"), *MARINE],
+        BARE[:1],
+        BARE,
     ),
 )
 def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, each, precision):
     variants = drives()
     shape = shape_of(variants, each)
-    assert shape.crewed == (each == 1) and shape.roomy == (each == 8)
+    assert shape.body_warp == (each == 1) and shape.low_occupancy == (each == 8)
     packed = pack(variants, [Schedule(drive.run.step, 2000, FOREVER, FOREVER, 0) for drive in variants])
     packed = packed.at_precision(precision)
     serial = CpuEngine(packed, 1)
@@ -70,6 +81,7 @@ def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, eac
         np.testing.assert_allclose(mine, theirs, atol=tolerance, rtol=tolerance)
 
 
+@pytest.mark.long
 def test_rows_beyond_shared_memory(fibers):
     variants = long_chains()
     shape = BlockShape(64, 16)
@@ -87,19 +99,24 @@ def test_rows_beyond_shared_memory(fibers):
     np.testing.assert_allclose(sums.chain.numpy()["tension"], theirs["tension"], rtol=1e-9)
 
 
+@pytest.mark.long
 def test_how_many_rollers_a_thread_might_have_does_not_matter(fibers):
     """Of twelve links a thread two numbers tell the strands, of six one; a thread's links are the same six."""
     variants = marine()[:1]
     packed = pack(variants, [Schedule(drive.run.step, 300, 11, 300, 0) for drive in variants])
     none = wp.zeros(1, dtype=packed.real, device="cpu")
     few, many = (run_blocks(packed, BlockShape(32, per), [301], [0], none) for per in (6, 12))
-    assert [strand_words(BlockKind(packed.real, 32, per, 3, 1)) for per in (6, 12)] == [1, 2]
+    assert [strand_words(BlockKind(packed.real, 32, per, 3, 1)) for per in (6, 12)] == [
+        1,
+        2,
+    ]
     for name in ("chain", "strand", "sprocket", "tension_counts"):
         mine, theirs = (getattr(sums, name).numpy() for _, sums in (few, many))
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
     assert (few[1].strand.numpy()["samples"] > 0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drives", [equal_sprockets, rk4])
 def test_metrics_from_the_first_step(fibers, drives):
     variants = drives()[:1]

@@ -14,18 +14,15 @@ from blocks import (
     ways,
 )
 
+KINDS = moving_sprockets, arms, arms_rk4, rubbing_on_moving_sprockets, pushed_slider, bending_rk4, rubbing_rk4, rk4
+USUAL = [
+    (moving_sprockets, False, "float64"),
+    (arms, True, "float32"),
+    (arms_rk4, True, "float64"),
+    (bending_rk4, True, "float32"),
+]
 
-@pytest.mark.parametrize(
-    **ways(
-        moving_sprockets,
-        arms,
-        arms_rk4,
-        rubbing_on_moving_sprockets,
-        pushed_slider,
-        bending_rk4,
-        rubbing_rk4,
-        rk4,
-    )
-)
+
+@pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)

@@ -9,24 +9,27 @@ import warp as wp
 from blocks import some_of
 
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
-from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.block_room import room
+from warpchain.kernels.gpu.kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.relax import block_relax_kernel
+from warpchain.kernels.gpu.shared_memory import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
 
 LARGE = [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
 
 
-@pytest.mark.parametrize(("form", "blocks"), some_of(LARGE, LARGE[:1]))
+@pytest.mark.parametrize(("form", "blocks"), some_of(LARGE, [], LARGE[:1]))
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
-    kernel = block_kernel(BlockKind(wp.float64, *form, curved=False), blocks, FRAME)  # ptxas refuses more than 48 KiB
+    kernel = block_kernel(
+        BlockKind(wp.float64, *form, tabulated=False), blocks, FRAME
+    )  # ptxas refuses more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
 
+@pytest.mark.long
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     # 1,024 rollers at float64: 6 rows of 8 bytes, 49,152 of them, which no kernel may declare
-    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, curved=False)
+    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, tabulated=False)
     of = room(kind)
     assert "rows" in of.places and of.asked >= 1024 * 48
     assert all(place % 16 == 0 for place in of.places.values())
@@ -38,13 +41,13 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
 
 
 FORMS = {
-    "many": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, curved=False), 16, FRAME),
+    "many": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, tabulated=False), 16, FRAME),
     "moving": lambda real: block_kernel(
-        BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True, curved=False), 4, FRAME
+        BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True, tabulated=False), 4, FRAME
     ),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4, bending": lambda real: block_kernel(
-        BlockKind(real, 32, 4, 2, 1, measuring=True, rk4=True, bending=True, curved=False), 8, frame_of(NAMES)
+        BlockKind(real, 32, 4, 2, 1, measuring=True, rk4=True, joint_friction=True, tabulated=False), 8, frame_of(NAMES)
     ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
@@ -53,7 +56,7 @@ USUAL = [(75, "few", "float32"), (75, "moving", "float64"), (90, "rk4, bending",
 """What the oldest takes newer ones take; each takes up to a minute, and `test_pairs` compiles more at float32."""
 
 
-@pytest.mark.parametrize(("arch", "form", "precision"), some_of(CASES, USUAL))
+@pytest.mark.parametrize(("arch", "form", "precision"), some_of(CASES, USUAL[-1:], USUAL))
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, precision):
     module = FORMS[form](getattr(wp, precision)).module
     wp.compile_aot_module(module, device=None, arch=arch, module_dir=str(tmp_path))

@@ -243,12 +243,13 @@ def test_variants_with_different_bodies_stand_side_by_side():
 
 def beside(*parts):
     """Ensembles of one variant each as one."""
-    from warpchain.engine.packed import FIELDS, numbered
+    from warpchain.engine.arrays import PACKED, TABLE, numbered
 
+    kinds = {name: TABLE[group][of].kind for name, (group, of) in PACKED.items()}
     joined = {}
-    for name in (*FIELDS, "chains", "joints", "links", "drives"):
+    for name in (name for name, kind in kinds.items() if kind):
         each = [getattr(part, name) for part in parts]
-        if FIELDS.get(name, ("", 1))[0] == "sprocket":  # there is none: the one row that Warp wants is enough
+        if kinds[name] == "sprocket":  # there is none: the one row that Warp wants is enough
             each = each[:1]
         joined[name] = np.concatenate(each).astype(each[0].dtype)  # which keeps the structs' alignment
     rest = {name: getattr(parts[0], name) for name in ("precision", "harmonics", "tables", "seats")}

@@ -13,6 +13,7 @@ def checked(*words):
     return subprocess.run([sys.executable, CHECKED, *words], capture_output=True, text=True, timeout=900)
 
 
+@pytest.mark.long
 def test_no_kernel_reads_or_writes_out_of_bounds():
     done = checked()
     assert done.returncode == 0, done.stdout + done.stderr

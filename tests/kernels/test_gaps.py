@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from warpchain.kernels.physics.guide import guide_gap
-from warpchain.kernels.physics.tooth import nearest_seat, seat_step, tooth_gap, usual_gap
+from warpchain.kernels.physics.tooth import nearest_seat, seat_step, straight_flank_gap, tooth_gap
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -21,7 +21,7 @@ def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp
 @wp.kernel(enable_backward=False)
 def usual_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp.vec4d]):
     i = wp.tid()
-    penetration, radial, lateral, usual = usual_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
+    penetration, radial, lateral, usual = straight_flank_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec4d(penetration, radial, lateral, wp.float64(usual))
 
 
@@ -80,18 +80,22 @@ def curve(radial, lateral):
     return np.array([pen, *normal])
 
 
-def test_tooth_gap_is_the_offset_curve():
-    rng = np.random.default_rng(1)
+def scattered(seed):
+    """Points all over a gap, half of them near its seat."""
+    rng = np.random.default_rng(seed)
     points = np.stack([rng.uniform(R - P / 2, R + P / 2, 4000), rng.uniform(-P / 2, P / 2, 4000)], axis=1)
     points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
+    return points
+
+
+def test_tooth_gap_is_the_offset_curve():
+    points = scattered(1)
     expected = np.array([curve(*point) for point in points])
     np.testing.assert_allclose(launch(tooth_gaps, points, sprocket()), expected, atol=1e-14)
 
 
 def test_usual_gap_is_the_tooth_gap_and_says_where():
-    rng = np.random.default_rng(12)
-    points = np.stack([rng.uniform(R - P / 2, R + P / 2, 4000), rng.uniform(-P / 2, P / 2, 4000)], axis=1)
-    points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
+    points = scattered(12)
     for gap in (sprocket(), convex()):
         found, expected = launch(usual_gaps, points, gap, dtype=wp.vec4d), launch(tooth_gaps, points, gap)
         usual = found[:, 3] == 1.0
@@ -201,9 +205,7 @@ def convex_curve(radial, lateral):
 
 
 def test_convex_flank_is_the_arc_about_its_center():
-    rng = np.random.default_rng(5)
-    points = np.stack([rng.uniform(R - P / 2, R + P / 2, 4000), rng.uniform(-P / 2, P / 2, 4000)], axis=1)
-    points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
+    points = scattered(5)
     expected = np.array([convex_curve(*point) for point in points])
     np.testing.assert_allclose(launch(tooth_gaps, points, convex()), expected, atol=1e-13)
 

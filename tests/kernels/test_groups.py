@@ -8,7 +8,7 @@ from drives import two_sprockets
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.engine.arrays import SUMS
+from warpchain.engine.arrays import TABLE
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
@@ -31,7 +31,7 @@ def test_where_launches_end_does_not_matter():
     packed = pack([drive], [Schedule(drive.run.step, 2100, 1000, 2100, 0)])
     once, twice = stepped(packed, [2101]), stepped(packed, [1024, 1024, 53])
     np.testing.assert_array_equal(once.rollers(), twice.rollers())
-    for name in SUMS:
+    for name in TABLE["sums"]:
         np.testing.assert_array_equal(once.sums()[name], twice.sums()[name], err_msg=name)
 
 

@@ -1,5 +1,6 @@
 """A moment in the joints, made as the recipe in CONTRIBUTING.md says, against its closed form joint by joint."""
 
+import pytest
 from drives import two_sprockets
 from grown import grown, recipe, run_in
 
@@ -27,9 +28,10 @@ assert abs(run.metrics["energy_residual_relative"][0].as_py()) < 1e-5
 """
 
 
+@pytest.mark.long
 def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
     changes = recipe("A new moment in the joints")
-    paths = ["kernels/physics/joint.py", "kernels/structs.py", "warpchain/drive/parts.py", "warpchain/engine/fill.py"]
+    paths = ["kernels/physics/joint.py", "kernels/structs.py", "warpchain/drive/chain.py", "warpchain/engine/fill.py"]
     assert [path for path, _, _ in changes] == paths
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
     run_in(grown(tmp_path, changes), SEALED, tmp_path / "drive.toml")

@@ -6,19 +6,23 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 import warp as wp
 
 from warpchain.kernels import modules
-from warpchain.kernels.cpu.serial import advance_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.cpu import serial
+from warpchain.kernels.gpu.kind import BlockKind
 from warpchain.kernels.physics import impact
 from warpchain.results.channels import FRAME, FrameLayout, frame_of
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ROOT / "kernels"
+
+
+digest = partial(modules.digest, serial.__file__)
 
 
 def factories():
@@ -29,7 +33,8 @@ def factories():
                 continue
             for call in (node for inner in made.body for node in ast.walk(inner) if isinstance(node, ast.Call)):
                 if isinstance(call.func, ast.Name) and call.func.id == "own_module":
-                    name, *form = call.args
+                    file, name, *form = call.args
+                    assert ast.unparse(file) == "__file__"
                     yield path.name, name.value, [a.arg for a in made.args.args], [ast.unparse(word) for word in form]
 
 
@@ -61,59 +66,77 @@ def test_whatever_a_kernel_is_made_for_tells_it_apart():
         ("advance", kind, 8, FRAME),
         ("advance", replace(kind, measuring=True), 4, FRAME),
     ]
-    assert len({modules.digest(*form) for form in forms}) == len(forms)
-    assert modules.digest(*forms[0]) == modules.digest("advance", wp.float64, 264, FrameLayout(FRAME.channels))
+    assert len({digest(*form) for form in forms}) == len(forms)
+    assert digest(*forms[0]) == digest("advance", wp.float64, 264, FrameLayout(FRAME.channels))
 
 
 def test_a_law_that_is_added_while_running_tells_it_apart(monkeypatch):
-    before = modules.digest("advance", wp.float64)
+    before = digest("advance", wp.float64)
     monkeypatch.setattr(impact, "FORCES", (*impact.FORCES, impact.hysteretic))
-    assert modules.digest("advance", wp.float64) != before
+    assert digest("advance", wp.float64) != before
 
 
 def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
     monkeypatch.setattr(wp, "__version__", "1.18.0")
-    assert modules.own_module("advance", wp.float64) == "unique"
+    assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
 
 
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
     assert wp.__version__.startswith(modules.KNOWN)
-    kernel = advance_kernel(wp.float64, 264, FRAME, plain=True)
+    kernel = serial.advance_kernel(wp.float64, 264, FRAME, plain=True)
     assert isinstance(kernel.module, modules._Module)
     kernel.module.get_module_hash(1)
     assert kernel.module.hashers and all(isinstance(of, modules._Hasher) for of in kernel.module.hashers.values())
 
 
-NAME = """
-import warp as wp
-wp.config.log_level = wp.LOG_ERROR
-from warpchain.kernels import modules
-print(modules.digest("advance", wp.float64).hex())
+KERNEL_FILES = ("cpu/serial.py", "cpu/relax.py", "gpu/block.py", "gpu/relax.py")
+IMPORTED = """
+import sys
+from importlib import import_module
+import_module("warpchain.kernels." + sys.argv[1])
+files = (name for name, module in sys.modules.items() if not hasattr(module, "__path__"))
+print(*(name for name in files if name.startswith("warpchain.kernels.")))
 """
 
 
-@pytest.mark.parametrize("file", ["cpu/serial.py", "physics/link.py"])
-def test_any_change_of_a_source_tells_kernels_apart(file, tmp_path):
-    shutil.copytree(KERNELS, tmp_path / "kernels", ignore=shutil.ignore_patterns("__pycache__"))
-    skip = shutil.ignore_patterns("__pycache__", "kernels")
-    shutil.copytree(ROOT / "warpchain", tmp_path / "warpchain", ignore=skip)
-    (tmp_path / "warpchain" / "kernels").symlink_to("../kernels")
+@pytest.mark.parametrize("file", KERNEL_FILES)
+def test_a_kernel_reaches_what_python_imports_for_it(file):
+    words = [sys.executable, "-c", IMPORTED, file.removesuffix(".py").replace("/", ".")]
+    done = subprocess.run(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True)
+    names = {name.removeprefix("warpchain.kernels.") for name in done.stdout.split("\n")[-2].split()}
+    reached = modules.reached(modules.HERE / file)
+    assert {".".join(path.relative_to(modules.HERE).with_suffix("").parts) for path in reached} == names
 
-    def told():
-        words = [sys.executable, "-c", NAME]
-        done = subprocess.run(
-            words,
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return done.stdout.split()[-1]
 
-    first = told()
-    assert first == told()
-    path = tmp_path / "kernels" / file
-    path.write_text(path.read_text() + "\n# changed\n")
-    assert told() != first
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
+    """A copy of the kernels' files, of which digests are made."""
+    here = tmp_path / "kernels"
+    shutil.copytree(KERNELS, here, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(modules, "HERE", here)
+    return here
+
+
+@pytest.mark.parametrize(
+    ("file", "changed"),
+    [
+        ("cpu/serial.py", ["cpu/serial.py"]),
+        ("cpu/teeth.py", ["cpu/serial.py", "cpu/relax.py"]),
+        ("relaxation.py", ["cpu/relax.py", "gpu/relax.py"]),
+        ("gpu/wrench.py", ["gpu/block.py", "gpu/relax.py"]),
+        ("physics/link.py", list(KERNEL_FILES)),
+        ("cpu/rig.py", []),
+    ],
+)
+def test_a_change_of_a_file_tells_the_kernels_that_reach_it_apart(file, changed, copied):
+    def digests():
+        modules.sources.cache_clear()
+        modules.reached.cache_clear()
+        return {of: modules.digest(str(copied / of), "name", wp.float64) for of in KERNEL_FILES}
+
+    before = digests()
+    assert before == digests()
+    (copied / file).write_text((copied / file).read_text() + "\n# changed\n")
+    after = digests()
+    assert [of for of in KERNEL_FILES if before[of] != after[of]] == changed

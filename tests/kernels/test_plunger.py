@@ -6,13 +6,12 @@ import warp as wp
 from tensioner_rig import moved, tensioner
 
 from warpchain.engine.arrays import strokes
-from warpchain.kernels.gpu.block_lever_sums import flows_of, plunger_of
-from warpchain.kernels.pairs import pair_of, rounded, whole
+from warpchain.kernels.number import pair_of, rounded, whole
 from warpchain.kernels.physics.body import heading_of
-from warpchain.kernels.physics.plunger import lever_of, reached
 from warpchain.kernels.physics.spin import wheel_at
 from warpchain.kernels.physics.tensioner import (
     extension,
+    lever_of,
     resting_state,
     tensioner_energy,
     tensioner_force,
@@ -20,10 +19,13 @@ from warpchain.kernels.physics.tensioner import (
     tensioner_wrench,
     touch_of,
 )
-from warpchain.kernels.structs import BodyState, Plunger, PlungerMeter, Stroke, Tensioner
+from warpchain.kernels.structs import BodyState, Stroke, Tensioner, float32, types
 from warpchain.kernels.sums import metered
 
 COLUMNS = ("force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content")
+
+
+narrowed = types(wp.float32).narrowed
 
 
 def given(values, dtype=wp.float64):
@@ -32,7 +34,7 @@ def given(values, dtype=wp.float64):
 
 def plunger_like(t):
     """The same tensioner at float32."""
-    made = Plunger()
+    made = float32.Tensioner()
     for name in Tensioner.vars:
         value = getattr(t, name)
         setattr(made, name, wp.vec2f(*value) if isinstance(value, wp.vec2d) else value)
@@ -41,10 +43,15 @@ def plunger_like(t):
 
 @wp.kernel(enable_backward=False, module="unique")
 def lead(
-    places: wp.array[wp.float64], h: wp.float64, exact: Tensioner, t: Plunger, every: int, out: wp.array2d[wp.float64]
+    places: wp.array[wp.float64],
+    h: wp.float64,
+    exact: Tensioner,
+    t: float32.Tensioner,
+    every: int,
+    out: wp.array2d[wp.float64],
 ):
-    state = plunger_of(resting_state(places[0], exact))
-    meter = PlungerMeter()
+    state = narrowed(resting_state(places[0], exact))
+    meter = float32.TensionerMeter()
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
@@ -54,7 +61,7 @@ def lead(
         force, pressure = tensioner_force(x, rate, state, t)
         if i % every == 0:
             row = i // every - 1
-            total = flows_of(meter)
+            total = whole(meter)
             out[row, 0] = wp.float64(force)
             out[row, 1] = wp.float64(pressure)
             out[row, 2] = wp.float64(tensioner_energy(x, state, t))
@@ -95,7 +102,7 @@ def touch(angles: wp.array[wp.float64], stroke: Stroke, t: Tensioner, center: wp
     place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, t)
     wheel = wheel_at(body, wp.float64(0.0))
     one = tensioner_wrench(wp.float64(1.0), place - body.center, t)
-    out[i, 0] = whole(reached(wheel, stroke)) - extension(place, t)
+    out[i, 0] = whole(extension(wheel, stroke)) - extension(place, t)
     out[i, 1] = wp.float64(lever_of(wheel, stroke)) - one.moment
     out[i, 2] = wp.float64(rounded(wheel.angle)) - angles[i]
 

@@ -6,7 +6,7 @@ import raw
 from drives import two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.fill import SLIDING_STOP, tooth_heft
+from warpchain.engine.fill import SLIDING_STOP, tooth_effective_mass
 
 LINKS, PITCH, MASS, WEIGHT, RADIUS, CONTACT = 10, 0.05, 0.5, 9.81, 0.015, 1e6
 
@@ -64,7 +64,7 @@ def test_angular_momentum_of_a_chain_that_rubs_on_a_free_sprocket(integrator):
     position *= 1.0 + 1e-4 / radius
     velocity = np.random.default_rng(0).normal(scale=0.2, size=(teeth, 2))
     sprocket = {"teeth": teeth, "stiffness": 2e8, "clearance": 1e-4, "inertia": inertia, "speed": 4.0}
-    sprocket |= {"restitution": 0.5, "friction": 0.3, "heft": 0.5}
+    sprocket |= {"restitution": 0.5, "friction": 0.3, "effective_mass": 0.5}
     packed = raw.chain(
         position, velocity, mass=mass, pitch=PITCH, stiffness=5e7, damping=500.0, sprockets=[sprocket], step=2e-6,
         steps=20_000, integrator=integrator,
@@ -167,7 +167,7 @@ def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
         values |= {"sprockets.driven.mount": springs, "sprockets.driven.mass": 0.2}
         values |= {"sprockets.driven.balance_wheel": {"mass": 0.1, "radius": 0.05, "phase": 0.3}}
     drive = two_sprockets().with_values(values)
-    heft, rng = tooth_heft(drive, 1), np.random.default_rng(1)
+    effective_mass, rng = tooth_effective_mass(drive, 1), np.random.default_rng(1)
     wheel, mass = (0.1 * 0.05, 0.3) if mounted else (0.0, np.inf)
     whole = inertia + (0.1 * 0.05**2 if mounted else 0.0)
     for _ in range(50):
@@ -181,6 +181,6 @@ def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
         else:
             mobility = np.outer(rows[:, 2], rows[:, 2]) / whole
         most = np.linalg.eigvalsh(np.eye(20) / drive.chain.mass + mobility).max()
-        assert SLIDING_STOP * heft * most <= SLIDING_STOP * (1 + 1e-9)
-    driver = tooth_heft(drive, 0)
+        assert SLIDING_STOP * effective_mass * most <= SLIDING_STOP * (1 + 1e-9)
+    driver = tooth_effective_mass(drive, 0)
     assert driver == pytest.approx(drive.chain.mass, rel=1e-15)  # which is led: nothing gives way

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.gpu.block_bodies import rotated
-from warpchain.kernels.trigonometry import sine_cosine
+from warpchain.kernels.gpu.bodies import rotated
+from warpchain.kernels.number import sine_cosine
 
 KERNELS = sorted((Path(__file__).resolve().parents[2] / "kernels").rglob("*.py"))
 

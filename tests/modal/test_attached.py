@@ -10,15 +10,13 @@ from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import bulk_modulus, oil_stiffness, static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
-from warpchain.modal.attached import elements
-from warpchain.modal.campbell import campbell
-from warpchain.modal.figures import shapes_figure, swing
-from warpchain.modal.metrics import base_modes, mode_metrics
-from warpchain.modal.modes import modes, modes_of
-from warpchain.modal.outlines import moved_lines
-from warpchain.modal.page import page
-from warpchain.modal.playback import save_recording
+from warpchain.modal.campbell import base_modes, campbell, mode_metrics
+from warpchain.modal.eigenmodes import modes, modes_of
+from warpchain.modal.mode_figures import moved_lines, shapes_figure, swing
+from warpchain.modal.mode_page import page
+from warpchain.modal.mode_recording import save_recording
 from warpchain.modal.system import system
+from warpchain.modal.tensioner_modes import elements
 
 AREA = 0.25 * np.pi * 0.016**2
 ARM = {

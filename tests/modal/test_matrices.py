@@ -9,10 +9,9 @@ from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import oil_stiffness, static_pressure
 from warpchain.engine.probe import Probe
-from warpchain.engine.standing import standing
-from warpchain.modal.coordinates import coordinates
-from warpchain.modal.matrices import SPEED, colors, damping, leakage, stiffness
-from warpchain.modal.pencil import eigenpairs, travelling
+from warpchain.engine.static_equilibrium import standing
+from warpchain.modal.eigenmodes import eigenpairs
+from warpchain.modal.matrices import SPEED, colors, coordinates, damping, leakage, stiffness, travelling
 from warpchain.modal.system import conductances, system
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0

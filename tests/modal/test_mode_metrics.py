@@ -5,7 +5,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain.drive import dumps_drive
-from warpchain.modal.metrics import base_modes, mode_metrics
+from warpchain.modal.campbell import base_modes, mode_metrics
 from warpchain.study.run import run_study
 
 

@@ -10,9 +10,9 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
 from warpchain.errors import SimulationError
-from warpchain.modal.attached import elements
-from warpchain.modal.modes import modes, modes_of
+from warpchain.modal.eigenmodes import modes, modes_of
 from warpchain.modal.system import system
+from warpchain.modal.tensioner_modes import elements
 
 KICK = 1e-9
 """Amplitude [m]: less than what holds any contact closed."""

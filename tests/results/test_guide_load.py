@@ -5,10 +5,9 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Trajectory
-from warpchain.drive.profile import Piece, make_profile
-from warpchain.results.faces import on_face, tangent_at
-from warpchain.results.friction_power import friction_power
-from warpchain.results.guide_load import guide_contacts, guide_loads
+from warpchain.drive.face_profile import Piece, make_profile
+from warpchain.results.guide_load import guide_contacts, guide_loads, on_face, tangent_at
+from warpchain.results.losses import friction_power
 from warpchain.results.metrics import column_of
 
 PITCH, RADIUS, SPEED, FORCE, MU = 0.05, 0.015, 4.0, 30.0, 0.2

@@ -11,7 +11,7 @@ from warpchain import Limits
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
 from warpchain.results.formulas import Balance
-from warpchain.results.judgement import LEAST_STRETCH, RULES, UNMEASURED, common_reasons, judge, told
+from warpchain.results.judgement import LEAST_STRETCH, RULES, UNMEASURED, common_reasons, judge, warning_text
 
 SIZED = two_sprockets().with_values({"chain.size": "32B", "chain.stiffness": 5e7})  # breaking load 250 kN
 
@@ -105,13 +105,13 @@ def test_mistakes_in_limits_are_told_all_at_once():
 def test_one_line_names_variants_counts_and_the_first_of_like_reasons():
     status = ["ok", "suspect", "diverged", *7 * ["suspect"], "suspect"]
     reason = ["", "a: 1", "gone at 3 s", *(f"a: {v}" for v in range(7)), UNMEASURED]
-    assert told(status, reason) == (
+    assert warning_text(status, reason) == (
         "of 11 variants 8 suspect and 1 diverged (variant 1, 2, 3, 4, 5, 6 and 3 more); 8 like this: a: 1; "
         "1 like this: gone at 3 s"
     )
-    assert told(["suspect"], ["a: 1"]) == "suspect: a: 1"
-    assert told(["diverged"], ["diverged at 1 s"]) == "diverged at 1 s"
-    assert told(["ok", "suspect"], ["", UNMEASURED]) is None
+    assert warning_text(["suspect"], ["a: 1"]) == "suspect: a: 1"
+    assert warning_text(["diverged"], ["diverged at 1 s"]) == "diverged at 1 s"
+    assert warning_text(["ok", "suspect"], ["", UNMEASURED]) is None
     assert common_reasons([("suspect", "x 1"), ("suspect", "x 2e-3"), ("suspect", "y")]) == [
         ("suspect", "x 1", 2),
         ("suspect", "y", 1),

@@ -8,14 +8,14 @@ from grown import grown, recipe, run_in
 
 from warpchain import Record, dumps_drive, load_drive, simulate
 from warpchain.examples import drive_path, example_names
-from warpchain.results.columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
+from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
 from warpchain.results.objectives import add_objectives
 
 USED = """
 import json, sys
 import numpy as np
 from warpchain import Record, load_drive, simulate
-from warpchain.results.columns import metric_names, title_of
+from warpchain.results.metric_columns import metric_names, title_of
 
 drive = load_drive(sys.argv[1])
 run = simulate(drive, duration=0.005, step=5e-6, device="cpu", record=Record(rate=2e5))
@@ -39,7 +39,7 @@ def drives():
 
 def test_the_recipe_of_a_metric(tmp_path):
     changes = recipe("A new metric")
-    paths = ["warpchain/results/columns.py", "kernels/sum_structs.py", "kernels/sums.py"]
+    paths = ["warpchain/results/metric_columns.py", "kernels/sum_structs.py", "kernels/sums.py"]
     assert [path for path, _, _ in changes] == paths
     drive = two_sprockets(settle="false")
     (tmp_path / "drive.toml").write_text(dumps_drive(drive))

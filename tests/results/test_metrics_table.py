@@ -8,7 +8,7 @@ from drives import two_sprockets
 from warpchain.drive import Drive
 from warpchain.kernels import relaxation, sum_structs
 from warpchain.results import metrics
-from warpchain.results.columns import same_columns
+from warpchain.results.metric_columns import same_columns
 from warpchain.results.metrics import Ended, _column, energy_balance, metrics_blocks, metrics_table
 from warpchain.results.schedule import Schedule
 

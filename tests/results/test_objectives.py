@@ -8,8 +8,8 @@ from drives import two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.errors import SimulationError
-from warpchain.results.columns import unit_of
 from warpchain.results.fatigue import Woehler
+from warpchain.results.metric_columns import unit_of
 from warpchain.results.metrics import design_columns
 from warpchain.results.objectives import (
     add_objectives,

@@ -7,13 +7,13 @@ from drives import errors_of, marine_values, put, two_sprockets
 from warpchain import Trajectory, dumps_drive, loads_drive
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.friction_power import friction_power, joint_rates
-from warpchain.results.handed_in import HandedIn, Wear
-from warpchain.results.hub import hub_forces
+from warpchain.results.batch_means import share_below
+from warpchain.results.engineering_report import HandedIn, Wear
 from warpchain.results.joint_wear import bearing_area, elongation_rate, joint_wear
-from warpchain.results.jump import jump_margin, top_radius
-from warpchain.results.passing import seen_at
-from warpchain.results.statistics import share_below
+from warpchain.results.losses import friction_power, joint_rates
+from warpchain.results.shaft_signals import hub_forces
+from warpchain.results.signals import seen_at
+from warpchain.results.tooth_jump import jump_margin, top_radius
 
 UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from warpchain.results.quantities import quantity, shown_unit
+from warpchain.results.units import quantity, shown_unit
 
 
 def test_words_have_unit_and_deviation():

@@ -6,7 +6,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Record, read_archive, simulate
-from warpchain.results.replicates import summary
+from warpchain.results.replicate_metrics import summary
 
 TABLE = {
     "drive": [0, 0, 0, 1, 1, 2, 2],
@@ -47,7 +47,7 @@ def test_a_drives_means_do_not_hang_on_the_others():
     assert uneven[0] == whole[0]
 
 
-@pytest.mark.parametrize("by", ["phase", "nudge"])
+@pytest.mark.parametrize("by", ["phase", "perturbation"])
 def test_copies_ride_along_and_are_the_runs_of_their_drives_bitwise(by):
     drive = two_sprockets(duration=0.02)
     slow = drive.with_values({"sprockets.driver.prescribed.speed": 8.0})
@@ -68,11 +68,11 @@ def test_copies_ride_along_and_are_the_runs_of_their_drives_bitwise(by):
     assert "tension_mean_se_se" not in run.summary.column_names
 
 
-def test_a_nudge_is_small_at_first_and_of_its_seed():
+def test_a_perturbation_is_small_at_first_and_of_its_seed():
     """Displaced by 1e-9 pitches with standard deviation: the first frames differ by that, at most some six times."""
     drive = two_sprockets(duration=0.002)
-    nudged = drive.with_values({"run.nudge": 7})
-    run = simulate([drive, nudged, nudged], record=Record(rate=2e5))
+    perturbed = drive.with_values({"run.perturbation": 7})
+    run = simulate([drive, perturbed, perturbed], record=Record(rate=2e5))
     apart = np.abs(run[1].position[0] - run[0].position[0]) / drive.chain.pitch
     assert 1e-10 < apart.max() < 6e-9
     assert np.array_equal(run[1].position, run[2].position)

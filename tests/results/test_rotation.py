@@ -5,8 +5,8 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Trajectory
-from warpchain.results.phase import phase_error, phase_of
 from warpchain.results.rotation import cycle_average, order_amplitudes, order_cuts, rising, turns_of
+from warpchain.results.shaft_signals import phase_error, phase_of
 
 UNEVEN = np.linspace(0.0, 2.0, 20001)
 

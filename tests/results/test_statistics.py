@@ -5,7 +5,7 @@ import pytest
 
 from warpchain.engine.sums import tension_edges
 from warpchain.kernels.tension_bins import BINS
-from warpchain.results.statistics import drift, quantile, standard_error, steady
+from warpchain.results.batch_means import drift, quantile, standard_error, steady
 
 SHARES = (0.001, 0.01, 0.5, 0.99, 0.999)
 BATCHES = 20

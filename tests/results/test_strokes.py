@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warpchain.results.strokes import events, stroke
+from warpchain.results.signals import events, stroke
 
 
 def test_a_sine_goes_back_and_forth_four_amplitudes_a_period():

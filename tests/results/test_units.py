@@ -2,7 +2,7 @@
 
 import pytest
 
-from warpchain.results.columns import COLUMNS
+from warpchain.results.metric_columns import COLUMNS
 from warpchain.results.units import DISPLAYED, display_unit
 
 

@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +11,15 @@ import pyarrow as pa
 import pytest
 from stopping import interruptions
 from study_helpers import write_study
+from waiting import wait_for
 
 import warpchain
 from warpchain.cli import main
 from warpchain.drive import load_drive
 from warpchain.errors import StudyError
-from warpchain.study.design.rows import Cube
+from warpchain.study.analysis.pareto import goals_of
+from warpchain.study.design.factor_values import Cube
 from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
-from warpchain.study.optimize.goals import goals_of
 from warpchain.study.results import read_results
 from warpchain.study.spec import dumps_study, loads_study
 from warpchain.study.store import read_table
@@ -58,13 +58,13 @@ def toy(engine, start=16, batch=8, more=""):
 def searched(study, functions, count, noise=0.0):
     """Runs a search on functions by metric; returns the study's results as told."""
     optimizer, rng, tables = Optimizer(study), np.random.default_rng(0), []
-    while optimizer.told < count:
+    while optimizer.observed < count:
         rows = optimizer.ask()
         table = pa.Table.from_pylist(rows)
         for name, function in functions.items():
             values = np.array([function(**row) for row in rows])
             table = table.append_column(name, pa.array(values + noise * rng.standard_normal(len(rows))))
-        optimizer.tell(table)
+        optimizer.observe(table)
         tables.append(table)
     return read_results(pa.concat_tables(tables), [factor.name for factor in study.factors])
 
@@ -297,9 +297,7 @@ def test_a_killed_process_is_gone_on_with(tmp_path, whole):
     path, out = written(tmp_path), tmp_path / "out"
     command = [sys.executable, "-m", "warpchain", "optimize", str(path), "-o", str(out), "--quiet"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    end = time.monotonic() + 120.0
-    while not (out / "rounds/0001/plan.json").exists() and process.poll() is None and time.monotonic() < end:
-        time.sleep(0.01)
+    wait_for(lambda: (out / "rounds/0001/plan.json").exists() or process.poll() is not None, 120.0)
     process.kill()
     assert process.wait() != 0
     optimize(path, out)
@@ -366,7 +364,7 @@ def test_surrogate_of_a_folder_predicts(whole, tmp_path):
     assert np.isfinite(mean[0]) and deviation[0] > 0.0
     rows = study.ask()
     assert [row["links"] in (44, 45) for row in rows] == [True] * 4
-    study.tell(study.evaluate(rows))
+    study.observe(study.evaluate(rows))
     assert len(study.ask(2)) == 2
 
 

@@ -15,7 +15,7 @@ from PIL import Image
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
-from warpchain.study.spec.objectives import Bound, Objective
+from warpchain.study.spec.study_tables import Bound, Objective
 
 browsers = load_script("render_picture")
 pytestmark = [
@@ -67,6 +67,17 @@ class Opened:
             awaitPromise=True,
         )
 
+    def clear(self):
+        """Takes all limits away."""
+        self.value("document.querySelector('#clear').click()")
+        self.settled()
+
+    def limit_tension(self, most):
+        """Types the largest tension [kN] that is wanted."""
+        typed = 'document.querySelector(\'input[data-column="tension_max"][data-end="at most"]\')'
+        self.value(f"(() => {{ const i = {typed}; i.value = '{most}'; i.onchange(); }})()")
+        self.settled()
+
     def box(self, name):
         """Left, top, width and height of an element that is scrolled to."""
         found = f"const e = document.querySelector({json.dumps(name)}); e.scrollIntoView({{block: 'center'}});"
@@ -117,14 +128,12 @@ def test_limits_of_the_study_are_set_and_can_be_let_go(page):
     assert page.value("warpchain.kept()") == int(kept().sum())
     assert page.value("document.querySelectorAll('svg').length") >= 12
     assert page.value("document.querySelector('#tally').textContent") == f"{int(kept().sum())} of {ROWS} variants"
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
     assert page.value("warpchain.kept()") == ROWS
 
 
 def test_a_brush_on_an_axis_keeps_its_range(page):
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
     left, top, width, height = page.box("#parallel")
     # axes are at 60 .. 1060 of 1120, ranges at 56 .. 300 of 330 (5 % of the range beyond either end)
     names = [
@@ -149,24 +158,19 @@ def test_a_brush_on_an_axis_keeps_its_range(page):
 
 
 def test_a_box_in_the_scatter_matrix_keeps_two_ranges(page):
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
     left, top, width, height = page.box("#matrix canvas")
     page.drag((left + 0.2 * width, top + 0.2 * height), (left + 0.7 * width, top + 0.8 * height))
     filters = page.value("warpchain.filters()")
     assert len(filters) == 2
     assert 0 < page.value("warpchain.kept()") < ROWS
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
 
 
 def test_a_typed_limit_filters(page):
-    typed = 'document.querySelector(\'input[data-column="tension_max"][data-end="at most"]\')'
-    page.value(f"(() => {{ const i = {typed}; i.value = '30'; i.onchange(); }})()")
-    page.settled()
+    page.limit_tension(30)
     assert page.value("warpchain.kept()") == int(kept(high_tension=30e3).sum())
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
 
 
 def test_pointing_at_a_dot_tells_its_variant_and_the_command(page):
@@ -190,8 +194,7 @@ def test_pointing_at_a_dot_tells_its_variant_and_the_command(page):
 def test_the_front_is_that_of_the_variants_that_are_kept(page):
     from warpchain.study.analysis.pareto import pareto_front
 
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
     senses = {"tension_max": "min", "contact_energy_per_revolution": "min"}
     front = pareto_front(read_results(study(), ["torque", "x", "law"]), senses)
     # the page has five digits of each value: two that differ less are one
@@ -208,11 +211,8 @@ def test_it_is_drawn(page):
 
 def test_in_print_it_is_a_report_to_hand_on(page):
     """A4 landscape; tables whole and with their heads on every page, charts with their headings, no controls."""
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
-    typed = 'document.querySelector(\'input[data-column="tension_max"][data-end="at most"]\')'
-    page.value(f"(() => {{ const i = {typed}; i.value = '30'; i.onchange(); }})()")
-    page.settled()
+    page.clear()
+    page.limit_tension(30)
     data = base64.b64decode(page.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"])
     document = pdfium.PdfDocument(data)
     assert all(sheet.get_size() == pytest.approx((841.9, 595.3), abs=1.0) for sheet in document)
@@ -242,6 +242,5 @@ def test_in_print_it_is_a_report_to_hand_on(page):
         )
     for sheet in document:  # no sheet without ink
         assert (np.asarray(sheet.render(scale=0.5).to_pil().convert("L")) < 200).mean() > 0.002
-    page.value("document.querySelector('#clear').click()")
-    page.settled()
+    page.clear()
     assert page.value("getComputedStyle(document.querySelector('#tip')).display") == "none"

@@ -6,18 +6,25 @@ import pytest
 from layouts import PITCH, Placed, drive_of
 
 from warpchain.assembly import assemble
-from warpchain.assembly.fit import nearest_links
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.fitting import nearest_links
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.study.run.adjust import adjusted, adjusted_all
-from warpchain.study.spec.parts import Adjust
+from warpchain.study.run.row_drives import adjusted_all
+from warpchain.study.spec.study_tables import Adjust
 
 
 def pair(span, links=44, teeth=12):
     """Two equal sprockets: half of each is wrapped, each strand has span / (pitch (1 + strain)) links."""
     return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], links)
+
+
+def adjusted(drive, adjust, row):
+    (found,) = adjusted_all([drive], adjust, [row])
+    if isinstance(found, Exception):
+        raise found
+    return found
 
 
 @pytest.mark.parametrize("strain", [0.0, 2e-3, -0.02, 0.04])

@@ -3,9 +3,8 @@
 from study_helpers import STUDY, write_study
 
 from warpchain import run_study
-from warpchain.results.columns import column_of
-from warpchain.study.columns import BOOKKEEPING
-from warpchain.study.results import read_results
+from warpchain.results.metric_columns import column_of
+from warpchain.study.results import BOOKKEEPING, read_results
 from warpchain.study.spec.factor import TAKEN
 
 MORE = """

@@ -8,7 +8,7 @@ import pytest
 
 import warpchain.study
 from warpchain import load_drive
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"

@@ -25,6 +25,11 @@ def deep(levels, call):
         ("1 if x == 'rk4' else n", 3),
         ("x < 'rk4'", True),
         ("max(y, n) ** 2", 9),
+        ("1 + 2 * n", 7),
+        ("n ** 2 if n > 2 else -n", 9),
+        ("0 < n <= 3 and not n == 2", True),
+        ("max(n, 4) % 3 + n // 2", 2),
+        ("round(pi * 100) / sqrt(4)", 157.0),
     ],
 )
 def test_values(text, value):
@@ -52,6 +57,10 @@ def test_values(text, value):
         ("min()", "at least 1 argument"),
         ("sqrt(-y)", "domain"),
         ("n // 0", "zero"),
+        ("n / 0", "zero"),
+        ("9 ** 9 ** 9 ** 9", "range"),
+        ("log(-1)", "domain"),
+        ("(-2) ** 0.5", "domain"),
         ("10000 ** 16", "64 bits"),
         ("exp(1000 * n)", "range"),
         ("round(1e308 * 10)", "infinity"),
@@ -68,6 +77,16 @@ def test_what_has_no_value_is_told(text, told):
 )
 def test_what_is_no_arithmetic_is_told(text):
     with pytest.raises(StudyError, match=r"allowed|unknown"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["__import__('os')", "x.real", "[1, 2]", "open('f')", "x = 1", "max", "x @ x", "(", "1" * 1001,
+     "(" * 900 + "x" + ")" * 90, "max(*x)", "x is x", "x if"],
+)  # fmt: skip
+def test_what_is_no_arithmetic_is_refused(text):
+    with pytest.raises(StudyError):
         parse(text)
 
 

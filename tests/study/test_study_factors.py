@@ -20,10 +20,10 @@ from warpchain.study.analysis.sensitivity import (
 )
 from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.design import make_design
-from warpchain.study.design.nodes import nodes
+from warpchain.study.design.factor_values import nodes
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
-from warpchain.study.run.places import placed
+from warpchain.study.run.row_drives import placed
 from warpchain.study.spec import check_drive, dumps_study, loads_study
 from warpchain.study.spec.factor import Factor
 

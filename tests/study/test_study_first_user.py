@@ -16,7 +16,7 @@ from warpchain.errors import StudyError
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
 from warpchain.study.run.recordings import recorded_variants
-from warpchain.study.spec.parts import Worst
+from warpchain.study.spec.study_tables import Worst
 
 
 def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
@@ -70,8 +70,7 @@ def test_the_second_pass_has_a_bar_of_its_own_and_none_goes_beyond_its_end(tmp_p
             super().__init__(total, name, unit, initial)
             bars.append(self)
 
-    for module in ("runner", "merge"):
-        monkeypatch.setattr(f"warpchain.study.run.{module}.bar_of", Noted)
+    monkeypatch.setattr("warpchain.study.run.runner.bar_of", Noted)
     source = write_study(tmp_path, '[record]\nworst = { metric = "tension_max", count = 2 }\n')
     run_study(source, tmp_path / "out", progress=True)
     assert [(bar.name, bar.total) for bar in bars] == [("study", 12.0), ("recording the worst", 2.0)]
@@ -105,7 +104,7 @@ def test_an_archives_metrics_come_as_a_table_and_endings_are_held_to(tmp_path, c
 
 def test_a_scheduler_that_is_gone_is_told_at_once():
     pytest.importorskip("distributed")
-    from warpchain.study.run.dask import dask_executor
+    from warpchain.study.run.runner import dask_executor
 
     begin = time.perf_counter()
     with pytest.raises(StudyError, match="no Dask scheduler answers"), dask_executor("tcp://127.0.0.1:1"):

@@ -1,28 +1,24 @@
 """Studies that grow in their folder end in the table that a new one of that size has, and lose nothing on the way."""
 
-import os
 from contextlib import suppress
 
 import numpy as np
 import pytest
 from command import run
 from pyarrow import parquet
+from stopping import Killed, killed_at_file_operation
 from study_helpers import STUDY, write_study
 
 from warpchain.errors import StudyError
 from warpchain.study.design.matrix import extended
 from warpchain.study.run import run_study, study_status
-from warpchain.study.run.merge import partial_table
+from warpchain.study.run.runner import partial_table
 from warpchain.study.spec import loads_study
 
 SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "KIND"\ncount = 4\nreplicates = 1').replace(
     "points = {points}\n", ""
 )
 RECORD = '[record]\nworst = { metric = "tension_max", count = 1 }\n'
-
-
-class Killed(BaseException):
-    """Stands for the end of the process."""
 
 
 def table_of(folder):
@@ -134,26 +130,13 @@ def test_states_that_are_damaged_or_of_another_window_are_no_help(tmp_path):
 
 def test_killed_at_any_file_operation_it_grows_on_to_the_same_table(tmp_path, monkeypatch):
     source = write_study(tmp_path, shard=4, text=SAMPLED.replace("KIND", "sobol"))
-    real = {name: getattr(os, name) for name in ("fsync", "link", "replace")}
-    left = [0]
-
-    def deadly(name):
-        def call(*arguments, **settings):
-            left[0] -= 1
-            if left[0] == 0:
-                raise Killed(name)
-            return real[name](*arguments, **settings)
-
-        return call
-
     for operation in (1, 3, 5, 6, 8, 10):
         edit(source, *((new, old) for old, new in (MORE, TWICE) if new in source.read_text()))
         out = tmp_path / str(operation)
         run_study(source, out)
         edit(source, MORE, TWICE)
         with monkeypatch.context() as patch:
-            for name in real:
-                patch.setattr(os, name, deadly(name))
+            left = killed_at_file_operation(patch)
             left[0] = operation
             with suppress(Killed):
                 run_study(source, out, grow=True)

@@ -14,7 +14,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis import pure_error
 from warpchain.study.results import read_results
 from warpchain.study.run import join_studies, run_study, study_status
-from warpchain.study.run.play import recording_of
+from warpchain.study.run.recordings import recording_of
 from warpchain.study.spec import load_study
 
 SOBOL = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = {points}\nseed = 1').replace(
@@ -215,7 +215,7 @@ def test_on_the_command_line_and_what_follows(tmp_path, capsys):
     bench = warpchain.open_study(c / "study.toml", c)
     mean, _ = bench.surrogate("tension_max").predict(bench.design()[:2])
     assert mean.shape == (2,)
-    bench.tell(bench.results().table)
+    bench.observe(bench.results().table)
     assert len(bench.ask(3)) == 3
     status, said, told = run(capsys, "optimize", c / "study.toml", "-o", tmp_path / "search", "--known", c)
     assert status == 0, told

@@ -8,7 +8,7 @@ from pyarrow import parquet
 from study_helpers import STUDY, tiny_drive, write_study
 
 from warpchain import run_study
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects
 from warpchain.study.analysis.pareto import pareto_front

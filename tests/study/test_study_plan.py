@@ -24,7 +24,7 @@ def test_rows_and_what_is_infeasible_are_those_of_the_study(tmp_path):
     source = write_study(tmp_path, TIGHT, points=4, shard=7, text=text)
     plan = plan_study(source, calibrate=False)
     assert (plan.rows, plan.copies, plan.runs, plan.shards) == (12, 3, 36, 6)
-    assert (plan.ruled_out, plan.looked, plan.refused) == (3, 9, 3)
+    assert (plan.ruled_out, plan.built, plan.refused) == (3, 9, 3)
     assert plan.infeasible_interval == (0.5, 0.5) == (plan.infeasible, 0.5)  # all were built
     assert plan.reasons[0] == ("constraint torque < 0.9 is not met", 3)
     outcome = run_study(source, tmp_path / "out")

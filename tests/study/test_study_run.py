@@ -18,15 +18,15 @@ from warpchain import Limits, Record, read_archive, simulate
 from warpchain.drive import load_drive
 from warpchain.engine import simulation
 from warpchain.errors import SimulationError, StudyError, WarpchainError
-from warpchain.results.columns import metric_names
 from warpchain.results.fatigue import Woehler
+from warpchain.results.metric_columns import metric_names
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
-from warpchain.study.run.tasks import Block, Part
+from warpchain.study.run.shard_plan import Block, Part
 from warpchain.study.spec import Study
 
 ANY_ENERGY = Limits(energy_residual=math.inf)

@@ -6,10 +6,10 @@ import pytest
 from scipy.stats import binom
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.robust import median_effects, median_interval, transformed
+from warpchain.study.analysis.effects import median_effects, median_interval, transformed
+from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.results import read_results
 from warpchain.study.surrogate import fit_surrogate
-from warpchain.study.surrogate.noise import scatter_share
 
 KINDS = ("gaussian", "quadratic")
 

@@ -14,8 +14,7 @@ from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.study.results import read_results
 from warpchain.view.figures import draw_figures, draw_sweep
-from warpchain.view.notebook import html, value_text
-from warpchain.view.picture import drive_svg, frame_svg
+from warpchain.view.notebook import drive_svg, frame_svg, html, value_text
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))

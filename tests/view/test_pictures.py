@@ -10,15 +10,14 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 from warpchain import Record, load_drive, simulate, write_archive
-from warpchain.assembly.orders import excited_orders
+from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive.examples import drive_path
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.view.figures.chain import angle_figure
-from warpchain.view.figures.paper import displacement_figure, drive_figure, tension_figure
+from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, drive_figure, tension_figure
+from warpchain.view.figures.plot import plot_figures, plot_sweep
 from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps
-from warpchain.view.figures.write import plot_figures, plot_sweep
-from warpchain.view.rerun.drive import shown_frames
-from warpchain.view.rerun.playback import FRAMES, view
+from warpchain.view.rerun.drive_scene import shown_frames
+from warpchain.view.rerun.run_playback import FRAMES, view
 
 
 @pytest.fixture(scope="module")

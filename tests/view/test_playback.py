@@ -14,17 +14,15 @@ from warpchain import Record, Trajectory, load_drive, simulate, write_archive
 from warpchain.cli import main
 from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
-from warpchain.results.colors import tension_color
 from warpchain.results.signals import peak_frames, peaks_over_time
+from warpchain.results.tension_colors import tension_color
 from warpchain.view.chosen import recorded, to_compare, varied_inputs
-from warpchain.view.colors import CURVES, packed_colors, shades, tension_steps, thing_colors
+from warpchain.view.palette import CURVES, packed_colors, scale_top, shades, tension_steps, thing_colors
 from warpchain.view.rerun.chart import BACKGROUND
-from warpchain.view.rerun.columns import rows, strips, vectors
-from warpchain.view.rerun.drive import log_drive
-from warpchain.view.rerun.layout import time_panel, watched
-from warpchain.view.rerun.playback import log_recording
+from warpchain.view.rerun.drive_scene import log_drive
+from warpchain.view.rerun.run_playback import log_recording, time_panel, watched
 from warpchain.view.rerun.series import axis_range, curves, log_curves, log_tension_image
-from warpchain.view.scale import scale_top
+from warpchain.view.rerun.streams import rows, strips, vectors
 
 
 class Spy:

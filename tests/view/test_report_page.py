@@ -14,9 +14,9 @@ import warpchain
 from warpchain import Record, Wear, simulate
 from warpchain.cli import main
 from warpchain.errors import SimulationError
-from warpchain.results.friction_power import power_over_speed
-from warpchain.results.handed_in import HandedIn
-from warpchain.view.figures.cuts import run_up_cuts, telling_orders
+from warpchain.results.engineering_report import HandedIn
+from warpchain.results.losses import power_over_speed
+from warpchain.view.figures.sweep import run_up_cuts, telling_orders
 from warpchain.view.report import report_html
 
 CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}

@@ -14,8 +14,8 @@ from waiting import wait_for
 
 from warpchain import load_drive, simulate, write_archive
 from warpchain.drive.examples import drive_path
-from warpchain.results.colors import tension_color
-from warpchain.view.rerun.playback import view
+from warpchain.results.tension_colors import tension_color
+from warpchain.view.rerun.run_playback import view
 
 render = load_script("render_picture")
 

@@ -1,7 +1,7 @@
 """A table from the bytes of an Arrow file that anybody may have made: never larger than the bytes.
 
 Arrow's own reader opens compressed buffers to whatever size they say. warpchain writes none, so a message that has
-them, or dictionaries, is refused by its head, a flatbuffer table, before its body is touched.
+them, or dictionaries, is refused by its head, a flatbuffer table, before its body is read.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MAGIC = b"ARROW1\0\0"
-"""How an Arrow file begins; a stream of messages follows."""
+"""First bytes of an Arrow file; a stream of messages follows."""
 HEADER, COMPRESSION = 2, 3
 """Fields of a message's head: of any message its content, of a batch of records its compression."""
 

@@ -3,7 +3,7 @@
 Each carries its own, under the key `digest`: the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks,
 keys sorted, UTF-8): of a metadata record [name, values], of a channel [number, topic, message encoding, metadata,
 schema's name, its encoding, its SHA-256]. A whole file's summary has a checksum, and so repeats channels and schemas
-safely; in a file that was cut, only the digests tell what is right.
+safely; in a file that was cut, only the digests show what is right.
 """
 
 from __future__ import annotations

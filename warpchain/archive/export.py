@@ -26,7 +26,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
     Raises:
         ArchiveError: an archive that cannot be read, another ending, or a file that cannot be written.
     """
-    from warpchain.archive.write import read_archive
+    from warpchain.archive.writer import read_archive
 
     path = Path(output)
     if path.suffix not in (".csv", ".parquet"):
@@ -47,7 +47,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Writes one variant's trajectory in the format that the file's ending names, one of `FORMATS`.
 
-    All values are in SI units, which each format but .npz tells. In .npz, .h5 and .mat every channel is an array
+    All values are in SI units, which each format but .npz states. In .npz, .h5 and .mat every channel is an array
     (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
     `sprocket_speed.camshaft`, one row a frame.
 
@@ -64,7 +64,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
         SimulationError: a variant that was not recorded.
         WarpchainError: HDF5 without the package h5py.
     """
-    from warpchain.archive.write import read_archive
+    from warpchain.archive.writer import read_archive
 
     path = Path(output)
     if path.suffix.lower() not in FORMATS:
@@ -180,4 +180,4 @@ FORMATS: dict[str, Callable[[IO[bytes], Trajectory], None]] = {
     ".hdf5": _hdf5,
     ".mat": _matlab,
 }
-"""What writes a trajectory, by the file's ending."""
+"""Writers of a trajectory, by the file's ending."""

@@ -1,4 +1,4 @@
-"""How an archive is written."""
+"""Options of writing an archive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VALUES = ("run", "float32")
 
 @dataclass(frozen=True)
 class ArchiveOptions:
-    """How an archive is written.
+    """Options of writing an archive.
 
     Attributes:
         compression: of the chunks, "zstd", "lz4" or "none".

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from warpchain.archive import schema
+from warpchain.archive import archive_format
 from warpchain.archive.arrow import plain_table
+from warpchain.archive.file_set import archive_files, cut_files
 from warpchain.archive.mcap_read import McapIndex
-from warpchain.archive.names import archive_files, cut_files
 from warpchain.archive.tracks import LazyDrives, Tracks
 from warpchain.errors import ArchiveError
 from warpchain.files import is_being_written
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 RECOVERED = "recovered"
-"""How a run ended whose archive was cut and restored."""
+"""The end of a run whose archive was cut and restored."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class Archive(Run):
 
     @property
     def metadata(self) -> dict[str, str]:
-        """The metadata record that tells how the run was made."""
-        return self.trajectories.files[0].values(schema.RUN_METADATA) or {}
+        """The metadata record of how the run was made."""
+        return self.trajectories.files[0].values(archive_format.RUN_METADATA) or {}
 
     @property
     def attachments(self) -> tuple[str, ...]:
         """Names of the attachments other than drives and metrics."""
         names = {name: None for file in self.trajectories.files for name in file.attachments}
-        return tuple(n for n in names if n != schema.METRICS_ATTACHMENT and not n.startswith("drives/"))
+        return tuple(n for n in names if n != archive_format.METRICS_ATTACHMENT and not n.startswith("drives/"))
 
     def attachment(self, name: str) -> bytes:
         """An attachment's data.
@@ -98,7 +98,7 @@ class Archive(Run):
     def _asked(self, variant: int, channels: Sequence[str]) -> Tracks:
         check_names("channels", channels)
         if variant not in self.trajectories:
-            self[variant]  # raises, and tells which variants there are
+            self[variant]  # raises, and names the variants there are
         return self.trajectories
 
 
@@ -123,7 +123,7 @@ def read_archive(path: str | Path) -> Archive:
         _missing(name)
     files = tuple(McapIndex(file) for file in paths)
     heads = [_head(file) for file in files]
-    ends = [file.values(schema.END_METADATA) for file in files]
+    ends = [file.values(archive_format.END_METADATA) for file in files]
     _check_set(name, files, heads, ends)
     head, end, last = heads[0], ends[-1] or {}, files[-1]
     try:
@@ -141,7 +141,7 @@ def read_archive(path: str | Path) -> Archive:
 
 
 def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
-    """How the run was made and ended."""
+    """Provenance and end of the run."""
     return RunInfo(
         version=head["version"],
         device=head["device"],
@@ -156,7 +156,7 @@ def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
 
 
 def _missing(path: Path) -> None:
-    """Tells that there is no such archive, and whether a killed run left one."""
+    """Error that there is no such archive, and whether a killed run left one."""
     left = cut_files(path)
     hint = ""
     if left:
@@ -167,13 +167,13 @@ def _missing(path: Path) -> None:
 
 
 def _head(file: McapIndex) -> dict[str, str]:
-    head = file.values(schema.RUN_METADATA)
+    head = file.values(archive_format.RUN_METADATA)
     if head is None:
         raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
-    if head.get("format_version") != schema.FORMAT_VERSION:
+    if head.get("format_version") != archive_format.FORMAT_VERSION:
         raise ArchiveError(
             f"{file.path}: archive format {head.get('format_version')!r} is not known to this version "
-            f"(it reads {schema.FORMAT_VERSION!r})"
+            f"(it reads {archive_format.FORMAT_VERSION!r})"
         )
     return head
 
@@ -198,9 +198,9 @@ def _metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
     """The metrics table; a recovered archive has lost it and has only the column `variant`."""
     import pyarrow as pa
 
-    if ended == RECOVERED and schema.METRICS_ATTACHMENT not in file.attachments:
+    if ended == RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
         return pa.table({"variant": pa.array(numbers, pa.int64())})
-    data = file.attachment(schema.METRICS_ATTACHMENT)
+    data = file.attachment(archive_format.METRICS_ATTACHMENT)
     try:
         table = plain_table(data)
         if table.num_rows != len(numbers) or "variant" not in table.column_names:

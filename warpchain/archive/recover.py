@@ -20,13 +20,12 @@ from mcap import records as kinds
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from warpchain.archive import schema
+from warpchain.archive import archive_format
+from warpchain.archive.chunk_layout import LENGTH_STARTS, MESSAGE
 from warpchain.archive.digest import checked
-from warpchain.archive.layout import LENGTH_STARTS, MESSAGE
+from warpchain.archive.file_set import PartName, Target, cut_files, editions, is_whole, of_cut, part_name
 from warpchain.archive.mcap_read import RECORD, Content, McapIndex, attachment_of, decompressed, records
 from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
-from warpchain.archive.names import PartName, cut_files, editions, is_whole, of_cut, part_name
-from warpchain.archive.target import Target
 from warpchain.archive.trust import Topics, untrue
 from warpchain.errors import ArchiveError
 from warpchain.files import reason
@@ -37,14 +36,14 @@ KNOWN = frozenset(Opcode)
 
 @dataclass
 class Recovered:
-    """What a recovery brought.
+    """Result of a recovery.
 
     Attributes:
         path: the archive written.
         files: its files.
         frames: frames of each variant.
         chunks: whole chunks of frames.
-        damaged: chunks left out because their checksum was wrong, or because nothing tells whose they are.
+        damaged: chunks left out because their checksum was wrong, or because nothing says whose they are.
         missing: frames that are missing between others.
         left_out: what else was left out, in words.
         lost: bytes after the last whole record.
@@ -182,7 +181,7 @@ class _Copy:
         return self.file.chunks > 0
 
     def _follow(self, data: Any, index: McapIndex) -> None:
-        """Copies what a right summary tells of, in the file's order."""
+        """Copies what a right summary lists, in the file's order."""
         self._topics = Topics(index)
         places = [(entry.offset, entry.length, Opcode.CHUNK, "") for entry in index.chunks]
         places += [(*at, Opcode.ATTACHMENT, name) for name, at in index.attachments.items()]
@@ -221,7 +220,7 @@ class _Copy:
             self.result.leave_out(f"{what} {name}".strip())
 
     def require(self) -> None:
-        """Refuses a file that tells nothing of a run."""
+        """Refuses a file that says nothing of a run."""
         if self._head is None:
             raise ArchiveError(
                 f"{self.path}: is not an archive of warpchain, or was cut before its first record, or that is damaged"
@@ -238,7 +237,7 @@ class _Copy:
             ended["left_out"] = ", ".join(self.result.left_out)
         if self.number == parts - 1:
             ended["parts"] = str(parts)
-        self.file.metadata(schema.END_METADATA, schema.with_head(ended, self._head))
+        self.file.metadata(archive_format.END_METADATA, archive_format.with_head(ended, self._head))
         self.file.finish()
 
     def _take(self, opcode: int, data: Any, name: str = "") -> None:
@@ -271,27 +270,27 @@ class _Copy:
         self.file.attachment(name, attached.media_type, attached.data)
 
     def _take_metadata(self, name: str, values: dict[str, str]) -> None:
-        if name == schema.RUN_METADATA:
+        if name == archive_format.RUN_METADATA:
             self._take_head(values)
-        elif name == schema.END_METADATA:
+        elif name == archive_format.END_METADATA:
             self._wall_time = repr(float(values.get("wall_time", self._wall_time)))
             if self._head is None:  # its record was damaged; this is its copy
-                self._take_head(schema.head_of(values))
+                self._take_head(archive_format.head_of(values))
         else:
             self.file.metadata(name, values)
 
     def _take_head(self, values: dict[str, str]) -> None:
         if self._head is not None:
             raise ValueError("another one of this name")
-        if values.get("format_version") != schema.FORMAT_VERSION:
+        if values.get("format_version") != archive_format.FORMAT_VERSION:
             raise ArchiveError(
                 f"{self.path}: archive format {values.get('format_version')!r} is not known to this version "
-                f"(it reads {schema.FORMAT_VERSION!r})"
+                f"(it reads {archive_format.FORMAT_VERSION!r})"
             )
         if self.result.name not in ("", values.get("set", "")):
             raise ArchiveError(f"{self.path}: belongs to another archive than the files before it")
         self._head, self.result.name = values | {"part": str(self.number)}, values.get("set", "")
-        self.file.metadata(schema.RUN_METADATA, self._head)
+        self.file.metadata(archive_format.RUN_METADATA, self._head)
 
     def _take_chunk(self, chunk: kinds.Chunk) -> None:
         content = decompressed(chunk)
@@ -328,7 +327,7 @@ def _is_index(data: Any) -> bool:
 
 
 def _sequence(content: Any, index: NDArray[np.uint64]) -> NDArray[np.uint32]:
-    """Numbers of frames, from the messages of a chunk that an index tells of."""
+    """Numbers of frames, from the messages of a chunk that an index lists."""
     found = [struct.unpack_from("<I", content, int(at) + LENGTH_STARTS + 2)[0] for at in index[:, 1]]
     sequence = np.array(found, dtype=np.int64)
     if (np.diff(sequence) <= 0).any():

@@ -11,8 +11,8 @@ from typing import Any, overload
 import numpy as np
 from mcap.records import Channel
 
-from warpchain.archive import schema
-from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
+from warpchain.archive import archive_format
+from warpchain.archive.chunk_layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
 from warpchain.archive.mcap_read import ChunkEntry, McapIndex, reading, records
 from warpchain.archive.trust import untrue
 from warpchain.drive import Drive, loads_drive
@@ -37,8 +37,8 @@ class LazyDrives(Sequence[Drive]):
         self._files, self.numbers, self._count = files, numbers, len(numbers)
         self._held: dict[int, Drive] = {}
         for variant in () if gaps else numbers:
-            if schema.drive_attachment(variant) not in files[0].attachments:
-                raise ArchiveError(f"{files[0].path}: lacks its attachment {schema.drive_attachment(variant)}")
+            if archive_format.drive_attachment(variant) not in files[0].attachments:
+                raise ArchiveError(f"{files[0].path}: lacks its attachment {archive_format.drive_attachment(variant)}")
 
     def __len__(self) -> int:
         return self._count
@@ -58,7 +58,7 @@ class LazyDrives(Sequence[Drive]):
     def of(self, variant: int) -> Drive:
         """The drive of the variant of a number."""
         if variant not in self._held:
-            name = schema.drive_attachment(variant)
+            name = archive_format.drive_attachment(variant)
             file = next((file for file in self._files if name in file.attachments), self._files[0])
             try:
                 text = file.attachment(name).decode()
@@ -107,7 +107,7 @@ class Tracks(Mapping[int, Trajectory]):
                 raise ArchiveError(f"{file.path}: is damaged ({wrong.topic}: its digest is wrong); {SEE}")
             numbers: dict[int, dict[str, int]] = {}
             for channel in file.channels.values():
-                named = schema.variant_of(channel.topic)
+                named = archive_format.variant_of(channel.topic)
                 if named:
                     topics = numbers.setdefault(named[0], {})
                     if topics.setdefault(named[1], channel.id) != channel.id:
@@ -128,7 +128,7 @@ class Tracks(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """What the archive calls the run's variants, recorded or not."""
+        """Numbers of the run's variants, recorded or not."""
         return self._drives.numbers
 
     def __contains__(self, variant: object) -> bool:
@@ -148,7 +148,7 @@ class Tracks(Mapping[int, Trajectory]):
         return held
 
     def layout(self, variant: int) -> FrameLayout:
-        """How a variant's frames lie in its chunks."""
+        """Layout of a variant's frames in its chunks."""
         place = self._places[variant][0]
         facts, drive = place.rollers.metadata, self._drives.of(variant)
         try:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from mcap.records import Channel, Schema
 
-from warpchain.archive import schema
+from warpchain.archive import archive_format
 from warpchain.archive.digest import DIGEST, is_right, of_channel
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import McapFile
@@ -23,15 +23,19 @@ def untrue(index: McapIndex) -> Channel | None:
         return None
     recorded: list[str] | None = None
     for channel in index.channels.values():
-        named = schema.variant_of(channel.topic)
+        named = archive_format.variant_of(channel.topic)
         if is_right(channel, index.schemas) or (named is None and DIGEST not in channel.metadata):
             continue
         if named is None:
             return channel
         if recorded is None:
-            recorded = (index.values(schema.RUN_METADATA) or {}).get("recorded", "").split()[: schema.MOST_VARIANTS]
+            recorded = (
+                (index.values(archive_format.RUN_METADATA) or {})
+                .get("recorded", "")
+                .split()[: archive_format.MOST_VARIANTS]
+            )
         likely = [recorded.index(str(named[0]))] if str(named[0]) in recorded else []
-        numbers = (schema.channel_numbers(place)[named[1]] for place in (*likely, *range(len(recorded))))
+        numbers = (archive_format.channel_numbers(place)[named[1]] for place in (*likely, *range(len(recorded))))
         if not any(is_right(replace(channel, id=number), index.schemas) for number in numbers):
             return channel
     return None
@@ -82,13 +86,13 @@ class Topics:
     def _check_digest(self, channel: Channel) -> None:
         """Refuses a channel unless its digest is right; a schema that is damaged is replaced by warpchain's own."""
         wanted = channel.metadata.get(DIGEST)
-        named = schema.variant_of(channel.topic)
+        named = archive_format.variant_of(channel.topic)
         known = self._schemas.get(channel.schema_id)
         if known is not None and of_channel(channel, known) == wanted:
             return
         if named:
-            name = schema.TOPICS[named[1]]
-            encoding, data = schema.schema_of(name)
+            name = archive_format.TOPICS[named[1]]
+            encoding, data = archive_format.schema_of(name)
             own = Schema(id=channel.schema_id, name=name, encoding=encoding, data=data)
             if of_channel(channel, own) == wanted:
                 self._schemas[own.id] = own
@@ -100,23 +104,23 @@ class Topics:
 
         The channels of a variant have successive numbers; where one of them names another variant, none is trusted.
         """
-        named = schema.variant_of(channel.topic)
+        named = archive_format.variant_of(channel.topic)
         if named is None:
             return
-        place, k = divmod(channel.id - 1, len(schema.TOPICS))
+        place, k = divmod(channel.id - 1, len(archive_format.TOPICS))
         recorded = head.get("recorded", "").split()
-        right = list(schema.TOPICS)[k] == named[1] and str(named[0]) in recorded
+        right = list(archive_format.TOPICS)[k] == named[1] and str(named[0]) in recorded
         others = {v for p, v in self._variants.items() if p != place}
         if not right or self._variants.setdefault(place, named[0]) != named[0] or named[0] in others:
             self._variants[place] = None
-            for number in range(1 + place * len(schema.TOPICS), 1 + (place + 1) * len(schema.TOPICS)):
+            for number in range(1 + place * len(archive_format.TOPICS), 1 + (place + 1) * len(archive_format.TOPICS)):
                 self._channels.pop(number, None)
             raise ValueError("its topic and its number do not fit")
 
     def variant_of_state(self, number: int) -> int | None:
         """The variant whose states a channel holds, None if it holds something else."""
         channel = self._channels.get(number)
-        named = schema.variant_of(channel.topic) if channel else None
+        named = archive_format.variant_of(channel.topic) if channel else None
         return named[0] if named and named[1] == "state" else None
 
     def open(self, file: McapFile, numbers: Iterable[int]) -> None:

@@ -28,15 +28,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import Balance
+from warpchain.assembly.arm_balance import Balance, chain_path, chain_paths
+from warpchain.assembly.link_laying import Curve
 from warpchain.assembly.path import ChainPath, check_fit
-from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Loop, Seating, seat_chain
-from warpchain.assembly.tables import initial_speed
-from warpchain.assembly.taut import Taut
-from warpchain.assembly.walk import Curve
-from warpchain.drive.copies import turned_on
-from warpchain.drive.each import (
+from warpchain.assembly.table_cells import initial_speed
+from warpchain.assembly.taut_string import Taut
+from warpchain.drive.batch import picked
+from warpchain.drive.batch_math import (
     Unlike,
     along,
     columns,
@@ -50,9 +49,9 @@ from warpchain.drive.each import (
     table_of,
     where,
 )
+from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place, initial_velocity
-from warpchain.drive.profile import direction
-from warpchain.drive.stack import picked
+from warpchain.drive.replicates import turned_on
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
@@ -124,7 +123,7 @@ def assemble(drive: Drive) -> Assembly:
 
 
 def assemble_stack(drive: Drive) -> Assembly:
-    """The initial states of a stack (`warpchain.drive.stack`), as one with a first axis: `assemble` of each.
+    """The initial states of a stack (`warpchain.drive.batch`), as one with a first axis: `assemble` of each.
 
     Raises:
         DriveError: as `assemble`, of the first such variant.

@@ -1,4 +1,4 @@
-"""First transverse frequencies of strands: of the chain at rest, link by link, and of a string that travels.
+"""Frequencies of a drive before it runs: of its strands, and the orders of the driver that excite it.
 
 A string of tension T (all of it, centrifugal part included) and mass m / p a length carries waves at the speed
 c = sqrt(T p / m) along the chain, which itself travels with v: c + v one way and c - v the other. A wave of mode n goes
@@ -13,7 +13,14 @@ rollers between fixed ends, (b).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.assembly.table_cells import shaft_ratio
+from warpchain.drive import Drive
+from warpchain.drive.motion_table import Table
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -45,3 +52,73 @@ def moving_frequency(drive: Drive, length: float, tension: float, speed: float, 
         return 0.0
     wave = math.sqrt(square)
     return mode * (square - speed * speed) / (2.0 * length * wave)
+
+
+SAME = 1e-6
+"""Orders closer than this, of themselves, are one."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """An order of the driver's revolution, and what excites it."""
+
+    value: float
+    cause: str
+
+
+def orders(drive: Drive) -> tuple[Order, ...]:
+    """The excitation orders of a drive, ascending; causes of one order are named together.
+
+    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket and
+    of the chain, harmonics and tables of prescribed motions and loads, balance wheels.
+    """
+    driver = drive.sprockets[drive.driver]
+    found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]
+    lengths = np.asarray(drive.chain.link_lengths)
+    if drive.chain.outer is not None or _alternate(lengths):
+        found.append((0.5 * driver.teeth, "links of two kinds"))
+    found.append((driver.teeth / drive.chain.links, "revolution of the chain"))
+    for sprocket in drive.sprockets:
+        turns = driver.teeth / sprocket.teeth
+        wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
+        found.append((turns, f"revolution of {sprocket.name}{wheel}"))
+    return _together(found + _driven(drive))
+
+
+def excited_orders(drive: Drive) -> tuple[Order, ...]:
+    """The orders that harmonics and tables of prescribed motions and loads excite alone, ascending."""
+    return _together(_driven(drive))
+
+
+def _driven(drive: Drive) -> list[tuple[float, str]]:
+    """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
+    found = []
+    for s, sprocket in enumerate(drive.sprockets):
+        turns = drive.sprockets[drive.driver].teeth / sprocket.teeth
+        for cause, word in ((sprocket.prescribed, "motion"), (sprocket.load, "load")):
+            if cause is None:
+                continue
+            for harmonic in cause.harmonics:
+                if harmonic.amplitude != 0.0:
+                    own = harmonic.order / shaft_ratio(drive, s, harmonic.shaft)
+                    found.append((own * turns, f"{word} of {sprocket.name}"))
+            if isinstance(cause.table, Table) and cause.table.angle is not None:
+                own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
+                found.append((own * turns, f"{word} table of {sprocket.name}"))
+    return found
+
+
+def _alternate(lengths: np.ndarray) -> bool:
+    """Whether the links' lengths alternate."""
+    return len(lengths) % 2 == 0 and abs(float(lengths[0::2].mean() / lengths[1::2].mean()) - 1.0) > SAME
+
+
+def _together(found: list[tuple[float, str]]) -> tuple[Order, ...]:
+    """Orders of the same value as one."""
+    result: list[Order] = []
+    for value, cause in sorted(found, key=lambda pair: pair[0]):
+        if result and value - result[-1].value <= SAME * value:
+            result[-1] = Order(result[-1].value, f"{result[-1].cause}, {cause}")
+        else:
+            result.append(Order(value, cause))
+    return tuple(result)

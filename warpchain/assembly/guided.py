@@ -1,4 +1,4 @@
-"""Which guides lie on which strand, and as what obstacles the chain then meets them.
+"""Which guides lie on which strand, and their shapes as obstacles of the chain.
 
 A guide belongs to the strand that runs nearest to its face, as drawn and with straight strands: by the mean height of
 the strand over the places where rollers would ride, those that the strand has behind it counting more. It must run
@@ -6,7 +6,7 @@ roughly along that strand and not stand farther into it than a quarter of the st
 
 A straight bar on the ground that the straight strand only presses on is left to settling: up to half a roller's radius,
 the depth to which contacts take a roller for one that rides. Beyond a pitch such a bar is a mistake of the layout, as
-`warpchain.assembly.layout` tells, and the strand is drawn straight as well.
+`warpchain.assembly.layout_checks` reports it, and the strand is drawn straight as well.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.assembly.taut import Arc, obstacle
-from warpchain.drive.each import along, joined, largest, quick_arctan2, quick_hypot, same, where
-from warpchain.drive.profile import Piece, Point, Profile, direction
+from warpchain.assembly.taut_string import Arc, obstacle
+from warpchain.drive.batch_math import along, joined, largest, quick_arctan2, quick_hypot, same, where
+from warpchain.drive.face_profile import Piece, Point, Profile, direction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 OWN = 0.25
 """A guide's own strand is no farther behind its face than this share of the strand's length."""
 BEHIND = 1.5
-"""How much farther a strand counts that is behind a guide, when its own strand, the nearest, is looked for."""
+"""Factor on the distance of a strand that is behind a guide, when its own strand, the nearest, is sought."""
 
 _ALONG = 0.3  # cosine between a face's chord and a strand that may be its own
 _PLACES = 9  # along a face
@@ -51,7 +51,7 @@ def turned(profile: Profile, pivot: Point, angle: float) -> Profile:
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
 
 
-def standing_profile(drive: Drive, g: int, arm_angle: Sequence[float]) -> Profile:
+def profile_at(drive: Drive, g: int, arm_angle: Sequence[float]) -> Profile:
     """The face of guide g where its arm stands at its angle [rad]."""
     arm, profile = drive.arm_of(g), drive.profile(g)
     return profile if arm is None else turned(profile, drive.arms[arm].pivot, float(arm_angle[arm]))
@@ -108,7 +108,7 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
 
 
 def depth(run: Run, line: Line) -> float:
-    """How deep a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
+    """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
     (sx, sy), (ex, ey) = line
     heading, length = quick_arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = direction(heading)
@@ -137,7 +137,7 @@ class Placed:
     arm: int | None
     pivot: Point
 
-    def standing(self, arm_angle: Sequence[float]) -> Run:
+    def run_at(self, arm_angle: Sequence[float]) -> Run:
         """The arcs where the arms stand at angles (A,) [rad]."""
         angle = 0.0 if self.arm is None else arm_angle[self.arm]
         return self.run if same(angle == 0.0) else tuple(_turned(arc, self.pivot, angle) for arc in self.run)
@@ -183,7 +183,7 @@ def obstructed(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64
 
 
 def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How deep its own straight strand cuts into a straight bar on the ground [m] (V,): `own_strand` and `depth`.
+    """Depth to which its own straight strand cuts into a straight bar on the ground [m] (V,): `own_strand` and `depth`.
 
     Negative infinity where no strand is its own. Of a strand along u, the arcs over the bar's ends have the places
     nearest to being cut at c + (R + offset) n: n is square to u over the end that the strand runs towards, seen from

@@ -10,7 +10,7 @@ w = +1. For the strand from sprocket k to sprocket l, of length S, both tangent 
 D = c_l - c_k and D' = D turned by +90 degrees: the outer tangent for equal wraps, the inner one for opposite wraps.
 The wrapped angle of a sprocket is w (heading that leaves - heading that arrives), taken in (0, 2 pi).
 
-Where guides reach into a strand it is the taut string around them (`warpchain.assembly.taut`) instead of a tangent.
+Where guides reach into a strand it is the taut string around them (`assembly.taut_string`) instead of a tangent.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
-from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
-from warpchain.drive.each import (
+from warpchain.assembly.taut_string import Arc, Taut, TautError, circle, taut
+from warpchain.drive.batch import picked, size_of
+from warpchain.drive.batch_math import (
     Unlike,
     arctan2,
     joined,
@@ -40,7 +41,6 @@ from warpchain.drive.each import (
     total,
 )
 from warpchain.drive.mounts import initial_place
-from warpchain.drive.stack import picked, size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class ChainPath:
     """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
 
     Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
-    (`warpchain.drive.stack`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
+    (`warpchain.drive.batch`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
     Its strings are the same for all but in their numbers, which may be arrays (V,).
 
     Attributes:
@@ -144,7 +144,7 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
 
 
 def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
-    """What is worked out of a stack of `count`, in parts: which of its variants (K,), and what of them.
+    """Results for a stack of `count`, in parts: the numbers of its variants (K,), and their result.
 
     Those that are `Unlike` are parts of their own.
     """
@@ -164,7 +164,7 @@ def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> 
 def allowed_parts(
     drive: Drive, count: int, worked_out: Callable[[Drive], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """What is worked out of a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
+    """Results for a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
     try:
         return in_parts(drive, count, worked_out)
     except DriveError:
@@ -179,7 +179,7 @@ def allowed_parts(
 
 @dataclass(frozen=True)
 class Course:
-    """What makes up a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
+    """The values of a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
 
     pitch: Any
     wrap: list[Any]
@@ -194,7 +194,7 @@ class Course:
 
 
 class Plan:
-    """What of a drive's path does not hang on its arms' angles: pitch circles, common tangents, guides as drawn.
+    """The part of a drive's path that its arms' angles do not change: pitch circles, common tangents, guides as drawn.
 
     Args:
         drive: one, or a stack.
@@ -256,7 +256,7 @@ class Plan:
         leaving = [line.heading for line in self.lines]
         arriving = [leaving[k - 1] for k in strands]
         met: list[tuple[Run, ...]] = [
-            tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in strands
+            tuple(placed.run_at(arm_angle) for placed in self.placed if placed.strand == k) for k in strands
         ]
         strings = tuple(self._string(k, runs) for k, runs in enumerate(met))
         for k, string in enumerate(strings):
@@ -382,7 +382,7 @@ def _tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Line:
 
 
 def _strain(links: int, wrapped: Any, straight: Any) -> Any:
-    """What `ChainPath.strain` is."""
+    """`ChainPath.strain` of numbers, or of arrays (V,)."""
     free = links - wrapped
     if not many(free):
         return straight / free - 1.0 if free > 0.0 else math.inf

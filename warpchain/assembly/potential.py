@@ -9,8 +9,8 @@ is left out. The energy is
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
         + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ]  +  sum over arms A,         (a)
 
-A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arms`), with l_i the unloaded
-lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts are those of
+A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), with l_i the
+unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts are those of
 `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
 """
 
@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import StillArm
-from warpchain.assembly.guided import standing_profile
-from warpchain.drive.motion import ElasticMount, PrescribedMount, SliderMount
+from warpchain.assembly.arm_balance import StillArm
+from warpchain.assembly.guided import profile_at
+from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit
 from warpchain.drive.oil import static_force
-from warpchain.drive.profile import direction
+from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -42,7 +42,7 @@ _TINY = 1e-12  # m: a roller this near to the middle of its seat
 
 @dataclass
 class Terms:
-    """What adds up to the energy, its gradient and its Hessian."""
+    """Energy, gradient and Hessian, added up term by term."""
 
     size: int
     energy: float
@@ -206,11 +206,11 @@ class Potential:
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
     def _profile(self, x: Array, g: int, terms: Terms) -> None:
-        """A curved or carried guide: piece by piece, `warpchain.drive.profile` (a)."""
+        """A curved or carried guide: piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
         arm = self.drive.arm_of(g)
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
-        for piece in standing_profile(self.drive, g, x[self.first_arm :].tolist()).pieces:
+        for piece in profile_at(self.drive, g, x[self.first_arm :].tolist()).pieces:
             t = np.array(direction(piece.heading))
             n, k = np.array([-t[1], t[0]]), piece.curvature
             u, w = (r - piece.start) @ t, (r - piece.start) @ n
@@ -235,7 +235,7 @@ class Potential:
     def _carried(
         self, terms: Terms, a: int, at: NDArray[np.int64], r: Array, slope: Array, block: Array
     ) -> None:  # fmt: skip
-        """What contacts with a guide of arm a are by its angle, too: they turn with it about its pivot.
+        """Adds contacts with a guide of arm a, by its angle too: they turn with it about its pivot.
 
         Args:
             at: (M, 2) the rollers' unknowns.

@@ -35,10 +35,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.link_laying import Curve, total_of
 from warpchain.assembly.path import ChainPath
-from warpchain.assembly.taut import Taut, TautError, point, taut
-from warpchain.assembly.walk import Curve, total_of
-from warpchain.drive.each import (
+from warpchain.assembly.taut_string import Taut, TautError, point, taut
+from warpchain.drive.batch import picked
+from warpchain.drive.batch_math import (
     Unlike,
     ceil,
     columns,
@@ -57,9 +58,8 @@ from warpchain.drive.each import (
     total,
     where,
 )
+from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place
-from warpchain.drive.profile import direction
-from warpchain.drive.stack import picked
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ class Loop:
         self.solved: Seating | None = None
         self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
         self.scales: dict[int, Number] = {}  # of links on strings, as last found
-        self.touched: dict[int, tuple[int, ...]] = {}  # the arcs that strings last touched
+        self.last_arcs: dict[int, tuple[int, ...]] = {}  # the arcs that strings last lay on
         self.take(path)
 
     def take(self, path: ChainPath) -> None:
@@ -291,12 +291,12 @@ class Loop:
         if known is None or any(some(old != new) for old, new in zip(known[0], ends, strict=True)):
             first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
             try:
-                string = taut(point(first), point(last), self.runs[k], self.touched.get(k, ()))
+                string = taut(point(first), point(last), self.runs[k], self.last_arcs.get(k, ()))
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
             except Unlike as parted:
                 raise parted.among(self.members, self.whole) from None
-            self.strings[k], self.touched[k] = (ends, string), string.numbers
+            self.strings[k], self.last_arcs[k] = (ends, string), string.numbers
         string = self.strings[k][1]
         return string if string.touches else None
 
@@ -322,7 +322,7 @@ class Loop:
         return _Strand(leaving, arriving, along, along, length)
 
     def laid(self, seating: Seating, k: int) -> Number:
-        """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
+        """Length of the links of strand k, laid as chords on its string, beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
@@ -419,7 +419,7 @@ class Loop:
     def _conditions(
         self, seating: Seating, lengths: list[Number], elastic: list[Number]
     ) -> tuple[list[Number], NDArray[np.float64]]:
-        """What is left of (a) (S,) [m], and its Jacobian (V, S, S)."""
+        """Residual of (a) (S,) [m], and its Jacobian (V, S, S)."""
         residual, jacobian = [], np.zeros((self.variants, self.size, self.size))
         for k in range(self.size):
             following = (k + 1) % self.size

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.potential import Potential, Terms
-from warpchain.assembly.tables import cells_of, shaft_ratio
-from warpchain.drive.motion import ElasticMount, SliderMount
+from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
+from warpchain.drive.sprocket import ElasticMount, SliderMount
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -108,7 +108,7 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
     return _steady(drive, assembly, frequency, load_moments(drive, speed))
 
 
-def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
+def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a drive amounts to before it runs: geometry, strain and preload, stiffnesses, steps and frequencies."""
+"""Summary of a drive before it runs: geometry, strain and preload, stiffnesses, steps and frequencies."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.assembly import statics, touched
-from warpchain.assembly.advice import advice
+from warpchain.assembly import guide_report, statics
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
-from warpchain.assembly.layout import findings
+from warpchain.assembly.layout_checks import advice, findings
 from warpchain.assembly.path import path_at
 from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.friction_coefficients import full_friction_rate, guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rubbing import full_friction_rate, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import contact_rebound
 
 MOST_CREEP = 0.5
@@ -51,7 +50,7 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
 
 
 def _links_and_joints(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is set of joints, outer links and play; nothing of what is not."""
+    """Values of joints, outer links and play; of those that are set."""
     chain = drive.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
@@ -82,7 +81,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
 
     Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
-    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md tells the keys.
+    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md lists the keys.
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
@@ -93,8 +92,8 @@ def derive(drive: Drive) -> dict[str, Any]:
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
-    standing, running = statics.standing(drive, assembly), statics.running(drive, assembly)
-    strands = _strands(drive, assembly, preload, standing, running)
+    resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly)
+    strands = _strands(drive, assembly, preload, resting, running)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -110,7 +109,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_looks(drive, assembly, strands),
+        **_findings(drive, assembly, strands),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -127,13 +126,13 @@ def derive(drive: Drive) -> dict[str, Any]:
         ],
         "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
         "strands": strands,
-        "tensions_estimated": standing.failure or running.failure,
+        "tensions_estimated": resting.failure or running.failure,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "friction": tooth_rubbing(drive).dynamic,
         "guides": _guides(drive, assembly, strands, running),
-        "arms": touched.arms(drive, assembly, standing, running),
-        "tensioners": touched.tensioners(drive, assembly, standing, running),
+        "arms": guide_report.arms(drive, assembly, resting, running),
+        "tensioners": guide_report.tensioners(drive, assembly, resting, running),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -157,7 +156,7 @@ def derive(drive: Drive) -> dict[str, Any]:
 def _guides(
     drive: Drive, assembly: Assembly, strands: list[dict[str, Any]], running: Steady
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """How rollers meet each guide-bar, and where the chain lies on it at work."""
+    """Contact of rollers with each guide-bar, and where the chain lies on it at work."""
     path = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else assembly.path
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
@@ -168,14 +167,14 @@ def _guides(
             "rebound": contact_rebound(drive.guide_contact(g)),
             "friction": guide_rubbing(drive, g).dynamic,
             "face_length": drive.profile(g).face_length,
-            "touch": touched.touch(drive, path, g, pull),
+            "touch": guide_report.touch(drive, path, g, pull),
         }
         for g, guide in enumerate(drive.guides)
     ]
 
 
-def _looks(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:
-    """What is wrong with the layout, and what to look at."""
+def _findings(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """Faults of the layout, and advice."""
     tensions = [strand["working_tension"] for strand in strands]
     return {
         "layout": list(findings(drive, assembly.path)),
@@ -184,12 +183,12 @@ def _looks(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> d
 
 
 def _strands(
-    drive: Drive, assembly: Assembly, preload: float, standing: Steady, running: Steady
+    drive: Drive, assembly: Assembly, preload: float, resting: Steady, running: Steady
 ) -> list[dict[str, Any]]:
-    """What is known of each strand; where no steady state was found, preload and `working_tensions`."""
+    """Values of each strand; where no steady state was found, preload and `working_tensions`."""
     links = [int(n) for n in assembly.strand_links]
-    still, working = standing.tension, running.tension
-    if standing.failure:
+    still, working = resting.tension, running.tension
+    if resting.failure:
         still = np.full(len(links), preload)
     if running.failure:
         working = np.array(working_tensions(drive, preload, links))
@@ -227,7 +226,7 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
 
 
 def _size_lines(values: dict[str, Any]) -> list[str]:
-    """What the catalogue says of a chain that names its size."""
+    """Catalogue data of a chain that names its size."""
     if values["size"] is None:
         return []
     largest = max(strand["working_tension"] for strand in values["strands"])
@@ -244,7 +243,7 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _joint_lines(values: dict[str, Any]) -> list[str]:
-    """What is set of joints, outer links and play."""
+    """Lines on joints, outer links and play, of those that are set."""
     lines = []
     if "joint" in values:
         joint = values["joint"]
@@ -332,7 +331,7 @@ def _guide_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _touch_lines(values: dict[str, Any]) -> list[str]:
-    """What the chain lies on; nothing where it goes around no guide."""
+    """Lines on the guides that the chain lies on; none where it goes around no guide."""
     rows: list[tuple[str, ...]] = [
         (
             g["name"],

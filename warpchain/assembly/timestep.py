@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from warpchain.drive import Drive, ImpactLaw
-from warpchain.drive.each import largest, power, smallest, some, sqrt
+from warpchain.drive.batch import picked
+from warpchain.drive.batch_math import largest, power, smallest, some, sqrt
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
-from warpchain.drive.stack import picked
 from warpchain.drive.stiffness import contact_damping
 from warpchain.errors import DriveError
 
@@ -33,7 +33,7 @@ DAMPED = 0.25
 
 @dataclass(frozen=True)
 class Body:
-    """What springs and dampers do to a body that can move, along its fastest coordinate.
+    """Springs and dampers on a body that can move, along its fastest coordinate.
 
     Attributes:
         name: as the drive calls it, and what holds it.
@@ -88,7 +88,7 @@ def _pushes(drive: Drive, body: int) -> tuple[float, float]:
 
 
 def _contacts(drive: Drive) -> list[tuple[str, ImpactLaw, float]]:
-    """What rollers touch: its name, law and stiffness [N/m]."""
+    """Contact partners of rollers: name, law and stiffness [N/m]."""
     found: list[tuple[str, ImpactLaw, float]] = []
     for s, sprocket in enumerate(drive.sprockets):
         found.append((f'the teeth of "{sprocket.name}"', drive.contact.sprocket, drive.sprocket_stiffness(s)))
@@ -124,7 +124,7 @@ def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body])
 
 
 def stiffest_part(drive: Drive) -> str:
-    """What asks for the shortest steps: the roller on its links and one contact, the links' dampers, or a body."""
+    """The part that needs the shortest steps: a roller on its links and one contact, the links' dampers, or a body."""
     chain, mass = drive.chain, drive.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
     parts = {f"rollers on {name}": stiffness / mass for name, _, stiffness in _contacts(drive)}

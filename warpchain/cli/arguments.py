@@ -1,9 +1,10 @@
-"""What the commands' options share: how a command is added, how words become values."""
+"""Options that commands share: adding a command, values from words."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import Any
 
 
@@ -88,3 +89,26 @@ def woehler_curve(word: str) -> tuple[float, ...]:
     if len(values) != 3:
         raise argparse.ArgumentTypeError(f"{word!r}: must be three numbers M,RANGE,CYCLES such as 5,2e5,1e6")
     return values
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "drive": {"metavar": "DRIVE", "help": "drive file (TOML), or the name of an example drive such as marine"},
+    "archive": {"metavar": "OUT.mcap", "type": Path},
+    "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},
+    "--variant": {"type": int, "metavar": "I", "help": "which variant; default the first recorded"},
+    "--workers": {"metavar": "N", "type": whole_number, "help": "CPU threads; default all cores"},
+    "--memory": {"metavar": "GIB", "type": gibibytes, "default": "2", "help": "memory of a shard (default 2)"},
+    "--quiet": {"action": "store_true", "help": "no progress bar"},
+    "--overwrite": {"action": "store_true", "help": "replace an archive of that name"},
+    "--scale": {
+        "metavar": "NEWTON",
+        "help": "tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
+    },
+}
+"""Arguments of several commands, as `add_argument` takes them."""
+
+
+def add_options(parser: Any, *names: str) -> None:
+    """Adds arguments of `OPTIONS` to a parser."""
+    for name in names:
+        parser.add_argument(name, **OPTIONS[name])

@@ -1,4 +1,4 @@
-"""What each command of the command line does: takes the parsed arguments, returns the exit status."""
+"""Bodies of the commands: each takes the parsed arguments and returns the exit status."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def chains(_: argparse.Namespace) -> int:
 
 
 def devices(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.device_choice import lines, measured
     from warpchain.engine.devices import usable_gpus
     from warpchain.engine.simulation import available_cores
-    from warpchain.engine.speeds import lines, measured
     from warpchain.engine.start import start_warp
 
     start_warp(precompiled=False)
@@ -76,7 +76,7 @@ def devices(arguments: argparse.Namespace) -> int:
 
 
 def fit(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.fit import fit_file
+    from warpchain.cli.fit_command import fit_file
 
     for line in fit_file(arguments):
         print(line)
@@ -84,7 +84,7 @@ def fit(arguments: argparse.Namespace) -> int:
 
 
 def modes(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.modes import mode_lines
+    from warpchain.cli.modes_command import mode_lines
     from warpchain.engine.start import start_warp
 
     start_warp(precompiled=False)
@@ -94,7 +94,7 @@ def modes(arguments: argparse.Namespace) -> int:
 
 
 def tensioner(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.tensioner import tensioner_lines
+    from warpchain.cli.tensioner_command import tensioner_lines
     from warpchain.engine.start import start_warp
 
     start_warp(precompiled=False)
@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _channels(words: list[str]) -> tuple[str, ...]:
-    """The channels that words name, each once; "default" stands for those that are not on request."""
+    """The channels that words name, each once; "default" means those that are not on request."""
     from warpchain.results.channels import DEFAULT
 
     return tuple(dict.fromkeys(name for word in words for name in (DEFAULT if word == "default" else (word,))))
@@ -164,7 +164,7 @@ def _limits(words: list[str]) -> Any:
 
 
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
-    """What a run came to, in a few lines."""
+    """Results of a run in a few lines."""
     if row["diverged"]:
         return [row["reason"]]
     if row.get("tension_mean") is None:
@@ -198,7 +198,7 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
-    """What the drive loses, by group: power, and share of the input."""
+    """Losses of the drive by group: power, and share of the input."""
     from warpchain.results.losses import losses
 
     seconds, works = row["window_end"] - row["window_start"], row["input_work"]
@@ -216,13 +216,13 @@ def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
 
 
 def _status_lines(row: dict[str, Any]) -> list[str]:
-    """What the run is judged to be; where it is not ok, why, and what to do about it: a line for each reason."""
+    """Status of a run; where it is not ok, why, and what to do about it: a line for each reason."""
     first, *further = row["reason"].split("; ")
     return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 
 
 def view(arguments: argparse.Namespace) -> int:
-    from warpchain.view.rerun.playback import FRAMES, view
+    from warpchain.view.rerun.run_playback import FRAMES, view
 
     view(
         arguments.archive,
@@ -239,7 +239,7 @@ def view(arguments: argparse.Namespace) -> int:
 
 
 def plot(arguments: argparse.Namespace) -> int:
-    from warpchain.view.figures.write import plot_figures, plot_sweep
+    from warpchain.view.figures.plot import plot_figures, plot_sweep
 
     if arguments.sweep is not None:
         paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
@@ -254,7 +254,7 @@ def plot(arguments: argparse.Namespace) -> int:
 
 
 def report(arguments: argparse.Namespace) -> int:
-    from warpchain.results.handed_in import Wear
+    from warpchain.results.engineering_report import Wear
     from warpchain.results.joint_wear import WEAR_COEFFICIENT
     from warpchain.view.report import report
 
@@ -275,7 +275,7 @@ def export(arguments: argparse.Namespace) -> int:
 
 
 def import_signal(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.measured import compare
+    from warpchain.cli.signal_command import compare
 
     for line in compare(arguments):
         print(line)

@@ -17,15 +17,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, number_or_auto, whole_number
+from warpchain.cli.arguments import add_command, add_options, gibibytes, mebibytes, number, number_or_auto, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.optimize import add_optimize
-from warpchain.cli.study import add_commands
-from warpchain.cli.study_play import add_play_command
-from warpchain.cli.study_report import add_report_commands
+from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
-from warpchain.garbage import rare_collections
+from warpchain.gc_tuning import rare_collections
 
 EPILOG = """examples:
   warpchain check marine
@@ -35,7 +32,6 @@ EPILOG = """examples:
   warpchain plot marine.mcap -o plots
   warpchain report marine.mcap -o marine.html
 """
-DRIVE = "drive file (TOML), or the name of an example drive such as marine"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -55,8 +51,7 @@ def _check(commands: Any) -> None:
     parser = _add(
         commands, "check", do.check, "print what a drive amounts to, without running it", "warpchain check marine"
     )
-    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
-    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    add_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
 
 
@@ -78,7 +73,7 @@ def _fit(commands: Any) -> None:
         "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
         "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
     )
-    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    add_options(parser, "drive")
     parser.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
     parser.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
     parser.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
@@ -100,7 +95,7 @@ def _modes(commands: Any) -> None:
         "list a drive's natural frequencies, damping ratios and mode shapes",
         "warpchain modes marine --speed 0 15 -o modes.html",
     )
-    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    add_options(parser, "drive")
     parser.add_argument("--count", type=whole_number, default=20, metavar="N", help="modes to list (default 20)")
     parser.add_argument(
         "--speed",
@@ -118,7 +113,7 @@ def _modes(commands: Any) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
     )
-    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    add_options(parser, "--set")
 
 
 def _tensioner(commands: Any) -> None:
@@ -129,7 +124,7 @@ def _tensioner(commands: Any) -> None:
         "impose a sine on a tensioner's plunger as a test rig does; print and draw what it does",
         "warpchain tensioner drive.toml tensioner --amplitude 2e-4 --frequency 100 -o loop.png",
     )
-    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    add_options(parser, "drive")
     parser.add_argument("name", metavar="NAME", help="of the tensioner")
     parser.add_argument("--amplitude", type=number, default=2e-4, metavar="M", help="of the sine [m] (default 2e-4)")
     parser.add_argument(
@@ -157,7 +152,7 @@ def _tensioner(commands: Any) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .png, .svg, or .csv, .parquet"
     )
-    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    add_options(parser, "--set")
 
 
 def _run(commands: Any) -> None:
@@ -168,9 +163,9 @@ def _run(commands: Any) -> None:
         "simulate a drive and write an archive",
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
     )
-    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    add_options(parser, "drive")
     parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
-    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    add_options(parser, "--set")
     parser.add_argument(
         "--device",
         help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default what should finish first',
@@ -197,7 +192,7 @@ def _run(commands: Any) -> None:
         "--exact-positions", action="store_true", help="with --values float32: positions also as float64"
     )
     parser.add_argument("--split-size", type=mebibytes, metavar="MIB", help="begin another file at this size")
-    parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+    add_options(parser, "--overwrite")
     parser.add_argument(
         "--limit",
         metavar="KEY=VALUE",
@@ -205,16 +200,16 @@ def _run(commands: Any) -> None:
         default=[],
         help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_options(parser, "--quiet")
 
 
 def _view(commands: Any) -> None:
     parser = _add(commands, "view", do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
-    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    add_options(parser, "archive")
     parser.add_argument(
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
     )
-    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    add_options(parser, "--variant")
     parser.add_argument(
         "--compare",
         metavar="OTHER",
@@ -225,26 +220,18 @@ def _view(commands: Any) -> None:
     parser.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
     parser.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
     parser.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
-    parser.add_argument(
-        "--scale",
-        metavar="NEWTON",
-        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
-    )
+    add_options(parser, "--scale")
     parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
 
 def _plot(commands: Any) -> None:
     parser = _add(commands, "plot", do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
-    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    add_options(parser, "archive")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
-    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    add_options(parser, "--variant")
     parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
-    parser.add_argument(
-        "--scale",
-        metavar="NEWTON",
-        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
-    )
+    add_options(parser, "--scale")
     parser.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
     parser.add_argument(
         "--sweep",
@@ -260,12 +247,12 @@ def _report(commands: Any) -> None:
         commands,
         "report",
         do.report,
-        "write what engineers hand in of a recorded run as one HTML page",
+        "write the engineering report of a recorded run as one HTML page",
         "warpchain report engine.mcap -o engine.html",
     )
-    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    add_options(parser, "archive")
     parser.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
-    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    add_options(parser, "--variant")
     parser.add_argument("--title", help="heading of the page")
     parser.add_argument(
         "--wear-coefficient",
@@ -284,12 +271,12 @@ def _export(commands: Any) -> None:
         "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), or its metrics",
         "warpchain export marine.mcap -o marine.csv",
     )
-    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    add_options(parser, "archive")
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
     parser.add_argument("--metrics", action="store_true", help="the metrics instead, a row a variant (.csv, .parquet)")
-    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    add_options(parser, "--variant")
 
 
 def _import(commands: Any) -> None:
@@ -312,7 +299,7 @@ def _import(commands: Any) -> None:
     parser.add_argument(
         "--offset", default="0", metavar="SECONDS", help="added to the measured time; auto: where both agree best"
     )
-    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    add_options(parser, "--variant")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, nargs="+", default=[], help=".png, .svg, .rrd (Rerun) or .json"
     )
@@ -330,7 +317,7 @@ def _recover(commands: Any) -> None:
         "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
     )
     parser.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+    add_options(parser, "--overwrite")
 
 
 def _study(commands: Any) -> None:
@@ -360,7 +347,7 @@ COMMANDS = (
     _study,
     add_optimize,
 )
-"""What adds each command, in the order of the help."""
+"""Functions that add a command each, in the order of the help."""
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,7 +1,8 @@
 """The drive as data: chain, sprockets, guides, arms, tensioners, contacts, run; read, checked, changed, written."""
 
 from warpchain.drive.arms import Arm
-from warpchain.drive.contact import Contact, GuideContact, GuideOverrides, ImpactLaw, Material, SprocketContact
+from warpchain.drive.chain import Chain, WornLink
+from warpchain.drive.contact_settings import Contact, GuideContact, GuideOverrides, ImpactLaw, Material, SprocketContact
 from warpchain.drive.drive import (
     Drive,
     dumps_drive,
@@ -11,8 +12,11 @@ from warpchain.drive.drive import (
     save_drive,
     write_drive_text,
 )
+from warpchain.drive.face_profile import Piece, Profile
 from warpchain.drive.guides import Arc, Guide
-from warpchain.drive.motion import (
+from warpchain.drive.motion_table import SpeedTable, TorqueTable
+from warpchain.drive.run_settings import RunSettings
+from warpchain.drive.sprocket import (
     BalanceWheel,
     ElasticMount,
     FixedMount,
@@ -21,10 +25,8 @@ from warpchain.drive.motion import (
     Prescribed,
     PrescribedMount,
     SliderMount,
+    Sprocket,
 )
-from warpchain.drive.parts import Chain, RunSettings, Sprocket, WornLink
-from warpchain.drive.profile import Piece, Profile
-from warpchain.drive.table import SpeedTable, TorqueTable
 from warpchain.drive.tensioners import Chamber, Oil, Plunger, Ratchet, Spring, Tensioner, Valve
 
 __all__ = [

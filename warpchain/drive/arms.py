@@ -14,8 +14,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.each import hypot, radians, smallest, sqrt
-from warpchain.drive.part import (
+from warpchain.drive.batch_math import hypot, radians, smallest, sqrt
+from warpchain.drive.schema import (
     Name,
     NonNegative,
     Pair,

@@ -16,14 +16,14 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from warpchain.drive.profile import SHORTEST, Piece, Point, ProfileError, direction, straight
+from warpchain.drive.face_profile import SHORTEST, Piece, Point, ProfileError, direction, straight
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 TOLERANCE = 1e-5
-"""How far from its points a fitted face runs at most [m]."""
+"""Largest distance of a fitted face from its points [m]."""
 _SAMPLES = 12
 """Places between two points at which arcs are held against the spline."""
 
@@ -36,9 +36,9 @@ def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple
     square = vx * vx + vy * vy
     apart = 2.0 * (1.0 - (ax * bx + ay * by))
     d = square / (along + math.sqrt(along * along + apart * square))
-    meet = (0.5 * (start[0] + end[0] + d * (ax - bx)), 0.5 * (start[1] + end[1] + d * (ay - by)))
-    first = _arc(start, heading, meet)
-    return first, _arc(meet, first.end_heading, end)
+    joint = (0.5 * (start[0] + end[0] + d * (ax - bx)), 0.5 * (start[1] + end[1] + d * (ay - by)))
+    first = _arc(start, heading, joint)
+    return first, _arc(joint, first.end_heading, end)
 
 
 def _arc(start: Point, heading: float, end: Point) -> Piece:

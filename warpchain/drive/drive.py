@@ -20,29 +20,41 @@ from pydantic import ModelWrapValidatorHandler, model_validator
 
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
-from warpchain.drive.attached import with_files
-from warpchain.drive.body_rules import PLACES, arm_rules, name_rules, place_rules, profile_rules, tensioner_rules
-from warpchain.drive.contact import (
+from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
+from warpchain.drive.chain import Chain
+from warpchain.drive.contact_settings import (
     Contact,
     GuideContact,
     merged,
 )
-from warpchain.drive.each import arcsin, hypot, largest, power, radians, sqrt, where
+from warpchain.drive.csv_files import with_files
+from warpchain.drive.drive_rules import (
+    PLACES,
+    arm_rules,
+    guide_rules,
+    name_rules,
+    place_rules,
+    profile_rules,
+    rolling_rules,
+    shaft_rules,
+    size_rules,
+    sprocket_rules,
+    tensioner_rules,
+)
+from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
-from warpchain.drive.part import (
+from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.run_settings import Probe, RunSettings
+from warpchain.drive.schema import (
     Allowed,
     Part,
     Problem,
     Rule,
 )
-from warpchain.drive.parts import Chain, RunSettings, Sprocket
-from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.probe import Probe
-from warpchain.drive.profile import Profile
-from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stiffness import contact_stiffness
-from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.drive.tensioners import Tensioner
+from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
@@ -59,7 +71,7 @@ RULES = (
     arm_rules,
     tensioner_rules,
 )
-"""What ties the parts of a drive together, in the order in which errors are told."""
+"""Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
@@ -68,7 +80,7 @@ NUMBER_RULES = {
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
-"""Those of the rules that look at numbers, and in what of the drive, or of its parts, those in lists too."""
+"""Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
 
 
 class Drive(Part):
@@ -98,7 +110,7 @@ class Drive(Part):
     probes: Annotated[tuple[Probe, ...], Allowed("must be a list of probes")] = ()
 
     def _repr_html_(self) -> str:
-        """What notebooks show."""
+        """HTML for notebooks."""
         return html(self)
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
@@ -207,7 +219,7 @@ class Drive(Part):
         return self.tooth(s).tip_radius
 
     def engagement(self, s: int) -> float:
-        """How far from the pitch circle of sprocket s rollers are looked after [m]: half a pitch, or up to the tips.
+        """Distance from the pitch circle of sprocket s within which it keeps rollers [m]: half a pitch, or to the tips.
 
         The maximum gap of ISO 606 has teeth that reach 0.625 pitches beyond it.
         """
@@ -215,7 +227,7 @@ class Drive(Part):
         return largest(0.5 * self.chain.pitch, reach)
 
     def catching(self) -> tuple[int, ...]:
-        """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.drive.teeth`)."""
+        """Sprockets with straight flanks too steep to let a strand's rollers go (see `warpchain.drive.tooth_shape`)."""
         if self.contact.sprocket.profile != "circular":
             return ()
         angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
@@ -228,7 +240,7 @@ class Drive(Part):
         return common if own is None else GuideContact.model_construct(**merged(common, own))
 
     def profile(self, g: int) -> Profile:
-        """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.profile`)."""
+        """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.face_profile`)."""
         profile = guide_profile(self.guides[g], self.chain.pitch)
         assert profile is not None  # the guide's own rules
         return profile
@@ -252,7 +264,7 @@ class Drive(Part):
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def arm_lever(self, a: int) -> float:
-        """How far from its pivot the chain can touch arm a [m]; without guides, where its center of mass is."""
+        """Largest distance of chain from the pivot of arm a [m]; without guides, that of its center of mass."""
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = largest(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
@@ -273,7 +285,7 @@ class Drive(Part):
         return self.arms[a].inertia + self.plunger_mass_on(body)
 
     def plunger_mass_on(self, body: int) -> float:
-        """What the plungers on a body add to its mass [kg], or to an arm's inertia [kg m^2]."""
+        """Mass that the plungers on a body add to it [kg], or inertia that they add to an arm [kg m^2]."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
         return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)

@@ -1,4 +1,4 @@
-"""Guides: the shape of their faces as a drive file gives it, and the profile that follows (`warpchain.drive.profile`).
+"""Guides: the shape of their faces as a drive file gives it, and their profile (`warpchain.drive.face_profile`).
 
 A face is a straight bar (start, end), a line through points with rounded corners, a chain of arcs, or a measured line
 that biarcs are fitted to.
@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, create_model
 
 from warpchain.drive.biarcs import fitted
-from warpchain.drive.contact import GuideOverrides
-from warpchain.drive.part import (
+from warpchain.drive.contact_settings import GuideOverrides
+from warpchain.drive.face_profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
+from warpchain.drive.schema import (
     BARE,
     FARTHEST,
     WRONG,
@@ -35,7 +36,6 @@ from warpchain.drive.part import (
     too_far,
     valid,
 )
-from warpchain.drive.profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
 
 Side = Annotated[Literal["left", "right"], Value('must be "left" or "right", seen from start to end')]
 
@@ -191,7 +191,7 @@ class Guide(Part):
 
 
 def _face_rules(node: Any) -> Iterable[Problem]:
-    """What numbers forbid, however the face is given."""
+    """Rules on a guide's numbers, however the face is given."""
     if list(elements(node, "start")) == list(elements(node, "end")) != []:
         yield Problem(("end",), get(node, "end"), "must be another point than start")
     far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
@@ -205,7 +205,7 @@ def _face_rules(node: Any) -> Iterable[Problem]:
 
 
 def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:
-    """What the line's own geometry forbids, where its values are whole."""
+    """Rules on the geometry of the face, where its values are whole."""
     key, values = _shape_of(node)
     if key is None:
         return
@@ -218,7 +218,7 @@ def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:
 
 
 def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
-    """How a guide's face is given and by what values; a None where they are not whole."""
+    """The way a guide's face is given and its values; a None where they are not whole."""
     for key in ("points", "profile"):
         if get(node, key) is not None:
             rows = _plain_points(get(node, key))

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from warpchain.drive.each import each, sqrt
+from warpchain.drive.batch_math import each, sqrt
 
 Means = Literal["parameter", "rebound"]
 

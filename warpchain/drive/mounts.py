@@ -1,4 +1,4 @@
-"""Mounts and balance wheels of sprockets: where centers begin, what they weigh.
+"""Mounts and balance wheels of sprockets: where centers begin, their masses.
 
 A prescribed center begins where its motion puts it at t = 0. One on springs begins at its stated center, at rest, where
 its springs are relaxed; the preload acts from the first step on.
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.each import cos, hypot, joined, largest, power, sin, some
-from warpchain.drive.motion import ElasticMount, FixedMount, PrescribedMount, SliderMount
+from warpchain.drive.batch_math import cos, hypot, joined, largest, power, sin, some
+from warpchain.drive.sprocket import ElasticMount, FixedMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
-    from warpchain.drive.parts import Sprocket
+    from warpchain.drive.sprocket import Sprocket
 
 
 def unit(direction: tuple[float, float]) -> NDArray[np.float64]:

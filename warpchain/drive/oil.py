@@ -1,4 +1,4 @@
-r"""What the oil of a hydraulic tensioner does at rest and over temperature, and how stiff it is; plain Python.
+r"""The oil of a hydraulic tensioner: pressure at rest, properties over temperature, stiffness; plain Python.
 
 Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
 
@@ -19,7 +19,7 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.each import largest, power
+from warpchain.drive.batch_math import largest, power
 
 if TYPE_CHECKING:
     from warpchain.drive.tensioners import Tensioner
@@ -32,7 +32,7 @@ BOTTOM = 0.95
 """Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
 
 WALTHER_SLOPE = 3.1
-"""B of (a), unless told otherwise."""
+"""B of (a) by default."""
 REFERENCE = 40.0
 """Temperature [degrees C] at which a drive's viscosity is meant where it is swept over temperature."""
 KELVIN = 273.15
@@ -90,7 +90,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
-    from warpchain.drive.stack import arrays_of, picked
+    from warpchain.drive.batch import arrays_of, picked
 
     own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0)})
     column = next(arrays_of(own), None)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar, get_args
 
-from warpchain.drive.part import Part, get, is_name, nearest
+from warpchain.drive.schema import Part, get, is_name, nearest
 from warpchain.drive.toml import word_text
 from warpchain.errors import DriveError, drive_error
 
@@ -56,7 +56,7 @@ def index_of(elements: Sequence[Any], key: str, depth: int) -> int:
 
 
 def _words(elements: Sequence[Any]) -> list[str]:
-    """How the elements of a list are called in a path."""
+    """The names of a list's elements in a path."""
     names = [get(element, "name") for element in elements]
     return [name if is_name(name) else str(i) for i, name in enumerate(names)]
 
@@ -88,6 +88,7 @@ def _follow(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int)
     if isinstance(value, tuple):
         element = value[index_of(value, key, depth)]
         return _follow(element, type(element) if isinstance(element, Part) else None, keys, depth + 1)
+    key = key if cls is None else cls._renamed.get(key, key)
     if cls is None or key not in cls.model_fields:
         raise _UnknownPath(depth, list(cls.model_fields) if cls else [])
     inner = get(value, key)
@@ -201,6 +202,8 @@ def _assign(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
             return
         _assign(node[place], keys, depth + 1, value)
         return
+    if isinstance(node, _Table):
+        key = node.cls._renamed.get(key, key)
     if not isinstance(node, _Table) or key not in node.cls.model_fields:
         raise _UnknownPath(depth, list(node.cls.model_fields) if isinstance(node, _Table) else [])
     if last:

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from warpchain.drive.each import each, power
+from warpchain.drive.batch_math import each, power
 from warpchain.drive.laws import LAWS, law_factor
 from warpchain.errors import DriveError, drive_error
 
 if TYPE_CHECKING:
-    from warpchain.drive.contact import ImpactLaw, Material
+    from warpchain.drive.contact_settings import ImpactLaw, Material
 
 
 def compliance(roller: Material, partner: Material) -> float:
@@ -119,7 +119,7 @@ def contact_rebound(law: ImpactLaw) -> float:
 
 
 def contact_damping(law: ImpactLaw, stiffness: float, mass: float) -> float:
-    """What the law's function takes for damping: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
+    """The damping value of the law's function: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
 
     Args:
         law: the contact's settings.

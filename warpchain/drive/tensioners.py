@@ -1,6 +1,6 @@
 r"""Tensioners: springs, hydraulic elements and ratchets between the ground and an arm, or a sprocket on a slider.
 
-The extension x is how far the touched point of the body stands out along the direction of the push, 0 as drawn. The
+The extension x is how far the point of contact on the body stands out along the direction of the push, 0 as drawn. The
 force pushes only: F = max(0, preload - k x - c x') of the spring, with (P - P_0) A of the oil on top. The chamber of
 volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the gap around the plunger,
 
@@ -18,8 +18,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from warpchain.drive.each import hypot, power, radians
-from warpchain.drive.part import (
+from warpchain.drive.batch_math import hypot, power, radians
+from warpchain.drive.schema import (
     BARE,
     Allowed,
     Direction,
@@ -256,7 +256,7 @@ class Tensioner(Part):
 
     @property
     def plunger_mass(self) -> float:
-        """Mass that moves with the touched point [kg]; 0 without a plunger."""
+        """Mass that moves with the point of contact [kg]; 0 without a plunger."""
         return 0.0 if self.plunger is None else self.plunger.mass
 
     @property
@@ -281,7 +281,7 @@ class Tensioner(Part):
 
     @property
     def drag_flow(self) -> float:
-        """What the moving plunger drags out of the gap per speed, pi d h / 2 [m^2]; 0 without oil."""
+        """Flow that the moving plunger drags out of the gap, over its speed, pi d h / 2 [m^2]; 0 without oil."""
         return 0.5 * math.pi * self._bore[0] * self._bore[1] if self.hydraulic else 0.0
 
     @property

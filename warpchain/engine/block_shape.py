@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.kernels.gpu.block_kind import DECLARED, WARP, BlockKind
+from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind
 
 ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 """Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
@@ -18,10 +18,10 @@ LONGEST_ON_A_WARP = 512
 MANY = 6
 """Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
 
-ROOMY = 8
+LOW_OCCUPANCY = 8
 """Most variants a multiprocessor at which a thread of theirs has registers for two contacts at once."""
 
-ABREAST = 4
+VARIANTS_PER_BLOCK = 4
 """Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
 
 ROW = 16
@@ -30,7 +30,7 @@ ROW = 16
 LONGER_ROW = 20
 """The same of kernels that are short enough for the registers that threads then have, 96."""
 
-CREWED = 2
+BODY_WARP = 2
 """Most variants a multiprocessor at which each may have a warp for its bodies alone."""
 
 
@@ -39,33 +39,33 @@ class BlockShape:
     """Threads of a block, and how many rollers each has at most."""
 
     threads: int
-    per: int
-    crewed: bool = False
+    rollers_per_thread: int
+    body_warp: bool = False
     """Whether the last warp has no rollers, but moves the bodies."""
     shared_bytes: int = DECLARED
     """Most of shared memory that a block may have."""
-    roomy: bool = False
+    low_occupancy: bool = False
     """Whether so few are on a multiprocessor that a thread has registers for two contacts at once."""
 
     @property
     def slots(self) -> int:
         """Rollers that the threads could have."""
-        return self.threads * self.per
+        return self.threads * self.rollers_per_thread
 
     @property
     def room(self) -> int:
         """Rollers that there is room for."""
-        return self.slots - 32 * self.crewed
+        return self.slots - 32 * self.body_warp
 
-    def abreast(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
+    def variants_per_block(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
         """How many variants a block has, of which a multiprocessor gets `each`; arguments as in `resident`.
 
         One on a warp has its own block unless several were measured to be faster: long code at float32, which is
         fetched once for all that are abreast.
         """
-        if precision != "float32" or self.threads != WARP or self.per > 6 or each < ROW or not simple:
+        if precision != "float32" or self.threads != WARP or self.rollers_per_thread > 6 or each < ROW or not simple:
             return 1
-        return ABREAST if measuring or self.per > 4 else 1
+        return VARIANTS_PER_BLOCK if measuring or self.rollers_per_thread > 4 else 1
 
     def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False, row: int = 0) -> int:
         """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
@@ -82,11 +82,11 @@ class BlockShape:
                 ("float64", True): (12, 12, 8),
                 ("float32", False): (20, 16, 12),
                 ("float32", True): (20, 16, 8),
-            }[precision, measuring][(self.per > 4) + (self.per > 6)]
-            if simple and precision == "float64" and self.per <= (4 if measuring else 6):
+            }[precision, measuring][(self.rollers_per_thread > 4) + (self.rollers_per_thread > 6)]
+            if simple and precision == "float64" and self.rollers_per_thread <= (4 if measuring else 6):
                 most = 14
-        elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
-            most = 2 if self.per > 8 else 3 if precision == "float64" else 4
+        elif self.slots > LONGEST_ON_A_WARP and self.rollers_per_thread > 1:
+            most = 2 if self.rollers_per_thread > 8 else 3 if precision == "float64" else 4
             most = most * 128 // self.threads
         else:
             most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
@@ -95,9 +95,9 @@ class BlockShape:
 
 def row_of(kind: BlockKind) -> int:
     """How many variants of a kind a multiprocessor holds that are abreast, 0 of those that are not."""
-    if kind.abreast == 1:
+    if kind.variants_per_block == 1:
         return 0
-    return LONGER_ROW if kind.per <= 4 and not (kind.sliding or kind.bending) else ROW
+    return LONGER_ROW if kind.rollers_per_thread <= 4 and not (kind.contact_friction or kind.joint_friction) else ROW
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -126,6 +126,6 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: s
     if precision == "float32" and on_two_warps(room, each):
         return BlockShape(64, -(-room // 64))
     if each >= MANY:
-        return BlockShape(WARP, -(-room // WARP), roomy=each <= ROOMY and room <= 192)
-    crewed = each <= CREWED and 32 < room < 512
-    return BlockShape(room + 32 * crewed, 1, crewed)
+        return BlockShape(WARP, -(-room // WARP), low_occupancy=each <= LOW_OCCUPANCY and room <= 192)
+    body_warp = each <= BODY_WARP and 32 < room < 512
+    return BlockShape(room + 32 * body_warp, 1, body_warp)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for, row_of
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_bits import BITS
-from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
-from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.block_room import asked_of_a_block, room
+from warpchain.kernels.gpu.kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.near_mask import BITS
+from warpchain.kernels.gpu.relax import block_relax_kernel
+from warpchain.kernels.gpu.shared_memory import asked_of_a_block, room
 from warpchain.kernels.structs import GROUND
 
 MOST_LINKS = 16 * ROOMS[-1]
@@ -87,20 +87,23 @@ class Bucket:
     def shape(self) -> BlockShape:
         """The shape of their blocks when they take steps."""
         kind = self.kind
-        return BlockShape(kind.threads, kind.per, kind.crewed, kind.shared_bytes, kind.roomy)
+        return BlockShape(kind.threads, kind.rollers_per_thread, kind.body_warp, kind.shared_bytes, kind.low_occupancy)
 
     @property
     def simple(self) -> bool:
         """Whether their kernels are as short as can be, but for friction at float32."""
         kind = self.kind
-        more = kind.moving, kind.rk4, kind.uneven, kind.arms, kind.profiles, kind.curved
-        rubbing = kind.sliding or kind.bending
-        return kind.usual and not any(more) and (kind.paired or not rubbing)
+        more = kind.moving, kind.rk4, kind.varied_links, kind.arms, kind.profiles, kind.tabulated
+        rubbing = kind.contact_friction or kind.joint_friction
+        return kind.linear_hysteretic and not any(more) and (kind.paired or not rubbing)
 
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
     """What of a kernel's kind is its blocks' shape."""
-    return {name: getattr(shape, name) for name in ("threads", "per", "crewed", "shared_bytes", "roomy")}
+    return {
+        name: getattr(shape, name)
+        for name in ("threads", "rollers_per_thread", "body_warp", "shared_bytes", "low_occupancy")
+    }
 
 
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
@@ -110,13 +113,13 @@ def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     return bucket.shape
 
 
-def _abreast(kind: BlockKind, bucket: Bucket) -> int:
+def _variants_per_block(kind: BlockKind, bucket: Bucket) -> int:
     """Variants of a block of such a kernel: one, unless a multiprocessor has memory for the whole row of them."""
     precision = "float32" if kind.paired else "float64"
-    wanted = bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple)
+    wanted = bucket.shape.variants_per_block(precision, kind.measuring, bucket.each, bucket.simple)
     if wanted == 1:
         return 1
-    kind = replace(kind, abreast=wanted)
+    kind = replace(kind, variants_per_block=wanted)
     needed = asked_of_a_block(kind) + RESERVED
     return wanted if row_of(kind) // wanted * needed <= bucket.most_shared + RESERVED else 1
 
@@ -124,10 +127,12 @@ def _abreast(kind: BlockKind, bucket: Bucket) -> int:
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     if name == "relax":
-        still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "usual", "roomy"), False)
+        still = dict.fromkeys(
+            ("moving", "rk4", "contact_friction", "joint_friction", "linear_hysteretic", "low_occupancy"), False
+        )
         return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
-    kind = replace(bucket.kind, measuring=True, roomy=False) if name == "measure" else bucket.kind
-    return replace(kind, abreast=_abreast(kind, bucket))
+    kind = replace(bucket.kind, measuring=True, low_occupancy=False) if name == "measure" else bucket.kind
+    return replace(kind, variants_per_block=_variants_per_block(kind, bucket))
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
@@ -195,16 +200,16 @@ class GpuKernels:
             "guides": drives["guides"],
             "moving": moving,
             "rk4": drives["integrator"],
-            "sliding": packed.slides,
-            "bending": packed.joints["rubs"],
-            "uneven": packed.links["uneven"],
+            "contact_friction": packed.slides,
+            "joint_friction": packed.joints["rubs"],
+            "varied_links": packed.links["varied_links"],
             "arms": drives["arms"],
             "tensioners": drives["tensioners"],
             "profiles": drives["pieces"] > 0,
-            "curved": curved(packed),
+            "tabulated": curved(packed),
             "stribeck": packed.stribeck,
-            "usual": packed.usual,
-            "regular": packed.regular,
+            "linear_hysteretic": packed.linear_hysteretic,
+            "uniform_links": packed.uniform_links,
             "led": led(packed),
         }
         keys = np.column_stack(list(columns.values()))
@@ -221,7 +226,7 @@ class GpuKernels:
     def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
         """The kind of kernel that takes `count` variants alike on, by themselves."""
         # for others two warps were not faster, or not measured
-        plain = not any(values[name] for name in ("moving", "sliding", "bending", "arms"))
+        plain = not any(values[name] for name in ("moving", "contact_friction", "joint_friction", "arms"))
         precision = self.packed.precision if plain else "float64"
         shape = block_shape(slots, count // self._processors, self._most_shared, precision)
         return BlockKind(self.packed.real, **of_shape(shape), **values)

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import SUMS, empty_sums, upload_ensemble, upload_state
+from warpchain.engine.arrays import TABLE, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
@@ -111,14 +111,14 @@ class CpuEngine:
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
-        return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
+        return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in TABLE["sums"]}
 
     def single_engines(self) -> list[tuple[CpuEngine, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""
         return [(self, 0)]
 
     def held(self) -> dict[str, Any]:
-        """What variants change, by the groups of `engine.states`."""
+        """What variants change, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.cpu_sums}
 
     def fetch(self, array: wp.array) -> NDArray[Any]:

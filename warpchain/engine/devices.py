@@ -10,8 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.engine.arrays import TABLE, starts
+from warpchain.engine.device_choice import Choice, quickest
 from warpchain.engine.packed import Packed
-from warpchain.engine.speeds import Choice, quickest
 from warpchain.engine.start import start_warp
 from warpchain.errors import SimulationError
 
@@ -276,9 +277,10 @@ class SeveralEngines:
         """The window's sums, by name."""
         each = [engine.sums() for engine in self.engines]
         for sums, part in zip(each, self.parts, strict=True):
-            partners = int((part.drives["sprockets"] + part.drives["guides"]).sum())
-            sums["contact"] = sums["contact"][:partners]  # without what stands for an empty list of guide-bars
-        return {name: np.concatenate([sums[name] for sums in each]) for name in each[0]}
+            ends = {kind: int(first[-1]) for kind, first in starts(part.drives).items()}
+            for name, row in TABLE["sums"].items():
+                sums[name] = sums[name][: row.width * ends[row.kind]]  # without the row of an array that is empty
+        return {name: np.concatenate([sums[name] for sums in each]) for name in TABLE["sums"]}
 
     def single_engines(self) -> list[tuple[Any, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""

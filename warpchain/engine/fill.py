@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
-from warpchain.assembly.tables import TableList, shaft_ratio
+from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
-from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, joined, largest, power, where
+from warpchain.drive.batch_math import along, joined, largest, power, where
+from warpchain.drive.friction_coefficients import Rubbing, joint_stop
 from warpchain.drive.laws import LAWS
+from warpchain.drive.motion_table import Table
 from warpchain.drive.mounts import (
     active,
     farthest,
@@ -28,9 +29,8 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
-from warpchain.drive.rubbing import Rubbing, joint_stop
+from warpchain.drive.replicates import turned_on
 from warpchain.drive.stiffness import contact_damping
-from warpchain.drive.table import Table
 from warpchain.engine.fill_bodies import piece_count
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
@@ -69,13 +69,13 @@ class RowList:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float, heft: float) -> None:
+def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float, effective_mass: float) -> None:
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
-    row["most_damping"] = heft  # `pack` divides it by the step
+    row["most_damping"] = effective_mass  # `pack` divides it by the step
 
 
 def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
@@ -97,7 +97,13 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass, tooth_heft(drive, s))
+    fill_law(
+        row["law"],
+        drive.contact.sprocket,
+        drive.sprocket_stiffness(s),
+        drive.chain.mass,
+        tooth_effective_mass(drive, s),
+    )
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -156,27 +162,27 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
     row["roller_radius"] = drive.guide_offset(g)
 
 
-def fill_guide(row: Any, drive: Drive, g: int, heft: float) -> None:
-    """Fills what a guide has beside its face; `heft` is what its contacts' dampers have to stop (`guide_heft`) [kg]."""
+def fill_guide(row: Any, drive: Drive, g: int, effective_mass: float) -> None:
+    """Fills what a guide has beside its face; `effective_mass` is that of its contacts [kg]."""
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, heft)
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, effective_mass)
 
 
-def fill_sliding(row: Any, rubbing: Rubbing, heft: float) -> None:
+def fill_sliding(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
     """Fills a `kernels.structs.Sliding`, its `stop` for a step of 1 s; it stays zero without friction.
 
-    `heft` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
-    (`tooth_heft`).
+    `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
+    (`tooth_effective_mass`).
     """
     if not rubbing.rubs:
         return
     row["rubs"] = 1
-    row["stop"] = SLIDING_STOP * heft
+    row["stop"] = SLIDING_STOP * effective_mass
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = rubbing.dynamic, rubbing.static
     row["law"]["stribeck_speed"] = rubbing.stribeck_speed
 
 
-def tooth_heft(drive: Drive, s: int) -> float:
+def tooth_effective_mass(drive: Drive, s: int) -> float:
     """m_e [kg] of a roller that slides on sprocket s, so little that all its teeth at once reverse no sliding.
 
     Forces f_i = stop v_i of z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's
@@ -320,7 +326,7 @@ def fill_joint(row: Any, drive: Drive) -> None:
 
 def fill_links(row: Any, drive: Drive) -> None:
     """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
-    chain, uneven = drive.chain, drive.chain.uneven
-    row["uneven"], row["play"] = where(uneven, 1, 0), where(uneven, chain.link_play, 0.0)
-    row["outer_stiffness"] = where(uneven, chain.outer_stiffness, 0.0)
-    row["outer_damping"] = where(uneven, chain.outer_damping, 0.0)
+    chain, varied_links = drive.chain, drive.chain.varied_links
+    row["varied_links"], row["play"] = where(varied_links, 1, 0), where(varied_links, chain.link_play, 0.0)
+    row["outer_stiffness"] = where(varied_links, chain.outer_stiffness, 0.0)
+    row["outer_damping"] = where(varied_links, chain.outer_damping, 0.0)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
-from warpchain.drive.each import along, joined, power
-from warpchain.drive.profile import Profile
+from warpchain.drive.batch_math import along, joined, power
+from warpchain.drive.face_profile import Profile
 from warpchain.kernels.structs import GROUND
 
 MARGIN = 0.25
@@ -70,10 +70,10 @@ def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: f
     row["high"] = along.max() + around, across.max() + around
 
 
-def guide_heft(drive: Drive, g: int) -> float:
+def guide_effective_mass(drive: Drive, g: int) -> float:
     """m_e [kg] of a roller that slides on guide g: less than its mass where all its rollers can turn a light arm.
 
-    As `fill.tooth_heft`, with the rollers that there is room for on the faces of the arm, at its reach r:
+    As `fill.tooth_effective_mass`, with the rollers that there is room for on the faces of the arm, at its reach r:
     1/m_e = 1/m + n r^2 / I.
     """
     arm = drive.arm_of(g)
@@ -93,6 +93,6 @@ def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> N
     if arm.stops is not None:
         row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
-    row["heft"] = along(arm.mass) * (joined(arm.center) - joined(arm.pivot))
+    row["mass_moment"] = along(arm.mass) * (joined(arm.center) - joined(arm.pivot))
     row["gravity"] = joined(drive.run.gravity)
     body["angle"] = assembly.arm_angle[:, a]

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from warpchain.drive import Drive
-from warpchain.drive.each import each, joined, largest, power, sqrt, where
+from warpchain.drive.batch_math import each, joined, largest, power, sqrt, where
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 

@@ -16,13 +16,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.buckets import Bucket, GpuKernels, rows_apart
-from warpchain.engine.lanes import Phase, cut, groups
+from warpchain.engine.launches import Phase, cut, groups
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
-from warpchain.kernels.gpu.block_observe import collect
+from warpchain.kernels.gpu.observe import collect
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 
 OLDEST = 70
@@ -238,7 +238,7 @@ class GpuEngine(GpuKernels):
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
+            for name in TABLE["sums"]:
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect,
@@ -247,14 +247,14 @@ class GpuEngine(GpuKernels):
                 device=self.device,
                 block_dim=COLLECTING,
             )
-            return {name: getattr(sums, name).numpy() for name in SUMS}
+            return {name: getattr(sums, name).numpy() for name in TABLE["sums"]}
 
     def single_engines(self) -> list[tuple[GpuEngine, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""
         return [(self, 0)]
 
     def held(self) -> dict[str, Any]:
-        """What variants change, by the groups of `engine.states`."""
+        """What variants change, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
     def fetch(self, array: wp.array) -> NDArray[Any]:

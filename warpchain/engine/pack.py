@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.tables import TableList
-from warpchain.assembly.together import Assemblies, assemble_all
+from warpchain.assembly.assemble_batch import Assemblies, assemble_all
+from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
-from warpchain.drive.stack import Stack, picked, stacks_of
+from warpchain.drive.batch import Stack, picked, stacks_of
+from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     RowList,
     fill_bar,
@@ -31,12 +31,12 @@ from warpchain.engine.fill import (
     fill_sliding,
     fill_sprocket,
     fill_strand,
-    tooth_heft,
+    tooth_effective_mass,
 )
-from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, piece_count, profiled
+from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_effective_mass, piece_count, profiled
 from warpchain.engine.fill_tensioner import fill_tensioner
-from warpchain.engine.packed import KINDS, Packed, dtype_of, numbered, spread, state_rows, store
-from warpchain.engine.resting import lay_to_rest
+from warpchain.engine.oil_rest import lay_to_rest
+from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -64,7 +64,7 @@ def pack(
         row = np.zeros(len(part.members), dtype=rows.dtype)
         fill_drive(row, part.drive, assembly)
         rows[part.members] = row
-    packed = _empty(numbered(rows), assemblies)
+    packed = Packed.blank(numbered(rows), assemblies)
     gathered = Gathered(RowList(3), RowList(2), TableList())
     for name, column in schedule_columns(schedules).items():
         packed.drives[name] = column
@@ -110,7 +110,7 @@ def _rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
 def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gathered) -> None:
     """Fills the rows of a stack's variants, in their initial states."""
     drive, v = part.drive, part.members
-    at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values()}
+    at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
     for array, fill in ((packed.chains, fill_chain), (packed.joints, fill_joint), (packed.links, fill_links)):
         with _rows(array, v) as row:
@@ -142,7 +142,7 @@ def _pack_sprocket(
     with _rows(packed.sprockets, mine) as row:
         fill_sprocket(row, drive, s, gathered.seats)
     with _rows(packed.tooth_sliding, mine) as row:
-        fill_sliding(row, tooth_rubbing(drive), tooth_heft(drive, s))
+        fill_sliding(row, tooth_rubbing(drive), tooth_effective_mass(drive, s))
     with _rows(packed.strands, mine) as row:
         fill_strand(row, assembly, s, drive.chain.links)
     with _rows(packed.motions, body) as row:
@@ -158,48 +158,12 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
     used = 0
     with _rows(packed.pieces, spread(at["first_piece"], piece_count(drive))) as pieces:
         for g in range(len(drive.guides)):
-            mine, heft = at["first_guide"] + g, guide_heft(drive, g)
+            mine, effective_mass = at["first_guide"] + g, guide_effective_mass(drive, g)
             with _rows(packed.guides, mine) as row:
                 if profiled(drive, g):
                     used += fill_profile(row, pieces, used, drive, g)
                 else:
                     fill_bar(row, drive, g)
-                fill_guide(row, drive, g, heft)
+                fill_guide(row, drive, g, effective_mass)
             with _rows(packed.guide_sliding, mine) as row:
-                fill_sliding(row, guide_rubbing(drive, g), heft)
-
-
-def _empty(drives: NDArray[Any], assemblies: Assemblies) -> Packed:
-    """An ensemble in float64 whose drives have their counts and places, and nothing else yet."""
-    kinds = structs.types(wp.float64)
-    count = {name: int(kind.count(drives).sum()) for name, kind in KINDS.items()}
-
-    def zeros(struct: Any, kind: str) -> NDArray[Any]:
-        return np.zeros(max(count[kind], 1), dtype=dtype_of(struct))
-
-    return Packed(
-        precision="float64",
-        drives=drives,
-        chains=np.zeros(len(drives), dtype=dtype_of(kinds.Chain)),
-        joints=np.zeros(len(drives), dtype=dtype_of(kinds.Joint)),
-        links=np.zeros(len(drives), dtype=dtype_of(kinds.Links)),
-        lengths=np.zeros(count["roller"]),
-        sprockets=zeros(kinds.Sprocket, "sprocket"),
-        motions=zeros(structs.Motion, "body"),
-        mounts=zeros(structs.Mount, "body"),
-        guides=zeros(kinds.Guide, "guide"),
-        pieces=zeros(structs.Piece, "piece"),
-        arms=zeros(structs.Arm, "arm"),
-        tensioners=zeros(structs.Tensioner, "tensioner"),
-        oil=zeros(structs.TensionerState, "tensioner"),
-        tooth_sliding=zeros(kinds.Sliding, "sprocket"),
-        guide_sliding=zeros(kinds.Sliding, "guide"),
-        harmonics=np.zeros(0),
-        tables=np.zeros(0),
-        seats=np.zeros(0),
-        rollers=np.zeros(STATE_ROWS * count["roller"]),
-        bodies=zeros(structs.BodyState, "body"),
-        strands=zeros(structs.Strand, "sprocket"),
-        seat=np.full(count["contact"], -1, dtype=np.int32),
-        assemblies=assemblies,
-    )
+                fill_sliding(row, guide_rubbing(drive, g), effective_mass)

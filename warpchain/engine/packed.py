@@ -5,19 +5,18 @@ Nothing of one variant depends on another: the packing only decides where its va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, make_dataclass, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.assembly.together import Assemblies
-from warpchain.drive.stack import LARGEST
+from warpchain.assembly.assemble_batch import Assemblies
+from warpchain.drive.batch import LARGEST
+from warpchain.engine.arrays import PACKED, TABLE, array_type, dtype_of, lengths, numbered, starts
 from warpchain.errors import SimulationError
-from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.results.channels import FRAME, FrameLayout
 
@@ -41,75 +40,6 @@ def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], pre
     return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
         precision
     )
-
-
-Places = slice | NDArray[np.int64]
-"""Where values stand: one after the other, or anywhere."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of thing that arrays hold, variant after variant.
-
-    Attributes:
-        first: the field of `kernels.structs.Drive` that says where a variant's begin.
-        count: how many each variant has, (variants,), from the rows of `drives`.
-    """
-
-    first: str
-    count: Callable[[NDArray[Any]], NDArray[Any]]
-
-
-KINDS = {
-    "roller": Kind("first_roller", lambda drives: drives["rollers"]),
-    "sprocket": Kind("first_sprocket", lambda drives: drives["sprockets"]),
-    "body": Kind("first_body", lambda drives: drives["bodies"]),
-    "guide": Kind("first_guide", lambda drives: drives["guides"]),
-    "piece": Kind("first_piece", lambda drives: drives["pieces"]),
-    "arm": Kind("first_arm", lambda drives: drives["arms"]),
-    "tensioner": Kind("first_tensioner", lambda drives: drives["tensioners"]),
-    "contact": Kind("first_contact", lambda drives: drives["rollers"] * (drives["sprockets"] + drives["guides"])),
-    "tally": Kind("first_tally", lambda drives: drives["rollers"] * (drives["sprockets"] + 1)),
-}
-
-FIELDS = {
-    "lengths": ("roller", 1),
-    "rollers": ("roller", STATE_ROWS),
-    "sprockets": ("sprocket", 1),
-    "strands": ("sprocket", 1),
-    "motions": ("body", 1),
-    "mounts": ("body", 1),
-    "bodies": ("body", 1),
-    "guides": ("guide", 1),
-    "pieces": ("piece", 1),
-    "arms": ("arm", 1),
-    "tensioners": ("tensioner", 1),
-    "oil": ("tensioner", 1),
-    "tooth_sliding": ("sprocket", 1),
-    "guide_sliding": ("guide", 1),
-    "seat": ("contact", 1),
-}
-"""What each array of an ensemble counts by, and how many values each has; a new array of parts needs a row here."""
-
-
-@cache
-def dtype_of(struct: Any) -> np.dtype[Any]:
-    """The numpy type of rows of a Warp struct; Warp takes long to lay it out."""
-    return np.dtype(struct.numpy_dtype())
-
-
-def numbered(drives: NDArray[Any]) -> NDArray[Any]:
-    """Rows of `kernels.structs.Drive` with the places where their parts begin, one variant after the other."""
-    for kind in KINDS.values():
-        counts = kind.count(drives).astype(np.int64)
-        drives[kind.first] = np.cumsum(counts) - counts
-    return drives
-
-
-def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The places `first` to `first + count - 1` of each variant, one after the other."""
-    new = np.cumsum(count) - count
-    return np.repeat(first - new, count) + np.arange(int(count.sum()))
 
 
 def spread(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
@@ -142,50 +72,45 @@ def store(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) 
         view[:] = rows
 
 
-def _rows(values: NDArray[Any], places: Places, width: int) -> NDArray[Any]:
-    """The values at these places, `width` each; the first of all where there are none, as Warp reads no empty array."""
-    if width > 1:
-        return values.reshape(-1, width)[places].reshape(-1)
-    chosen = values[places]
-    return chosen if len(chosen) else values[:1]
+Arrays: Any = make_dataclass("Arrays", PACKED)
 
 
 @dataclass
-class Packed:
+class Packed(Arrays):
     """An ensemble as numpy structured arrays, in the layout of `kernels.structs`, and where each variant's parts begin.
 
     Attributes:
-        drives ... impact_speed: see `kernels.structs.Ensemble` and `.State`.
+        drives, chains ...: the packed arrays of the table (`arrays.TABLE`), those of parts one row at least, as Warp
+            reads no empty array.
         rollers: (6 * all rollers,) each variant's rows: x, y, vx, vy, and the low parts of x, y (float32).
         assemblies: the initial states.
         frame: how recorded frames lie.
     """
 
     precision: str
-    drives: NDArray[Any]
-    chains: NDArray[Any]
-    joints: NDArray[Any]
-    links: NDArray[Any]
-    lengths: NDArray[np.floating]
-    sprockets: NDArray[Any]
-    motions: NDArray[Any]
-    mounts: NDArray[Any]
-    guides: NDArray[Any]
-    pieces: NDArray[Any]
-    arms: NDArray[Any]
-    tensioners: NDArray[Any]
-    oil: NDArray[Any]
-    tooth_sliding: NDArray[Any]
-    guide_sliding: NDArray[Any]
-    harmonics: NDArray[np.float64]
-    tables: NDArray[np.float64]
-    seats: NDArray[np.floating]
-    rollers: NDArray[np.floating]
-    bodies: NDArray[Any]
-    strands: NDArray[Any]
-    seat: NDArray[np.int32]
     assemblies: Assemblies
     frame: FrameLayout = FRAME
+
+    @classmethod
+    def blank(cls, drives: NDArray[Any], assemblies: Assemblies) -> Packed:
+        """An ensemble in float64 whose drives have their counts and places, and nothing else yet."""
+        arrays: dict[str, Any] = {}
+        for group in TABLE:
+            counts = lengths(drives, group)
+            for name, row in TABLE[group].items():
+                if row.packed:
+                    dtype = dtype_of(array_type(group, name, wp.float64))
+                    arrays[row.packed] = np.zeros(counts.get(name, 0), dtype=dtype)
+        arrays["seat"][:] = -1
+        return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
+
+    def with_arrays(self, **arrays: NDArray[Any]) -> Packed:
+        """The ensemble with other arrays of these names; it shares the rest."""
+        return replace(self, **arrays)  # type: ignore[arg-type]
+
+    def copy(self) -> Packed:
+        """The ensemble with arrays of its own."""
+        return self.with_arrays(**{name: getattr(self, name).copy() for name in PACKED})
 
     @property
     def real(self) -> type:
@@ -207,7 +132,7 @@ class Packed:
         return found
 
     @property
-    def usual(self) -> NDArray[np.bool_]:
+    def linear_hysteretic(self) -> NDArray[np.bool_]:
         """(variants,) whether all contacts' laws are hysteretic and linear."""
         found = np.ones(self.variants, dtype=bool)
         for partners, counts in ((self.sprockets, "sprockets"), (self.guides, "guides")):
@@ -217,7 +142,7 @@ class Packed:
         return found
 
     @property
-    def regular(self) -> NDArray[np.bool_]:
+    def uniform_links(self) -> NDArray[np.bool_]:
         """(variants,) whether all links of a chain are of one length."""
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
@@ -254,60 +179,50 @@ class Packed:
 
     def part(self, a: int, b: int) -> Packed:
         """Variants `a` to `b` - 1 as an ensemble of their own, which shares this one's arrays."""
-        drives, last = self.drives[a:b].copy(), self.drives[b - 1 : b]
-        places = {
-            name: slice(int(drives[kind.first][0]), int((last[kind.first] + kind.count(last))[0]))
-            for name, kind in KINDS.items()
-        }
-        return self._of(drives, slice(a, b), places, self.assemblies[a:b])
+        places = {kind: slice(int(first[a]), int(first[b])) for kind, first in starts(self.drives).items()}
+        return self._of(places, self.drives[a:b].copy(), self.assemblies[a:b])
 
     def taken(self, which: Sequence[int]) -> Packed:
         """The variants of these indices, each as often as it is named, as an ensemble of their own."""
         chosen = np.asarray(which, dtype=np.int64)
-        drives = self.drives[chosen]
-        places = {
-            name: _spread(drives[kind.first].astype(np.int64), kind.count(drives).astype(np.int64))
-            for name, kind in KINDS.items()
-        }
-        return self._of(drives, chosen, places, self.assemblies.taken(chosen))
+        places = {}
+        for kind, first in starts(self.drives).items():
+            begin, count = first[chosen], np.diff(first)[chosen]
+            places[kind] = np.repeat(begin - (np.cumsum(count) - count), count) + np.arange(int(count.sum()))
+        return self._of(places, self.drives[chosen], self.assemblies.taken(chosen))
 
-    def _of(self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: Assemblies) -> Packed:
-        """The ensemble of `chosen` variants, whose rows are `drives` and whose parts stand at `places` in this one."""
-        arrays: dict[str, Any] = {
-            name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
-        }
-        each: dict[str, Any] = {
-            "chains": self.chains[chosen],
-            "joints": self.joints[chosen],
-            "links": self.links[chosen],
-        }
-        return replace(self, drives=numbered(drives), assemblies=assemblies, **each, **arrays)
+    def _of(
+        self, places: Mapping[str, slice | NDArray[np.int64]], drives: NDArray[Any], assemblies: Assemblies
+    ) -> Packed:
+        """The ensemble of some variants, whose things of each kind are at `places` in this one."""
+        arrays = {}
+        for name, (group, of) in PACKED.items():
+            row, values = TABLE[group][of], getattr(self, name)
+            if row.kind:
+                chosen = values.reshape(-1, row.width)[places[row.kind]]
+                arrays[name] = chosen.reshape(-1) if len(chosen) else values[: row.width]
+        made = self.with_arrays(**arrays | {"drives": numbered(drives)})
+        made.assemblies = assemblies
+        return made
 
     def at_precision(self, precision: str) -> Packed:
-        """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
+        """This ensemble, which is in float64, at another precision; the low parts of positions take what these lose.
 
         Raises:
             SimulationError: for an unknown precision.
         """
-        kinds = structs.types(real_of(precision))
+        real = real_of(precision)
         if precision == self.precision:
             return self
-        rollers = self.rollers.astype(precision)
-        other = replace(
-            self,
-            precision=precision,
-            chains=self.chains.astype(dtype_of(kinds.Chain)),
-            joints=self.joints.astype(dtype_of(kinds.Joint)),
-            links=self.links.astype(dtype_of(kinds.Links)),
-            lengths=self.lengths.astype(precision),
-            sprockets=self.sprockets.astype(dtype_of(kinds.Sprocket)),
-            guides=self.guides.astype(dtype_of(kinds.Guide)),
-            tooth_sliding=self.tooth_sliding.astype(dtype_of(kinds.Sliding)),
-            guide_sliding=self.guide_sliding.astype(dtype_of(kinds.Sliding)),
-            rollers=rollers,
+        other = self.with_arrays(
+            **{
+                name: getattr(self, name).astype(dtype_of(array_type(*place, real)), copy=False)
+                for name, place in PACKED.items()
+            }
         )
+        other.precision = precision
         for _, first, count in self.alike():
             xy = STATE_ROWS * first
-            lost = taken(self.rollers, xy, 2 * count) - taken(rollers, xy, 2 * count)
-            store(rollers, xy + 4 * count, lost)
+            lost = taken(self.rollers, xy, 2 * count) - taken(other.rollers, xy, 2 * count)
+            store(other.rollers, xy + 4 * count, lost)
         return other

@@ -9,7 +9,7 @@ the oil's mass is given, and its pressure is that of the given state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ class Probe:
     """
 
     def __init__(self, packed: Packed, workers: int = 1) -> None:
-        base = replace(packed, drives=packed.drives.copy())
+        base = packed.copy()
         row = base.drives[0]
         row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], STEP, 2
         row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
@@ -98,7 +98,7 @@ class Probe:
 
     def packed(self, states: States) -> Packed:
         """The variant in the first of the states, at rest."""
-        still = replace(self.base, bodies=self.base.bodies.copy(), rollers=self.base.rollers.copy())
+        still = self.base.copy()
         still.rows(0)[0:2] = states.position[0].T
         still.bodies["center"], still.bodies["angle"] = states.bodies[0, :, :2], states.bodies[0, :, 2]
         return still

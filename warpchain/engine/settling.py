@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,12 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
-from warpchain.drive.each import largest, power, table_of, where
-from warpchain.drive.stack import Stack, picked, stacks_of
+from warpchain.drive.batch import Stack, picked, stacks_of
+from warpchain.drive.batch_math import largest, power, table_of, where
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
+from warpchain.engine.oil_rest import lay_to_rest, springs
 from warpchain.engine.packed import Packed, spread, store
-from warpchain.engine.resting import lay_to_rest, springs
 from warpchain.kernels import relaxation
 from warpchain.kernels.rows import STATE_ROWS
 
@@ -43,19 +42,9 @@ def elastic(packed: Packed) -> Packed:
     Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are. Tensioners
     push with what they push with at rest.
     """
-    still = replace(
-        packed,
-        chains=packed.chains.copy(),
-        links=packed.links.copy(),
-        sprockets=packed.sprockets.copy(),
-        guides=packed.guides.copy(),
-        tooth_sliding=np.zeros_like(packed.tooth_sliding),
-        guide_sliding=np.zeros_like(packed.guide_sliding),
-        bodies=packed.bodies.copy(),
-        rollers=packed.rollers.copy(),
-        arms=packed.arms.copy(),
-        tensioners=springs(packed.tensioners),
-    )
+    still = packed.copy()
+    still.tooth_sliding, still.guide_sliding = np.zeros_like(still.tooth_sliding), np.zeros_like(still.guide_sliding)
+    still.tensioners = springs(packed.tensioners)
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
     still.sprockets["law"]["damping"] = 0.0

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stack import Stack, picked
+from warpchain.drive.batch import Stack, picked
 from warpchain.engine.batches import batch_durations
 from warpchain.engine.devices import Engine, engine_on, frame_bytes, launch_steps, loading
-from warpchain.engine.ends import causes_of, engaged, layouts_of, net_force
-from warpchain.engine.nudge import nudge
+from warpchain.engine.outcomes import causes_of, engaged, layouts_of, net_force
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
+from warpchain.engine.perturb import perturb
 from warpchain.engine.progress import Report, Stop
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.engine.settling import settle
@@ -35,7 +35,7 @@ from warpchain.results.run import RunInfo
 from warpchain.results.schedule import Schedule
 
 if TYPE_CHECKING:
-    from warpchain.engine.states import Keeper
+    from warpchain.engine.checkpoint import Keeper
 
 LAUNCH_WORK = 20_000_000
 """Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
@@ -137,7 +137,7 @@ class Share:
         with loading(how.devices, packed, how.precision):
             settled = _settle(packed, settling, how, steps, report, stop)
         left = net_force(packed, settled["residual"])
-        nudge(packed, drives)
+        perturb(packed, drives)
         if keeper is not None:
             keeper.prepare(packed, settled, left)
         steps = launch_steps(how.devices, packed, recorder.launch_steps(steps, frame_bytes(how.devices)))

@@ -15,21 +15,21 @@ import numpy as np
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
-from warpchain.drive.copies import Replicates, each_copy
-from warpchain.drive.stack import Stack, first_of, first_refused, stacks_of
+from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
+from warpchain.drive.replicates import Replicates, each_copy
 from warpchain.engine.progress import Report, interruptible, reporter
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
-from warpchain.garbage import rare_collections
-from warpchain.results.judgement import Limits, told
+from warpchain.gc_tuning import rare_collections
+from warpchain.results.judgement import Limits, warning_text
 from warpchain.results.metrics import metrics_table
-from warpchain.results.replicates import with_copies
+from warpchain.results.replicate_metrics import with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
-    from warpchain.engine.states import States
+    from warpchain.engine.checkpoint import States
     from warpchain.results.schedule import Schedule
 
 MEMORY = 2 * 2**30
@@ -82,9 +82,9 @@ def simulate(
         limits: what a variant may come to and still be "ok" (column `status` of the metrics); None takes the defaults.
         replicates: run this many copies of each drive that differ in how they begin, the drive itself among them; copy
             k of drive d is variant d * replicates + k, and `run.summary` has mean, standard error and n of each drive.
-        replicate_by: "phase", copies begin at other phases within a tooth of the driver; "nudge", with every roller
-            displaced by some 1e-9 pitches.
-        states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.states`).
+        replicate_by: "phase", copies begin at other phases within a tooth of the driver; "perturbation", with every
+            roller displaced by some 1e-9 pitches.
+        states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.checkpoint`).
 
     Returns:
         The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
@@ -97,12 +97,12 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
-    from warpchain.engine.ends import layout_line
+    from warpchain.engine.checkpoint import Keeper
+    from warpchain.engine.outcomes import layout_line
     from warpchain.engine.packed import real_of
+    from warpchain.engine.pipeline import Shares, begun
     from warpchain.engine.share import How, Members, Share
-    from warpchain.engine.shares import Shares, begun
     from warpchain.engine.start import start_warp
-    from warpchain.engine.states import Keeper
     from warpchain.kernels.structs import types
     from warpchain.results.channels import frame_of
 
@@ -144,7 +144,7 @@ def simulate(
                     outcome = shares.outcome()
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=outcome.at - begin)
         metrics = with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
-        _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
+        _warn(SuspectWarning, warning_text(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
         recorder.close()
@@ -195,7 +195,7 @@ def _steps(
     Raises:
         DriveError: naming the first variant that cannot take a step.
     """
-    from warpchain.engine.looks import longest_apart
+    from warpchain.engine.sampling import longest_apart
 
     found = np.zeros(len(drives))
     longest = np.zeros(len(drives), dtype=np.int64)
@@ -215,7 +215,7 @@ def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
     """The steps of variant v, looks `longest` apart at most; `rate` is that of its frames [Hz], None for no frames."""
-    from warpchain.engine.looks import look_every
+    from warpchain.engine.sampling import look_every
     from warpchain.results.schedule import Schedule, whole_steps
 
     start, end = window

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
-from warpchain.drive.each import power
-from warpchain.drive.motion import ElasticMount, Load, SliderMount
+from warpchain.drive.batch_math import power
+from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
 
 SHARE = 0.1
 """Scale of the bins over the working tension."""

@@ -1,5 +1,5 @@
 """Modes of a drive: natural frequencies, damping, shapes, and how they move with its speed."""
 
-from warpchain.modal.modes import Modes, modes
+from warpchain.modal.eigenmodes import Modes, modes
 
 __all__ = ["Modes", "modes"]

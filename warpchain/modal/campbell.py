@@ -1,4 +1,4 @@
-r"""How the modes of a drive move with its speed, and where they meet what excites them.
+r"""Modes followed over the drive's speed (Campbell diagram) and over the variants of a study.
 
 Modes of neighboring speeds are the same where their shapes agree best: by the modal assurance criterion
 |a* M b|^2 / (a* M a)(b* M b), one to one.
@@ -13,15 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from warpchain.assembly.orders import Order, orders
+from warpchain.assembly.frequencies import Order, orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.modal.modes import Modes, modes_of
+from warpchain.modal.eigenmodes import Modes, modes_of
+from warpchain.modal.matrices import Array
 from warpchain.modal.system import System, system
 
 SPARE = 10
@@ -29,12 +31,10 @@ SPARE = 10
 ALIKE = 0.35
 """Least modal assurance with which a mode is followed from one speed to the next."""
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Crossing:
-    """A speed at which a mode meets an order."""
+    """A speed at which a mode crosses an order."""
 
     mode: str
     order: Order
@@ -76,21 +76,21 @@ class Campbell:
     modes: tuple[Modes, ...]
 
     def crossings(self) -> list[Crossing]:
-        """Where modes meet orders, by speed; straight lines between the speeds."""
+        """Crossings of modes and orders, by speed; straight lines between the speeds."""
         found = []
         for order in self.orders:
-            for k, speed, frequency, ratio in self._meeting(order.value, 1.0):
+            for k, speed, frequency, ratio in self._crossings(order.value, 1.0):
                 found.append(Crossing(self.names[k], order, speed, frequency, ratio))
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[Tongue]:
         """Where the tooth frequency is twice that of a mode, by speed."""
         teeth = float(self.drive.sprockets[self.drive.driver].teeth)
-        met = self._meeting(teeth, 2.0)
-        return sorted((Tongue(self.names[k], s, f, 4.0 * r) for k, s, f, r in met), key=lambda tongue: tongue.speed)
+        found = self._crossings(teeth, 2.0)
+        return sorted((Tongue(self.names[k], s, f, 4.0 * r) for k, s, f, r in found), key=lambda tongue: tongue.speed)
 
-    def _meeting(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Modes whose frequency times `multiple` meets an order: mode, speed, frequency, damping ratio."""
+    def _crossings(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
+        """Modes whose frequency times `multiple` crosses an order: mode, speed, frequency, damping ratio."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -164,3 +164,35 @@ def assurance(a: Modes, b: Modes, at: System) -> Array:
     weighted = (at.mass @ second.T).T
     size = [np.einsum("ij,ij->i", v.conj(), (at.mass @ v.T).T).real for v in (first, second)]
     return np.asarray(np.abs(first.conj() @ weighted.T) ** 2 / np.outer(*size))
+
+
+PREFIX = "modes."
+
+
+@lru_cache(maxsize=4)
+def base_modes(drive: Drive, count: int) -> Modes:
+    """The lowest modes of a study's base drive, at rest."""
+    return modes_of(system(drive), count)
+
+
+def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
+    """`modes.NAME.frequency` [Hz] and `.damping_ratio` of a variant, NAME a mode of the base drive.
+
+    Modes are the same where their shapes agree best, one to one; with another number of links, where they have the same
+    name. One that is not found again is left out, all are if the variant does not settle at rest.
+    """
+    try:
+        found = system(drive)
+    except SimulationError:
+        return {}
+    own = modes_of(found, len(base) + SPARE)
+    if own.shape.shape[1:] == base.shape.shape[1:]:
+        which = matched(base, own, found).tolist()
+    else:
+        which = [own.names.index(name) if name in own.names else -1 for name in base.names]
+    result = {}
+    for name, k in zip(base.names, which, strict=True):
+        if k >= 0:
+            result[f"{PREFIX}{name}.frequency"] = float(own.frequency[k])
+            result[f"{PREFIX}{name}.damping_ratio"] = float(own.damping_ratio[k])
+    return result

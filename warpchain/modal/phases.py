@@ -1,7 +1,7 @@
 """Modes over a tooth pitch: a drive that runs is at all phases of engagement in turn.
 
 Where a roller is about to seat, a strand is a link longer or shorter than where it just has, and the rollers of an arc
-carry otherwise. So the modes of a standing drive hang on the phase at which it stands, those of short strands and of
+carry otherwise. So the modes of a drive at rest depend on the phase at which it stands, those of short strands and of
 turning sprockets by some percent. What a run shows is in the middle: the root of the mean of omega^2.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.modal.campbell import SPARE, Campbell, campbell, matched
-from warpchain.modal.coordinates import Array
+from warpchain.modal.matrices import Array
 from warpchain.modal.system import system
 
 

@@ -1,28 +1,112 @@
-"""Small motion of a drive about the state in which it stands or steadily runs: its matrices."""
+"""Small motion of a drive about the state in which it rests or steadily runs: the state, and its matrices.
+
+Relaxation leaves a millionth of the chain's tension unbalanced, which moves slack strands by micrometers. Each step
+goes as far along K^-1 F as lowers the energy: to where the forces no longer work along it. A state in which contacts
+are about to open or close has no stiffness of its own, and steps there lead back and forth; the best one is taken.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
+from warpchain.assembly import Assembly
 from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
+from warpchain.engine.oil_rest import lay_to_rest, springs
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
-from warpchain.engine.resting import lay_to_rest, springs
-from warpchain.engine.standing import TOLERANCE, beginning, link_tension, passing_rate, released
-from warpchain.modal.balance import balanced
-from warpchain.modal.coordinates import Array, Coordinates, coordinates, strokes
-from warpchain.modal.layout import Layout, layout
-from warpchain.modal.matrices import damping, stiffness
-from warpchain.modal.pencil import travelling
+from warpchain.engine.static_equilibrium import TOLERANCE, beginning, link_tension, passing_rate, released
+from warpchain.modal.matrices import Array, Coordinates, coordinates, damping, stiffness, strokes, travelling
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Parts of a chain of N rollers around S sprockets.
+
+    Attributes:
+        arc: (N,) the sprocket on which a roller lies, from the first that touches its teeth to the last; else -1.
+        strand: (N,) the strand in which it hangs, else -1.
+        free_links: (N,) whether a link is one of a strand's: one of its ends at least hangs.
+    """
+
+    arc: NDArray[np.int64]
+    strand: NDArray[np.int64]
+    free_links: NDArray[np.bool_]
+
+
+def layout(assembly: Assembly, touching: NDArray[np.bool_]) -> Layout:
+    """The parts of a chain.
+
+    Args:
+        assembly: how it was laid around its sprockets.
+        touching: (S, N) which rollers touch which sprocket.
+    """
+    count = touching.shape[1]
+    sprockets = len(assembly.strand_first)
+    arc = np.full(count, -1)
+    last = np.asarray(assembly.strand_first, dtype=np.int64)
+    first = np.roll(last + np.asarray(assembly.strand_links), 1)
+    first = np.where(first > last, first - count, first)
+    for s in range(sprockets):
+        middle = (first[s] + last[s]) // 2
+        off = (np.flatnonzero(touching[s]) - middle + count // 2) % count - count // 2
+        if len(off):
+            first[s], last[s] = middle + off.min(), middle + off.max()
+            arc[np.arange(first[s], last[s] + 1) % count] = s
+        else:
+            first[s] = last[s] = middle
+    strand = np.full(count, -1)
+    for s in range(sprockets):
+        end = first[(s + 1) % sprockets]
+        hanging = np.arange(last[s], last[s] + (end - last[s]) % count + 1) % count
+        strand[hanging[arc[hanging] < 0]] = s
+    return Layout(arc, strand, (arc < 0) | (np.roll(arc, -1) < 0))
+
+
+STEPS = 8
+SHARES = 0.5 ** np.arange(8.0)
+"""Of a step, tried at once."""
+FAINT = 1e-10
+"""Of the tension of a link: forces below this are rounding."""
+
+
+def balanced(
+    probe: Probe, at: Coordinates, state: States, pitch: float, tension: float
+) -> tuple[States, sp.csc_array, float]:
+    """The equilibrium nearest to a relaxed state, K there, and its largest force, of the tension.
+
+    Args:
+        state: one copy.
+        tension: of a link, for comparison [N].
+    """
+    force = at.forces(probe, state)[0]
+    best, least = state, float(np.abs(force).max())
+    for _ in range(STEPS):
+        if least < FAINT * tension:
+            break
+        try:
+            step = splu(stiffness(probe, at, state, pitch)).solve(force)
+        except RuntimeError:  # a motion that nothing restores
+            break
+        new = at.forces(probe, at.moved(state, SHARES[:, None] * step))
+        along = np.abs(new @ step) < 0.9 * abs(float(force @ step))
+        if not along.any():
+            break
+        k = int(np.argmax(along))
+        state, force = at.moved(state, SHARES[k] * step[None]), new[k]
+        if np.abs(force).max() < least:
+            best, least = state, float(np.abs(force).max())
+    return best, stiffness(probe, at, best, pitch), least / tension
 
 
 @dataclass(frozen=True)
 class System:
-    """Small motion of a drive about a state: its matrices, and where it stands.
+    """Small motion of a drive about a state: its matrices, and that state.
 
     Attributes:
         packed: the drive in that state.
@@ -88,7 +172,7 @@ def system(drive: Drive, speed: float = 0.0, start: Packed | None = None, valve:
 
 
 def _about(packed: Packed, drive: Drive, speed: float, valve: str) -> tuple[System, float]:
-    """Small motion about the standing state near a packed one, and how far from standing that is, of the tension."""
+    """Small motion about the equilibrium near a packed state, and its largest force, of the tension."""
     if drive.tensioners:
         packed, unrest = _still(packed, drive)
     probe = Probe(packed)
@@ -113,12 +197,14 @@ def _about(packed: Packed, drive: Drive, speed: float, valve: str) -> tuple[Syst
 def _still(packed: Packed, drive: Drive) -> tuple[Packed, float]:
     """The standing state near a packed one as `balanced` finds it with tensioners that push with what they push with at
     rest, however long that takes their oil, and how far from standing it is; there tensioners are laid to rest."""
-    probe = Probe(replace(packed, tensioners=springs(packed.tensioners)))
+    probe = Probe(packed.with_arrays(tensioners=springs(packed.tensioners)))
     try:
         state = probe.start()
         pull = float(np.abs(tension_of(packed, state)).max())
         state, _, unrest = balanced(probe, coordinates(probe, state), state, drive.chain.pitch, pull)
-        still = replace(probe.packed(state), drives=packed.drives, tensioners=packed.tensioners, oil=packed.oil.copy())
+        still = probe.packed(state).with_arrays(
+            drives=packed.drives, tensioners=packed.tensioners, oil=packed.oil.copy()
+        )
     finally:
         probe.close()
     lay_to_rest(still)

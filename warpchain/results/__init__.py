@@ -1,1 +1,1 @@
-"""What runs give: trajectories, metrics, objectives, and what engineers read off them."""
+"""Results of runs: trajectories, metrics, objectives, and figures for engineers."""

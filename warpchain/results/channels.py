@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 Kind = Literal["roller", "link", "sprocket", "arm", "tensioner"]
-"""What channels are of."""
+"""Kinds of things that channels are of."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many things there are that channels are of; as many links as rollers."""
+    """Numbers of the things that channels are of; as many links as rollers."""
 
     rollers: int
     sprockets: int
@@ -36,7 +36,7 @@ class Sizes:
         return cls(drive.chain.links, len(drive.sprockets), len(drive.arms), len(drive.tensioners))
 
     def count(self, kind: Kind) -> int:
-        """How many of a kind."""
+        """Number of things of a kind."""
         return self.rollers if kind in ("roller", "link") else int(getattr(self, f"{kind}s"))
 
 
@@ -120,7 +120,7 @@ AXES = ("x", "y")
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """How the values of one frame lie in a row of memory.
+    """Layout of one frame's values in a row of memory.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
     after the other, those of the arms and those of the tensioners likewise. With N rollers and S sprockets, component
@@ -189,11 +189,11 @@ def _block(kind: Kind) -> Kind:
 
 
 FRAME = FrameLayout(tuple(CHANNEL[name] for name in DEFAULT))
-"""How the kernels' frames lie where nothing else is asked for."""
+"""Layout of the kernels' frames where nothing else is asked for."""
 
 
 def frame_of(channels: Iterable[str]) -> FrameLayout:
-    """How frames lie that hold, beside what all of them do, those of these channels that are on request."""
+    """Layout of frames that hold, beside what all do, those of these channels that are on request."""
     asked = set(channels)
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 

@@ -1,4 +1,4 @@
-"""How metrics are formed: from sums over the window, from the energy balance, and from one another.
+"""Formulas of metrics: from sums over the window, from the energy balance, and from one another.
 
 The last are what designs are judged by. With E the energy that a partner's contacts dissipate in the window, n_d the
 driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
@@ -19,13 +19,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpchain.drive import Drive
-from warpchain.results.statistics import counted_below, drift, quantile, share_below, standard_error, steady
+from warpchain.results.batch_means import counted_below, drift, quantile, share_below, standard_error, steady
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
 
 Values = Any
 """A number, or an array of one number a variant (V,)."""
@@ -55,7 +57,7 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
 
 @dataclass(frozen=True)
 class Summed:
-    """What the kernels added up of one thing over the window.
+    """Sums of one thing over the window, as the kernels added them up.
 
     Attributes:
         sums: rows of the group's sums.
@@ -82,7 +84,7 @@ def total(field: str) -> Callable[[Summed], Values]:
 
 
 def flowed(*fields: str) -> Callable[[Summed], Values]:
-    """What a tensioner's meter counted, several of it added up."""
+    """Sum of some of a tensioner's flows."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
@@ -139,7 +141,7 @@ def batch_means(of: Summed, mean: Callable[[Summed], Values]) -> Values:
 
 
 def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
-    """The standard error of a mean (`results.statistics`)."""
+    """The standard error of a mean (`results.batch_means`)."""
 
     def value(of: Summed) -> Values:
         error = standard_error(batch_means(of, mean))
@@ -201,7 +203,7 @@ class Balance:
 
     @property
     def residual(self) -> Values:
-        """What the balance misses."""
+        """The energy that the balance misses."""
         return self.input - self.output - self.dissipated - self.change
 
     @property
@@ -217,7 +219,7 @@ class Balance:
 
 @dataclass(frozen=True)
 class Judged:
-    """What designs are judged by: the other metrics of variants of the same columns, for one of their things.
+    """Arguments of design metrics: the other metrics of variants of the same columns, for one of their things.
 
     Attributes:
         drives: the variants.

@@ -1,4 +1,4 @@
-"""What the joints slide under load, and the elongation that this forecasts (Archard).
+"""Sliding of the joints under load, and the elongation that it forecasts (Archard).
 
 While the links at a joint turn by d(phi) against each other, the pin slides r_p |d(phi)| in its bush under the force N:
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS
-from warpchain.results.friction_power import joint_loads
+from warpchain.results.losses import joint_loads
 from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ INNER_WIDTHS = 1.48
 
 
 class JointWear(NamedTuple):
-    """What joints slide in a window.
+    """Sliding of the joints in a window.
 
     Attributes:
         seconds: how long the window is [s].
@@ -47,7 +47,7 @@ class JointWear(NamedTuple):
 
 
 def joint_wear(trajectory: Trajectory, pin_radius: float | None = None) -> JointWear | None:
-    """What each joint slides; None without a pin radius.
+    """Sliding of each joint; None without a pin radius.
 
     Turning is taken from frame to frame, so that frames must come at least twice as often as links turn back and forth.
 

@@ -9,20 +9,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from warpchain.drive import Drive
-from warpchain.drive.part import Part, Value
-from warpchain.results.reasons import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
+from warpchain.drive.schema import Part, Value
+from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
 
 NAMED = 6
 """Most variants that a warning names."""
-TOLD = 3
-"""Most reasons that a warning tells."""
+MOST_REASONS = 3
+"""Most reasons that a warning gives."""
 
 Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
@@ -31,7 +33,7 @@ Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a nu
 
 
 class Limits(Part):
-    """What a variant may come to and still be ok. An upper limit of inf, and a lower one of 0, judges nothing.
+    """Limits within which a variant is ok. An upper limit of inf, and a lower one of 0, judges nothing.
 
     Attributes:
         energy_residual: what the energy balance misses, over the energy turned over.
@@ -62,11 +64,11 @@ Given = tuple[NDArray[Any], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Rule:
-    """How one limit judges.
+    """A limit's column, scale and words.
 
     Attributes:
         key: field of `Limits`.
-        column: what is held against it, a column of the metrics by its own name; "" for what is told of the drive.
+        column: what is held against it, a column of the metrics by its own name; "" for the drive itself.
         unit: what the limit is in, for documents.
         text: a reason, from the name of what it is of ("" for the chain) and the value.
         advice: what to change.
@@ -157,7 +159,7 @@ RULES = (
         of="SPROCKET",
     ),
 )
-"""What is judged by metrics, in the order of reasons."""
+"""Rules on metrics, in the order of reasons."""
 
 TORN = "torn"
 CAUSES = {
@@ -168,13 +170,13 @@ CAUSES = {
     "settling": "settling found no equilibrium: make the chain fit more closely (warpchain fit), or take "
     "run.settle = false and a later window",
 }
-"""What happened to a variant that diverged, where it is not its step alone, and what to do about it."""
+"""Causes for a variant to diverge, where it is not its step alone, and what to do about it."""
 UNMEASURED = "ended before its window for metrics was over"
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What V variants are judged to be.
+    """Statuses of V variants, and why.
 
     Attributes:
         status: (V,) of `STATUSES`.
@@ -198,7 +200,7 @@ def judge(
     Args:
         drives: the variants.
         columns: their metrics by name; those that a rule does not find are not judged by it. Of `diverged` variants
-            "diverged" and "diverged_time" [s] tell.
+            "diverged" and "diverged_time" [s] say when.
         measured: (V,) which came to the end of their window.
         limits: None takes the defaults.
         layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
@@ -238,10 +240,10 @@ def judge(
     return Judgement(status, reason)
 
 
-def told(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """What to tell of V variants in one line: which are not ok, why, and what to change; None where all are ok.
+def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:
+    """One line on V variants: which are not ok, why, and what to change; None where all are ok.
 
-    A variant whose run was interrupted, and that has nothing else, is not told: who did it knows.
+    A variant whose run was interrupted, and that has nothing else, is left out: who did it knows.
     """
     bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED]
     if not bad:
@@ -252,6 +254,6 @@ def told(status: Sequence[str], reason: Sequence[str]) -> str | None:
     counts = " and ".join(f"{kinds[word]} {word}" for word in STATUSES if kinds[word])
     names = ", ".join(map(str, bad[:NAMED])) + (f" and {len(bad) - NAMED} more" if len(bad) > NAMED else "")
     common = common_reasons((status[v], reason[v]) for v in bad)
-    lines = [f"{count} like this: {text}" for _, text, count in common[:TOLD]]
-    more = [f"{len(common) - TOLD} further reasons"] if len(common) > TOLD else []
+    lines = [f"{count} like this: {text}" for _, text, count in common[:MOST_REASONS]]
+    more = [f"{len(common) - MOST_REASONS} further reasons"] if len(common) > MOST_REASONS else []
     return f"of {len(status)} variants {counts} (variant {names}); " + "; ".join(lines + more)

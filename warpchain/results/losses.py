@@ -1,11 +1,29 @@
-"""Where the work that goes into a drive stays: energy dissipated over the window, by what dissipates it."""
+"""Energy that dissipates over the window, by group, and friction power over time, by what rubs.
+
+With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v sliding speeds,
+
+    joints   mu(r_p |g|) kappa r_p max(|T_i-1|, |T_i|) |g|,   g the rate at which links turn against each other  (a)
+    guides   mu(v) N |v|                                                                                         (b)
+    teeth    mu(v) N |v|,   v along the contact                                                                  (c)
+
+as the kernels have it, but for their bound on what a step can stop, which only what hardly slides feels. The metrics
+`joints.friction` and `PART.friction` are summed at every step; these are of the frames, and so over time and speed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from warpchain.drive import Drive
+from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
+from warpchain.results.formulas import partner_names
+from warpchain.results.guide_load import GuideContacts, guide_contacts
+from warpchain.results.run import Run, Trajectory, need
+from warpchain.results.scene import nearest_sprocket, sprocket_normals
 
 JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guides", "links", "mounts"
 ARMS = "arms and tensioners"
@@ -38,3 +56,128 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     }
     totals = {group: sum(values) for group, values in found.items() if values}
     return dict(sorted(totals.items(), key=lambda item: -item[1]))
+
+
+Array = NDArray[np.float64]
+
+
+def coefficient(rubbing: Rubbing, speed: Array) -> Array:
+    """mu(v) at sliding speeds [m/s]."""
+    part = np.asarray(speed) / rubbing.stribeck_speed
+    return rubbing.dynamic + (rubbing.static - rubbing.dynamic) * np.exp(-part * part)
+
+
+def joint_rates(trajectory: Trajectory) -> Array:
+    """Rate at which the links at each roller turn against each other, g (F, N) [rad/s]."""
+    need(trajectory, "position", "velocity")
+    assert trajectory.position is not None
+    assert trajectory.velocity is not None
+    across = np.roll(trajectory.position, -1, axis=1) - trajectory.position
+    relative = np.roll(trajectory.velocity, -1, axis=1) - trajectory.velocity
+    square = across[..., 0] ** 2 + across[..., 1] ** 2
+    turning = (across[..., 0] * relative[..., 1] - across[..., 1] * relative[..., 0]) / square
+    return np.asarray(turning - np.roll(turning, 1, axis=1), dtype=float)
+
+
+def joint_loads(trajectory: Trajectory) -> Array:
+    """Force on each joint (F, N) [N]: the larger of its two links' tensions, whatever their sign."""
+    need(trajectory, "tension")
+    assert trajectory.tension is not None
+    size = np.abs(np.asarray(trajectory.tension, dtype=float))
+    return np.maximum(size, np.roll(size, 1, axis=1))
+
+
+def joint_power(trajectory: Trajectory) -> Array:
+    """Friction power of all joints (F,) [W]: as recorded, or else (a)."""
+    if trajectory.joint_friction_power is not None:
+        return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
+    joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
+    if joint is None or radius is None:
+        return np.zeros(len(trajectory.time))
+    rate = np.abs(joint_rates(trajectory))
+    rubbing = Rubbing(joint.friction, joint.static_coefficient, joint.stribeck_speed or 1.0)
+    moment = coefficient(rubbing, radius * rate) * joint.factor * radius * joint_loads(trajectory)
+    return np.asarray((moment * rate).sum(axis=1))
+
+
+def guide_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
+    """Friction power on guide g (F,) [W] (b)."""
+    speed = np.abs(contacts.speed)
+    power = coefficient(guide_rubbing(trajectory.drive, g), speed) * contacts.force * speed
+    return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
+
+
+def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
+    """Friction power on the teeth of sprocket s (F,) [W] (c); `near` (F, N) is `nearest_sprocket`'s."""
+    need(trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center")
+    assert trajectory.position is not None
+    assert trajectory.velocity is not None
+    assert trajectory.sprocket_force is not None
+    assert trajectory.sprocket_speed is not None
+    assert trajectory.sprocket_center is not None
+    frame, roller = np.nonzero((trajectory.sprocket_force > 0.0) & (near == s))
+    force = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
+    center = np.asarray(trajectory.sprocket_center[:, s], dtype=float)
+    moving = np.gradient(center, trajectory.time, axis=0)
+    r = np.asarray(trajectory.position, dtype=float)[frame, roller] - center[frame]
+    v = np.asarray(trajectory.velocity, dtype=float)[frame, roller] - moving[frame]
+    omega = np.asarray(trajectory.sprocket_speed, dtype=float)[frame, s]
+    relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
+    n = sprocket_normals(trajectory, s, frame, roller)
+    sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
+    power = coefficient(tooth_rubbing(trajectory.drive), sliding) * force * sliding
+    return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
+
+
+def friction_power(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> dict[str, Array]:
+    """Friction power (F,) [W] of "joints" and, by name, of the guides and sprockets; of what rubs only.
+
+    Args:
+        contacts: of `guide_contacts`, if known.
+    """
+    drive = trajectory.drive
+    found: dict[str, Array] = {}
+    if drive.chain.rubs:
+        found["joints"] = joint_power(trajectory)
+    touching = guide_contacts(trajectory) if contacts is None and drive.guides else contacts or []
+    for g, guide in enumerate(drive.guides):
+        if guide_rubbing(drive, g).rubs:
+            found[guide.name] = guide_power(trajectory, g, touching[g])
+    if tooth_rubbing(drive).rubs:
+        near = nearest_sprocket(trajectory)
+        for s, sprocket in enumerate(drive.sprockets):
+            found[sprocket.name] = tooth_power(trajectory, s, near)
+    return found
+
+
+def by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
+    """Friction powers by name as those of "joints", of all "guides" and of the "teeth" of all sprockets."""
+    groups = {
+        "joints": ["joints"],
+        "guides": [guide.name for guide in drive.guides],
+        "teeth": [sprocket.name for sprocket in drive.sprockets],
+    }
+    held = {group: [power[name] for name in names if name in power] for group, names in groups.items()}
+    return {group: np.sum(values, axis=0) for group, values in held.items() if values}
+
+
+def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
+    """Mean friction power of a run's variants that are ok by group (V,) [W], over the driver's mean speed (V,) [rad/s].
+
+    Of the sums at every step (`joints.friction`, `PART.friction`), ascending in speed; None with fewer than three
+    speeds or where nothing rubs. Variants must have the parts of the first.
+    """
+    drive, table = run.drives[0], run.metrics
+    name = f"{drive.sprockets[drive.driver].name}.speed_mean"
+    if not {name, "window_start", "window_end"} <= set(table.column_names):
+        return None
+    of = {part: f"{part}.friction" for part in ("joints", *partner_names(drive))}
+    columns = {part: np.array(table[held].to_pylist(), dtype=float) for part, held in of.items()
+               if held in table.column_names}  # fmt: skip
+    start, end, speed = (np.array(table[key].to_pylist(), dtype=float) for key in ("window_start", "window_end", name))
+    known = run.ok & np.isfinite(speed) & np.isfinite(np.sum(list(columns.values()), axis=0))
+    if not columns or len(np.unique(np.round(np.abs(speed[known]), 6))) < 3:
+        return None
+    order = np.flatnonzero(known)[np.argsort(np.abs(speed[known]))]
+    power = {part: values[order] / (end - start)[order] for part, values in columns.items()}
+    return np.abs(speed[order]), by_group(drive, power)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.orders import orders
+from warpchain.assembly.frequencies import orders
 from warpchain.errors import SimulationError
 from warpchain.results.measured_file import Measured
 from warpchain.results.run import Trajectory, need
@@ -38,7 +38,7 @@ WITHIN = 2
 
 
 class Source(NamedTuple):
-    """What of a run a signal is compared with: its SI unit, the group of curves in playback, its values (F,)."""
+    """A signal of a run to compare with: its SI unit, the group of curves in playback, its values (F,)."""
 
     unit: str
     group: str
@@ -68,7 +68,7 @@ class Comparison:
 
 
 def sources(trajectory: Trajectory) -> dict[str, Source]:
-    """What a measured signal can be laid over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on."""
+    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on."""
     drive = trajectory.drive
     found: dict[str, Source] = {}
     for k, name in enumerate(drive.strand_names):
@@ -97,7 +97,7 @@ def _of(values: NDArray[np.floating] | None, index: int) -> Array:
 
 
 def source(trajectory: Trajectory, name: str) -> Source:
-    """What a measured signal of that name is compared with.
+    """The signal that a measured one of that name is compared with.
 
     Raises:
         SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
@@ -149,7 +149,7 @@ STATISTICS: dict[str, Callable[[Array], float]] = {
     "99.9 % below": lambda x: float(np.quantile(x, 0.999)),
     "largest": lambda x: float(x.max()),
 }
-"""What both signals are compared by."""
+"""Values that compare both signals."""
 
 
 def _even(measured: Measured) -> tuple[float, Array]:
@@ -175,7 +175,7 @@ def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array,
 def _orders(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """What excites the drive, with the amplitudes of both signals there, where both spectra resolve it."""
+    """Excitation orders, with the amplitudes of both signals there, where both spectra resolve them."""
     if ours is None or theirs is None:
         return {}
     teeth = trajectory.drive.sprockets[trajectory.drive.driver].teeth
@@ -194,7 +194,7 @@ def _orders(
 
 
 def _best_offset(time: Array, simulated: Array, measured: Measured) -> float:
-    """What to add to the measured time so that both signals correlate best [s]."""
+    """Offset of the measured time with which both signals correlate best [s]."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))

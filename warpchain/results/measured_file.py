@@ -54,7 +54,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Columns:
-    """How to read a file of measured values.
+    """Columns and units of a file of measured values.
 
     Attributes:
         column: name of the values' column; None is the first after the time.

@@ -1,7 +1,7 @@
 """The table of metrics: one row a variant, from what the kernels added up over the window.
 
-Which columns there are, and how each is formed, stands in the registry (`results.columns`). Variants whose drives have
-the same columns are worked on at once, as arrays.
+Which columns there are, and how each is formed, stands in the registry (`results.metric_columns`). Variants whose
+drives have the same columns are worked on at once, as arrays.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stack import LARGEST, Stack
-from warpchain.results.columns import (
+from warpchain.drive.batch import LARGEST, Stack
+from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
+from warpchain.results.judgement import Limits, judge
+from warpchain.results.metric_columns import (
     BALANCE,
     DESIGN,
     ENGAGED,
@@ -29,8 +31,6 @@ from warpchain.results.columns import (
     same_columns,
     unit_of,
 )
-from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
-from warpchain.results.judgement import Limits, judge
 from warpchain.results.schedule import Schedule, schedule_columns
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ Blocks = list[tuple[NDArray[np.int64], Columns]]
 
 @dataclass(frozen=True)
 class Ended:
-    """What V variants came to.
+    """Ends of V variants.
 
     Attributes:
         drives: (V,) the variants.
@@ -119,7 +119,7 @@ def joined(ends: Sequence[Ended]) -> Ended:
 
 
 def run_columns(ended: Ended) -> Columns:
-    """How variants ran, and the window [s]; every variant has these."""
+    """Columns on whether variants diverged and on the window [s]; every variant has these."""
     step = ended.schedule("step")
     return {
         "diverged": np.ma.asarray(ended.diverged),
@@ -130,7 +130,7 @@ def run_columns(ended: Ended) -> Columns:
 
 
 def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
-    """What the sums of variants of the same columns give, as `metrics_of` takes them."""
+    """Columns formed of the sums of variants of the same columns, as `metrics_of` takes them."""
     columns: Columns = {}
     duration = (ended.schedule("window_end") - ended.schedule("window_start")) * ended.schedule("step")
     links = np.array([drive.chain.links for drive in ended.drives])
@@ -156,7 +156,7 @@ def _batches(sums: Mapping[str, Any], group: Group, index: int, links: NDArray[n
 
 
 def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """How many tensions of a group's thing are in each bin, and the bins' edges; None where it has none."""
+    """Counts of tensions of a group's thing in each bin, and the bins' edges; None where it has none."""
     counts, edges = sums["tension"]
     if group.of == "chain":
         return counts.sum(axis=1), edges
@@ -164,7 +164,7 @@ def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArra
 
 
 def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
-    """What says whether variants of the same columns are steady."""
+    """Batches by which variants of the same columns are found steady or not."""
     noted, durations = sums["batches"]
     links = np.array([drive.chain.links for drive in ended.drives])[:, None]
     weight = noted["chain"]["samples"] * links
@@ -199,7 +199,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
 
 
 def design_columns(drives: Sequence[Drive], metrics: Columns) -> Columns:
-    """What designs are judged by, from the other metrics of variants of the same columns.
+    """Columns that designs are judged by, from the other metrics of variants of the same columns.
 
     What needs turning sprockets is masked where they stand still.
     """
@@ -212,7 +212,7 @@ def design_columns(drives: Sequence[Drive], metrics: Columns) -> Columns:
 
 
 def engaged_columns(ended: Ended) -> Columns:
-    """How much of each sprocket's wrap is on its teeth at the end, of variants of the same columns."""
+    """Share of each sprocket's wrap that is on its teeth at the end, of variants of the same columns."""
     if ended.engaged is None:
         return {}
     groups = of_drive(ended.drives[0], ((ENGAGED,),))

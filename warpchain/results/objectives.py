@@ -1,4 +1,4 @@
-"""What designs are judged by that takes a recorded trajectory: transmission error, impact of engagement, fatigue.
+"""Objectives that take a recorded trajectory: transmission error, impact of engagement, fatigue.
 
 With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the contact's stiffness, m a roller's mass:
 
@@ -35,7 +35,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
     Args:
         trajectory: one recorded variant.
         s: the sprocket.
-        start: time from which touches count [s]; the frames before tell which rollers were there already.
+        start: time from which touches count [s]; the frames before show which rollers were there already.
 
     Raises:
         SimulationError: recorded without positions, sprocket centers or sprocket forces.

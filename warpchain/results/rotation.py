@@ -27,7 +27,7 @@ CYCLE = 2.0
 SAMPLES = 256
 """Least samples of a revolution after resampling."""
 BLOCK = 8.0
-"""Revolutions of a block of a run-up; orders half an order apart are then told apart (Hann)."""
+"""Revolutions of a block of a run-up; orders half an order apart are then resolved (Hann)."""
 
 
 def turns_of(trajectory: Trajectory) -> Array:

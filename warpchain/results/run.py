@@ -1,4 +1,4 @@
-"""What to record, and what a run returns: trajectories of chosen variants and one row of metrics a variant."""
+"""Recording options and results of a run: trajectories of chosen variants and one row of metrics a variant."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import OK
-from warpchain.results.replicates import COPY, DRIVE, summary
+from warpchain.results.replicate_metrics import COPY, DRIVE, summary
 from warpchain.show import html
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def check_names(what: str, names: Iterable[str]) -> None:
 
 @dataclass(frozen=True)
 class Record:
-    """What to keep of a run as trajectories (metrics are always kept, for all variants).
+    """Recording options: variants and channels kept as trajectories (metrics are always kept, for all variants).
 
     Attributes:
         variants: "all", "none", or the indices of the variants to record.
@@ -132,7 +132,7 @@ class Trajectory:
     chamber_pressure: NDArray[np.floating] | None = None
 
     def _repr_html_(self) -> str:
-        """What notebooks show."""
+        """HTML for notebooks."""
         return html(self)
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
@@ -142,13 +142,13 @@ class Trajectory:
 
     def to_arrow(self) -> pa.Table:
         """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
-        from warpchain.results.tables import to_arrow
+        from warpchain.results.arrow_tables import to_arrow
 
         return to_arrow(self.time, self.channels())
 
     def to_xarray(self) -> xr.Dataset:
         """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
-        from warpchain.results.tables import to_xarray
+        from warpchain.results.arrow_tables import to_xarray
 
         return to_xarray(self.time, self.channels(), self.drive)
 
@@ -170,7 +170,7 @@ def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> N
 
 @dataclass(frozen=True)
 class RunInfo:
-    """How a run was made.
+    """Provenance of a run.
 
     Attributes:
         version: warpchain's version.
@@ -213,12 +213,12 @@ class Run(Mapping[int, Trajectory]):
     info: RunInfo
 
     def _repr_html_(self) -> str:
-        """What notebooks show."""
+        """HTML for notebooks."""
         return html(self)
 
     @property
     def numbers(self) -> Sequence[int]:
-        """What variants are called, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
+        """Numbers of the variants, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
     def row_of(self, variant: int) -> int:
@@ -227,7 +227,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """(V,) whether each variant is judged ok; True where the metrics do not tell."""
+        """(V,) whether each variant is judged ok; True where the metrics do not say."""
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
@@ -242,7 +242,7 @@ class Run(Mapping[int, Trajectory]):
     @property
     def summary(self) -> pa.Table:
         """A row for each drive that was asked for: the worst status of its copies, and of each metric the mean, its
-        standard error (`METRIC_se`) and over how many copies (`n`); see `results.replicates`."""
+        standard error (`METRIC_se`) and over how many copies (`n`); see `results.replicate_metrics`."""
         import pyarrow as pa
 
         table = self.metrics

@@ -1,4 +1,4 @@
-"""What pictures of a drive need: outlines of teeth and guide-bars, contact directions, displacement of a strand."""
+"""Geometry for pictures of a drive: outlines of teeth and guide-bars, contact directions, displacement of a strand."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
-from warpchain.drive.teeth import teeth_outline
-from warpchain.results.faces import on_face, on_guide_frame, tangent_at
+from warpchain.drive.tooth_shape import teeth_outline
+from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ def nearest_guide(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
 
 
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond the band that it looks after.
+    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond its `engagement`.
 
     Args:
         rollers: only these, (N,); all if None.

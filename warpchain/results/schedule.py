@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 
 LOOK_EVERY = 32
-"""Fewest steps between two looks at the chain: as many as kernels gather before they add to sums."""
+"""Fewest steps between two samples of the chain for sums: as many as kernels gather before they add to sums."""
 
 MOST_STEPS = 2**31 - 2
 """Kernels count steps in 32 bits."""
@@ -41,7 +41,7 @@ class Schedule:
     window_start: int
     window_end: int
     sample_every: int  # 0: not recorded
-    look_every: int = LOOK_EVERY  # steps between two looks at the chain (`engine.looks`)
+    look_every: int = LOOK_EVERY  # steps between two samples for sums (`engine.sampling`)
 
     def __post_init__(self) -> None:
         times, rest = divmod(self.look_every, LOOK_EVERY)

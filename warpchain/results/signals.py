@@ -1,4 +1,8 @@
-"""Signals that engineers read off a recorded drive: tension of a strand, speed ratio, transmission error, spectra."""
+"""Signals that engineers read off a recorded drive: of strands, shafts, arms and tensioners, and of probes.
+
+At a frame the probe sees the link that comes nearest to its place, if it comes within its radius: its tension, and at
+the foot of the perpendicular the chain's velocity and its displacement, from the place to the left of travel.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +14,12 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import Passing, near_sprockets, nearest_guide, passing_link
+from warpchain.results.scene import BLOCK, Passing, near_sprockets, nearest_guide, passing_link
 
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that must pass for an order spectrum to tell the tooth-passing orders apart."""
+"""Teeth that must pass for an order spectrum to resolve the tooth-passing orders."""
 
 TOOTH_PASSINGS = 4
 """Multiples of the tooth-passing order that order spectra show."""
@@ -24,7 +28,7 @@ SPECTRUM_FLOOR = 1e-4
 SPECTRUM_SPELLS = 2000
 """Spells that a spectrum is thinned out to, smallest and largest values kept."""
 TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [mrad]"
-"""What order spectra are of."""
+"""Quantities that order spectra are of."""
 
 
 def latter_half(trajectory: Trajectory) -> slice:
@@ -73,7 +77,7 @@ def speed_ratio(trajectory: Trajectory, s: int) -> Array:
 
 
 def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """How far sprocket s has come ahead of where the driver and the teeth put it (F,) [rad], 0 at the first frame.
+    """Angle of sprocket s ahead of where the driver and the teeth put it (F,) [rad], 0 at the first frame.
 
     With the angles theta forward and the teeth z of sprocket s and of the driver d, theta_s - z_d / z_s theta_d.
 
@@ -89,7 +93,7 @@ def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad].
+    """Angle of sprocket s ahead of where the driver and the teeth put it, less its mean (F,) [rad].
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -292,3 +296,114 @@ def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray
 
 def _starts(count: int, buckets: int) -> NDArray[np.intp]:
     return (np.arange(buckets) * count // buckets).astype(np.intp)
+
+
+class Stroke(NamedTuple):
+    """Range and path of a quantity: an extension, an angle, a force, a pressure.
+
+    Attributes:
+        low, mean, high: smallest, mean, largest.
+        path: the way that it goes back and forth in a second, sum of |dx| over the time.
+    """
+
+    low: float
+    mean: float
+    high: float
+    path: float
+
+    @property
+    def travel(self) -> float:
+        """From the smallest to the largest."""
+        return self.high - self.low
+
+
+class Events(NamedTuple):
+    """Openings of a valve or a contact over a window.
+
+    Attributes:
+        openings: samples above the threshold after one that is not.
+        rate: of them a second [1/s].
+        share: of the time that it is open.
+        longest: it stays open [s].
+    """
+
+    openings: int
+    rate: float
+    share: float
+    longest: float
+
+
+def stroke(time: Array, values: Array) -> Stroke:
+    """Range and path of samples (F,) at times (F,) [s]."""
+    seconds = float(time[-1] - time[0])
+    path = float(np.abs(np.diff(values)).sum()) / seconds if seconds > 0.0 else 0.0
+    return Stroke(float(values.min()), float(values.mean()), float(values.max()), path)
+
+
+def events(time: Array, values: Array, threshold: float = 0.0) -> Events:
+    """Spells of samples (F,) at even times (F,) [s] above a threshold, such as a valve's lift above 0."""
+    open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
+    begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
+    step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
+    count = len(begins) - int(bool(len(begins)) and begins[0] == 0)
+    seconds = step * len(time)
+    longest = step * int((ends - begins).max()) if len(begins) else 0.0
+    return Events(count, count / seconds if seconds > 0.0 else 0.0, float((ends - begins).sum()) / len(time), longest)
+
+
+class Seen(NamedTuple):
+    """Signals of a probe; nan at frames at which the chain is not within its radius.
+
+    Attributes:
+        link: (F,) that passes, -1 for none.
+        tension: (F,) of that link [N].
+        speed: (F,) of the chain along itself, in the order of its rollers [m/s].
+        displacement: (F,) of the chain from the probe's place, to the left of that direction [m].
+        normal_speed: (F,) of the chain to the left [m/s].
+    """
+
+    link: NDArray[np.intp]
+    tension: Array
+    speed: Array
+    displacement: Array
+    normal_speed: Array
+
+
+def seen_at(trajectory: Trajectory, at: tuple[float, float], radius: float) -> Seen:
+    """Signals of a probe at a place [m], of the chain within a radius [m].
+
+    Raises:
+        SimulationError: recorded without positions, velocities or tensions.
+    """
+    need(trajectory, "position", "velocity", "tension")
+    assert trajectory.position is not None
+    assert trajectory.velocity is not None
+    assert trajectory.tension is not None
+    count = len(trajectory.time)
+    link, values = np.full(count, -1, dtype=np.intp), np.full((4, count), np.nan)
+    place = np.asarray(at, dtype=float)
+    for first in range(0, count, BLOCK):
+        part = slice(first, first + BLOCK)
+        x = np.asarray(trajectory.position[part], dtype=float)
+        across = np.roll(x, -1, axis=1) - x
+        square = (across**2).sum(axis=-1)
+        share = np.clip(((place - x) * across).sum(axis=-1) / square, 0.0, 1.0)
+        foot = x + share[..., None] * across
+        apart = np.hypot(*np.moveaxis(foot - place, -1, 0))
+        rows, nearest = np.arange(len(x)), apart.argmin(axis=1)
+        near = apart[rows, nearest] <= radius
+        rows, nearest = rows[near], nearest[near]
+        t = across[rows, nearest] / np.sqrt(square[rows, nearest])[:, None]
+        left = np.stack([-t[:, 1], t[:, 0]], axis=-1)
+        v = np.asarray(trajectory.velocity[part], dtype=float)
+        part_of = share[rows, nearest][:, None]
+        moving = (1.0 - part_of) * v[rows, nearest] + part_of * v[rows, (nearest + 1) % x.shape[1]]
+        link[first + rows] = nearest
+        seen = (
+            np.asarray(trajectory.tension[part], dtype=float)[rows, nearest],
+            (moving * t).sum(axis=-1),
+            ((foot[rows, nearest] - place) * left).sum(axis=-1),
+            (moving * left).sum(axis=-1),
+        )
+        values[:, first + rows] = seen
+    return Seen(link, *values)

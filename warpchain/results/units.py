@@ -49,3 +49,18 @@ def shown(unit: str, *values: Any) -> tuple[str, float]:
     whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
     finite = np.abs(whole[np.isfinite(whole)])
     return display_unit(unit, float(finite.max()) if finite.size else 0.0)
+
+
+def shown_unit(unit: str, *values: float) -> tuple[str, float]:
+    """Unit to show values in, "" for a count or ratio, and the factor to multiply them by; the largest decides."""
+    word, factor = shown(unit, *values)
+    return "" if word == "1" else word, factor
+
+
+def quantity(value: float, unit: str, deviation: float | None = None, digits: int = 4) -> str:
+    """A value with its unit in words: "5.612 kN", and with a deviation "5.612 ± 0.083 kN"."""
+    word, factor = shown_unit(unit, value)
+    text = f"{value * factor:.{digits}g}"
+    if deviation is not None and math.isfinite(deviation):
+        text += f" ± {deviation * factor:.2g}"
+    return f"{text} {word}".rstrip()

@@ -1,9 +1,9 @@
-"""What a study will come to, without running it: rows and runs, how many are infeasible, cost, expected precision.
+"""Forecast of a study before it runs: rows and runs, how many are infeasible, cost, expected precision.
 
 Rows that constraints rule out are counted; of the others some are built and assembled, evenly spread over the design.
 The cost comes from two short runs of some of them, of which one is longer: what it takes longer is the rate, and what
-the shorter one takes beyond that is each variant's own (packing, settling). How far runs scatter only runs can tell: an
-earlier study of the same metrics gives the expected precision, else it is told in units of one run's scatter.
+the shorter one takes beyond that is each variant's own (packing, settling). Scatter is known from runs only: an
+earlier study of the same metrics gives the expected precision, else it is in units of one run's scatter.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.results.judgement import common_reasons
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.batch import Variant, try_out
 from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
+from warpchain.study.run.row_drives import Variant, try_out
 from warpchain.study.spec import Study
 
-LOOKED = 200
+BUILT = 200
 """Rows that are built."""
 PROBES = 4
 """Variants a core in a calibration, and in all on a GPU a thousand times as many."""
 PROBE_SECONDS = 0.7
 """Time that the longer run of a calibration should take."""
 REASONS = 3
-"""Most reasons that are told."""
+"""Most reasons that are listed."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What the runs take.
+    """Cost of the runs.
 
     Attributes:
         work: roller-steps of all runs.
@@ -61,26 +61,26 @@ class Cost:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study will come to.
+    """Forecast of a study.
 
     Attributes:
         rows: of the design.
         copies: how often each is run.
         ruled_out: rows that constraints rule out, or that have no value.
-        looked: how many of the others were built, and
-        refused: how many of these cannot be assembled or stepped.
+        built: number of the others that were built, and
+        refused: number of these that cannot be assembled or stepped.
         reasons: the most frequent (reason, how many).
         cost: of the runs that are expected to be feasible.
         shards: number of shards.
         recorded: rows that are recorded, apart from the worst.
         precision: what is known of the metrics' scatter, from an earlier study; the noisiest first.
-        window: length of the window of that study [s], None where it does not tell.
+        window: length of the window of that study [s], None where it is unknown.
     """
 
     rows: int
     copies: int
     ruled_out: int
-    looked: int
+    built: int
     refused: int
     reasons: tuple[tuple[str, int], ...]
     cost: Cost
@@ -97,7 +97,7 @@ class Plan:
     @property
     def infeasible(self) -> float:
         """Expected share of rows that are infeasible."""
-        part = self.refused / self.looked if self.looked else 0.0
+        part = self.refused / self.built if self.built else 0.0
         return (self.ruled_out + part * (self.rows - self.ruled_out)) / max(self.rows, 1)
 
     @property
@@ -105,7 +105,7 @@ class Plan:
         """95 % interval of that share (Clopper and Pearson 1934)."""
         from scipy.special import betaincinv
 
-        others, n, k = self.rows - self.ruled_out, self.looked, self.refused
+        others, n, k = self.rows - self.ruled_out, self.built, self.refused
         if n >= others:
             return self.infeasible, self.infeasible
         low = betaincinv(k, n - k + 1, 0.025) if k else 0.0
@@ -130,12 +130,12 @@ def plan_study(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> Plan:
-    """What a study will come to.
+    """Forecasts a study: rows, runs, cost, precision.
 
     Args:
         source: the study file.
         like: table of an earlier study with replicates, whose metrics scatter as those of this one will.
-        metrics: those whose precision is told; none takes all, the noisiest first.
+        metrics: those whose precision is wanted; none takes all, the noisiest first.
         calibrate: measure the rate by short runs; else stored rates do.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
@@ -148,10 +148,10 @@ def plan_study(
     rows = design.to_pylist()
     open_rows = [row for row in rows if row["reason"] is None]
     drives, reasons = _built(study, drive, open_rows)
-    looked = len(drives) + len(reasons)
-    told = [("infeasible", row["reason"]) for row in rows if row["reason"] is not None]
-    often = common_reasons([*told, *(("infeasible", reason) for reason in reasons)])[:REASONS]
-    share = len(drives) / looked if looked else 0.0
+    built = len(drives) + len(reasons)
+    excluded = [("infeasible", row["reason"]) for row in rows if row["reason"] is not None]
+    often = common_reasons([*excluded, *(("infeasible", reason) for reason in reasons)])[:REASONS]
+    share = len(drives) / built if built else 0.0
     count = share * len(open_rows) * study.design.copies
     record = study.record
     every = set(range(0, len(rows), record.every)) if record.every else set()
@@ -161,7 +161,7 @@ def plan_study(
         rows=len(rows),
         copies=study.design.copies,
         ruled_out=len(rows) - len(open_rows),
-        looked=looked,
+        built=built,
         refused=len(reasons),
         reasons=tuple((reason, number) for _, reason, number in often),
         cost=_cost(study, drives, count, cores, calibrate),
@@ -174,7 +174,7 @@ def plan_study(
 
 def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
     """Drives of some rows, evenly spread, and why others of these give none."""
-    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), LOOKED)).tolist()})
+    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), BUILT)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -184,20 +184,16 @@ def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[l
 
 
 def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> Cost:
-    """What `count` runs like these drives take."""
+    """Cost of `count` runs like these drives."""
     gpus = gpus_of(study.run.device)
     if not drives:
         return Cost(0.0, 0.0, 0.0, 0.0, False)
-    steps = [_length(study, drive) / resolve_step(drive, study.run.step) for drive in drives]
+    steps = [(study.run.duration or drive.run.duration) / resolve_step(drive, study.run.step) for drive in drives]
     work = count * float(np.mean([n * drive.chain.links for n, drive in zip(steps, drives, strict=True)]))
     rate, each = (GPU_RATE * gpus if gpus else CORE_RATE * cores), 0.0
     if calibrate:
         rate, each = _measured(study, drives, 1000 * PROBES * gpus if gpus else PROBES * cores, min(steps), cores)
     return Cost(work, rate, each, count * each + work / rate, calibrate)
-
-
-def _length(study: Study, drive: Drive) -> float:
-    return study.run.duration or drive.run.duration
 
 
 def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
@@ -262,7 +258,7 @@ def _window(results: Results) -> float | None:
 
 
 def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[str]:
-    """What a plan says, in words.
+    """A plan in words, as lines.
 
     Args:
         wanted: half width of the 95 % interval that is wanted of a metric, by its name.
@@ -273,7 +269,7 @@ def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[st
     sure = "" if low == high else f" ({low} to {high} %)"
     lines.append(
         f"infeasible: {100.0 * plan.infeasible:.3g} %{sure}: {plan.ruled_out} rows by constraints, and {plan.refused} "
-        f"of {plan.looked} rows that were built"
+        f"of {plan.built} rows that were built"
     )
     lines += [f"  {number} like this: {reason}" for reason, number in plan.reasons]
     cost = plan.cost
@@ -301,7 +297,7 @@ def _precision_line(plan: Plan, error: PureError) -> str:
 
 
 def _wanted_line(plan: Plan, metric: str, half: float) -> str:
-    """How a wanted precision of a metric is come by."""
+    """Replicates, or length of the window, for a wanted precision of a metric."""
     found = next((error for error in plan.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")

@@ -12,16 +12,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import refusals, whole_file
-from warpchain.results.reasons import common_reasons
-from warpchain.results.replicates import COUNT, ERROR, ROLE_OF_ERRORS
-from warpchain.study.columns import BOOKKEEPING
-from warpchain.study.reasons import STATUSES
-from warpchain.study.store import read_table
+from warpchain.results.metric_columns import RUN, SETTLING
+from warpchain.results.replicate_metrics import COUNT, ERROR, ROLE_OF_ERRORS
+from warpchain.results.statuses import common_reasons
+from warpchain.study.store import OUTCOME, STATUSES, read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+ARCHIVED = ("archive", "archive_variant")
+"""File of a recorded variant in the study's folder, and its number there."""
+ADJUSTED = ("adjusted_links", "adjusted_travel")
+"""Adjustments so that the chain fits: number of links, travel of the sprocket [m]."""
+RUN_COLUMNS = tuple(column.name for column in RUN.columns if column.name not in ("variant", *OUTCOME))
+"""Length of a variant's run, and the window of its metrics."""
+SETTLING_COLUMNS = tuple(column.name for column in SETTLING.columns)
+"""Settling of the start, where there was one."""
+BOOKKEEPING = ("variant", *OUTCOME, *ARCHIVED, *ADJUSTED, *RUN_COLUMNS, *SETTLING_COLUMNS)
+"""All of them."""
+
 
 Array = NDArray[np.float64]
 DISTRIBUTION = "distribution"
@@ -45,7 +56,7 @@ class Results:
     metrics: tuple[str, ...]
 
     def _repr_html_(self) -> str:
-        """What notebooks show: how the rows ended, and factors and metrics of the first ones."""
+        """A table for notebooks: how the rows ended, and factors and metrics of the first ones."""
         from warpchain.view.notebook import ROWS, status_html, table_html, value_text
 
         words = self.status
@@ -67,7 +78,7 @@ class Results:
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """(R,) how many runs each row's metrics are the mean of; 1 where the table does not tell."""
+        """(R,) how many runs each row's metrics are the mean of; 1 where the table has none."""
         if not self.replicated:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT].to_numpy(), dtype=np.int64)
@@ -87,7 +98,7 @@ class Results:
 
     @cached_property
     def status(self) -> list[str]:
-        """How each variant ended; "ok" where the table does not tell."""
+        """Status of each variant; "ok" where the table has none."""
         if "status" not in self.table.column_names:
             return ["ok"] * self.table.num_rows
         return [str(word) for word in self.table["status"].to_pylist()]
@@ -136,14 +147,14 @@ class Results:
 
     def unit(self, name: str) -> str:
         """Unit of a column: its field's metadata, or else what the name of a metric says; "" for none."""
-        from warpchain.results.columns import unit_of
+        from warpchain.results.metric_columns import unit_of
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
         return "" if unit == "1" else unit
 
     def distribution(self, factor: str) -> dict[str, Any] | None:
-        """The keys of a study file that say how a factor is distributed; None where the table does not tell."""
+        """The keys of a study file that say how a factor is distributed; None where the table has none."""
         noted = (self.table.schema.field(factor).metadata or {}).get(DISTRIBUTION.encode())
         return None if noted is None else dict(json.loads(noted))
 
@@ -224,14 +235,14 @@ def read_results(
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: the columns that were varied; None takes those whose field says role = "factor".
         metrics: the columns that were measured; None takes every other numeric column, but for those of metrics that
-            tell how good others are (`results.columns.Column.aside`).
+            qualify others (`results.metric_columns.Column.aside`).
 
     Raises:
-        StudyError: a table that cannot be read, a column that it lacks, or factors that nothing tells.
+        StudyError: a table that cannot be read, a column that it lacks, or factors that are not marked.
     """
     import pyarrow as pa
 
-    from warpchain.results.columns import column_of
+    from warpchain.results.metric_columns import column_of
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
@@ -262,17 +273,16 @@ def _with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:
     return tuple(field.name for field in table.schema if (field.metadata or {}).get(b"role") == role)
 
 
-def export_table(table: pa.Table, path: str | Path) -> Path:
+def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
     """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
 
     Raises:
-        StudyError: another ending, or a folder or disk that refuses.
+        error: another ending, or a folder or disk that refuses.
     """
     target = Path(path)
     if target.suffix not in (".parquet", ".csv"):
-        raise StudyError(f"{target}: allowed endings are .parquet and .csv")
-
-    with refusals(target, StudyError), whole_file(target) as file:
+        raise error(f"{target}: allowed endings are .parquet and .csv")
+    with refusals(target, error), whole_file(target) as file:
         if target.suffix == ".csv":
             from pyarrow import csv
 

@@ -1,16 +1,16 @@
-"""Tables on the disk: read from Parquet and CSV, written whole or not at all, and known again.
+"""Tables on the disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
-The pages of a Parquet file have checksums. What they leave open, a note in the schema's metadata (key `warpchain`,
-JSON) covers: `table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the
-SHA-256 of names, types, metadata and values. A table under another name is somebody's own, and its note counts for
-nothing. The note of a shard's table also has in short how its rows ended (`ended`), so that how a study stands is read
-without the tables.
+The pages of a Parquet file have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest:
+`table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the SHA-256 of names,
+types, metadata and values. A table under another name is somebody's own, and its note counts for nothing. The note of a
+shard's table also has in short how its rows ended (`ended`), so that a study's status is read without the tables.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,24 +19,35 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain import files
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import PATIENCE, reason, refusals, whole_file
-from warpchain.results.reasons import alike_reasons
-from warpchain.study.reasons import OUTCOME
+from warpchain.results.statuses import STATUSES as JUDGED
+from warpchain.results.statuses import alike_reasons
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+OUTCOME = ("status", "reason")
+"""Columns of a study's table: how a variant ended, and why where that is not "ok"."""
+STATUSES = (*JUDGED, "infeasible")
+"""Statuses of a row: those of a variant as it is judged, or of a row that gives none."""
 
+_VARIANT = re.compile(r"^variant \d+: ")
 NOTE = b"warpchain"
 """Key of the note in a table's metadata."""
 PAIR = b"\x18" + bytes([len(NOTE)]) + NOTE + b"\x18"
 """Beginning of the note in a file's footer: a pair of strings in Thrift's compact protocol, each after its length."""
+AGAIN = "remove it, and run the study again"
+
+
+def reason_of(error: WarpchainError) -> str:
+    """An error in one line, without the number that the variant had among those simulated with it."""
+    return "; ".join(_VARIANT.sub("", str(error)).splitlines())
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How the rows of a table ended.
+    """Statuses of a table's rows, and reasons.
 
     Attributes:
         counts: number of rows by status.
@@ -48,17 +59,17 @@ class Ended:
 
     @staticmethod
     def of(table: pa.Table) -> Ended:
-        """How the rows of a table with the columns `OUTCOME` ended."""
+        """Statuses and reasons of a table with the columns `OUTCOME`."""
         pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME), strict=True))
-        told = ((status, reason, 1) for status, reason in pairs if reason is not None)
-        return Ended(dict(Counter(status for status, _ in pairs)), alike_reasons(told))
+        given = ((status, reason, 1) for status, reason in pairs if reason is not None)
+        return Ended(dict(Counter(status for status, _ in pairs)), alike_reasons(given))
 
 
 def read_table(path: Path, columns: list[str] | None = None, study: str | None = None) -> pa.Table:
     """Reads a Parquet (.parquet) file, or chosen columns of it, or a CSV (.csv) file.
 
     Args:
-        columns: which; the digest is looked at only where all are read.
+        columns: which; the digest is checked only where all are read.
         study: the study that a table must belong to, under the name that it has; None takes any table.
 
     Raises:
@@ -103,11 +114,8 @@ def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Ta
     return table
 
 
-AGAIN = "remove it, and run the study again"
-
-
 def read_ended(path: Path, study: str, rows: int) -> Ended:
-    """How the rows of one of a study's tables ended, from its note; from the table itself where that has none.
+    """Statuses and reasons of one of a study's tables, from its note; from the table itself where that has none.
 
     Args:
         study: the study that it must belong to; "" takes any table.
@@ -218,7 +226,7 @@ def write_text(path: Path, text: str, keep: bool = False) -> None:
 
 @contextmanager
 def _kept(path: Path, keep: bool) -> Iterator[None]:
-    """What the system refuses in one line; that a file to be kept is there is no refusal."""
+    """Reports refusals of the system in one line; that a file to be kept is there is none."""
     with refusals(path, StudyError):
         try:
             yield

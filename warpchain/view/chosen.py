@@ -75,7 +75,7 @@ def to_compare(
     others: Sequence[str | int | Run | Path],
     needed: Sequence[str] = NEEDED,
 ) -> list[Recorded]:
-    """The variants to be compared, each once, with labels that tell them apart.
+    """The variants to be compared, each once, with labels that differ.
 
     Args:
         source: a run, or an archive's path.

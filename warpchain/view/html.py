@@ -39,7 +39,7 @@ th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: 
 th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 """
-"""What pages of a run and of a study share."""
+"""Style that pages of a run and of a study share."""
 PLAIN = """
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
@@ -61,15 +61,15 @@ class Section(NamedTuple):
         return f'<section id="{escape(self.name)}">\n<h2>{escape(self.title)}</h2>\n{inside}\n</section>'
 
 
-def page(title: str, sections: Sequence[Section]) -> str:
-    """A whole HTML document: heading, links to the sections, sections."""
+def page(title: str, sections: Sequence[Section], style: str = PLAIN, end: str = "") -> str:
+    """A whole HTML document: heading, links to the sections, sections, and further elements at the body's `end`."""
     links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
     body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.html() for s in sections)])
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<style>{STYLE}{PLAIN}</style>\n</head>\n"
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+        f"<style>{STYLE}{style}</style>\n</head>\n"
+        f"<body>\n<main>\n{body}\n</main>\n{end}</body>\n</html>\n"
     )
 
 

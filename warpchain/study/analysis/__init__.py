@@ -1,4 +1,4 @@
-"""What a study's results say: effects, correlations, surfaces, Sobol' indices, Pareto fronts, and how sure that is."""
+"""Analysis of a study's results: effects, correlations, surfaces, Sobol' indices, Pareto fronts, with intervals."""
 
 from warpchain.study.analysis.effects import (
     Correlation,

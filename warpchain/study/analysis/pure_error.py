@@ -1,4 +1,4 @@
-"""Pure error: how much of a metric is scatter between equal runs, and what that leaves to say.
+"""Pure error: scatter of a metric between equal runs, its share of the variance, and the precision of means.
 
 Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i runs in all. One run of a row scatters with
 
@@ -13,6 +13,9 @@ B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 
 exactly where rows have equally many runs. The mean of n runs is known to t s / sqrt(n), t Student's for 95 % with nu
 degrees of freedom; that of a window of another length to as much as the root of the ratio of lengths changes it, for
 means: largest and smallest values grow with the window.
+
+A metric may also have a column of its standard error, `METRIC_se`, of each row, between equal runs or from the batches
+of one run's window.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.results import Array, Results
 
 CONFIDENCE = 0.95
@@ -39,7 +43,7 @@ class PureError:
         rows: number of rows R.
         runs: number of runs N.
         deviation: standard deviation s of one run, in the metric's unit (a).
-        freedom: degrees of freedom nu that it stands on.
+        freedom: its degrees of freedom nu.
         share: part of the metric's variance that is scatter [-] (b).
         share_low, share_high: its 95 % interval.
     """
@@ -119,11 +123,11 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
     """Scatter of a metric between equal runs.
 
     Args:
-        results: of a study with replicates; or a table in which rows of equal factors stand several times.
+        results: of a study with replicates; or a table with several rows of equal factors.
         rows: which (R,); None takes those that are ok and have a value.
 
     Raises:
-        StudyError: no row stands on several runs, or all runs of a row are the same.
+        StudyError: no row has several runs, or all runs of a row are the same.
     """
     from scipy.special import fdtri
 
@@ -178,3 +182,40 @@ def pure_errors(results: Results, metrics: tuple[str, ...] | None = None) -> lis
         except StudyError:
             continue
     return sorted(found, key=lambda error: -error.share)
+
+
+def standard_errors(results: Results, metric: str) -> Array | None:
+    """Standard error of each row's value of a metric (R,), NaN where there is none; None without such a column."""
+    name = metric + ERROR
+    return results.values(name) if name in results.table.column_names and results.numeric(name) else None
+
+
+def repeats(results: Results) -> bool:
+    """Whether rows are means of several runs, or some rows have equal factors."""
+    if results.replicated:
+        return True
+    group = np.zeros(len(results.status), dtype=np.intp)
+    for name in results.factors:
+        column = results.values(name) if results.numeric(name) else np.array(results.labels(name))
+        values, place = np.unique(column, return_inverse=True)
+        held, group = np.unique(group * len(values) + place, return_inverse=True)
+        if len(held) == len(group):
+            return False
+    return True
+
+
+def scatter_share(results: Results, metric: str) -> float | None:
+    """Part of the variance of the rows' values that is scatter between equal runs; None where it is unknown.
+
+    Of a mean of n runs this is the n-th part of the variance of one run.
+    """
+    if not repeats(results):
+        return None
+    try:
+        error = pure_error(results, metric)
+    except StudyError:
+        return None
+    rows = results.rows_for(metric)
+    spread = float(results.values(metric)[rows].var(ddof=1))
+    chance = error.deviation**2 * float(np.mean(1.0 / results.counts[rows]))
+    return min(1.0, chance / spread) if spread > 0.0 else 0.0

@@ -7,7 +7,7 @@ independent factors of any distribution, m_i the mean of x_i and v_i its varianc
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   and two together   V_ij = b_ij^2 v_i v_j,     (a)
 
 which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Uniform on -1 .. 1, V_i = b_i^2 / 3 + 4 b_ii^2 / 45 and
-V_ij = b_ij^2 / 9. Distributions are the study's own where its table tells them, else uniform over what was run. Errors
+V_ij = b_ij^2 / 9. Distributions are the study's own where its table has them, else uniform over what was run. Errors
 follow from those of the surface's coefficients, by draws.
 
 SALib's problem dictionary is made from a study's factors or results and taken to make factors and designs.
@@ -24,8 +24,7 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis.surface import TRUSTED, Surface, fit_surface
-from warpchain.study.design.nodes import nodes
-from warpchain.study.design.values import log_moments
+from warpchain.study.design.factor_values import log_moments, nodes
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
 
@@ -55,7 +54,7 @@ class Indices:
         total: (A,) the same with all interactions.
         first_error: (A,) half width of the 95 % confidence interval.
         total_error: (A,)
-        rows: number of variants that they stand on.
+        rows: number of variants behind them.
         dropped: variants left out because one of their block did not end well; zero from a surface.
     """
 
@@ -219,11 +218,11 @@ def best_indices(results: Results, metric: str) -> tuple[Indices, str]:
             f"Sobol' indices of {metric!r}: the response surface predicts too badly "
             f"(predicted R\u00b2 = {surface.r2_predicted:.2f}, {TRUSTED} needed); run a Saltelli design"
         )
-    told = [factor for factor in surface.factors if results.distribution(factor) is not None]
-    how = f"{', '.join(told)} distributed as in the study, the others" if told else "factors"
+    known = [factor for factor in surface.factors if results.distribution(factor) is not None]
+    how = f"{', '.join(known)} distributed as in the study, the others" if known else "factors"
     how = (
         "factors distributed as in the study"
-        if len(told) == len(surface.factors)
+        if len(known) == len(surface.factors)
         else f"{how} uniform over their range"
     )
     words = f"of the response surface (predicted R\u00b2 = {surface.r2_predicted:.3f}), {how}; bars are 95 % intervals"
@@ -283,8 +282,8 @@ def surface_indices(surface: Surface, results: Results | None = None, seed: int 
 
     Args:
         surface: the surface.
-        results: whose table tells the factors' distributions; None, and factors that it does not tell of, are uniform
-            over the surface's range.
+        results: whose table has the factors' distributions; None, and factors without one, are uniform over the
+            surface's range.
         seed: of the draws for the errors.
     """
     moments = np.array([_moments(surface, a, results) for a in range(len(surface.factors))])
@@ -301,8 +300,8 @@ def surface_indices(surface: Surface, results: Results | None = None, seed: int 
 
 def _moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
     """Mean and variance of x, covariance of x with x^2, variance of x^2, of a scaled factor."""
-    told = results.distribution(surface.factors[a]) if results is not None else None
-    found = nodes(Factor(name="x", **told)) if told is not None else None
+    given = results.distribution(surface.factors[a]) if results is not None else None
+    found = nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:
         return 0.0, 1.0 / 3.0, 0.0, 4.0 / 45.0
     values, weight = found

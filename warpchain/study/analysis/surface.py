@@ -4,8 +4,8 @@ With factors scaled to -1 .. 1 over the range that was run (x), by least squares
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
-A factor of two values has no square. R2 tells how much of the variance the surface takes up; the predicted R2, from
-what each variant would be if it had been left out (PRESS), tells how much it would take up of new ones.
+A factor of two values has no square. R2 is the part of the variance that the surface takes up; the predicted R2, from
+predictions of each variant with that one left out (PRESS), is the part that it would take up of new ones.
 
 Rows that are means of n_i runs count n_i times. With m rows, T terms and e the rows' misfit, the covariance of the
 coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T), w_i = n_i over its mean. Where equal runs scatter
@@ -29,7 +29,7 @@ from warpchain.study.analysis.pure_error import pure_error, student
 from warpchain.study.results import Array, Results
 
 TRUSTED = 0.8
-"""Predicted R2 from which a surface is good enough to stand for the metric."""
+"""Predicted R2 from which a surface is good enough to replace the metric."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Surface:
         coefficients: (T,) b of eq. (a), in the metric's unit.
         r2: part of the variance that the surface takes up [-].
         r2_predicted: the same for variants left out one at a time [-]; can be negative.
-        rows: number of variants that it stands on.
+        rows: number of variants that were fitted.
         covariance: (T, T) of the coefficients.
-        freedom: degrees of freedom that it stands on, 0 where nothing is left to tell.
+        freedom: its degrees of freedom, 0 where there are as many terms as variants.
     """
 
     metric: str
@@ -64,7 +64,7 @@ class Surface:
 
     @property
     def errors(self) -> Array:
-        """Standard errors of the coefficients (T,); NaN where nothing is left to tell."""
+        """Standard errors of the coefficients (T,); NaN without degrees of freedom."""
         if self.covariance is None or not self.freedom:
             return np.full(len(self.coefficients), np.nan)
         return np.sqrt(np.diag(self.covariance))
@@ -75,8 +75,8 @@ class Surface:
         return np.asarray(student(max(self.freedom, 1)) * self.errors)
 
     def effects(self) -> list[tuple[str, float, float]]:
-        """What each factor changes from one end of its range to the other, the others midway: 2 b_i, and the half width
-        of its 95 % interval; the largest first."""
+        """Change of the metric over each factor's range, the others midway: 2 b_i, and the half width of its 95 %
+        interval; the largest first."""
         halves = self.intervals
         found = []
         for a, factor in enumerate(self.factors):
@@ -86,7 +86,7 @@ class Surface:
 
     @property
     def trusted(self) -> bool:
-        """Whether the surface predicts well enough to stand for the metric."""
+        """Whether the surface predicts well enough to replace the metric."""
         return self.r2_predicted >= TRUSTED
 
     def predict(self, values: Array) -> Array:
@@ -144,7 +144,7 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
 
     Raises:
         StudyError: no numeric factor, fewer variants than a plane has terms (and one more), or factors that the
-            design does not tell apart.
+            design does not separate.
     """
     chosen = tuple(factors or results.independent_factors())
     rows = results.rows_for(metric, chosen)
@@ -211,7 +211,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Holds what a surface misses against the scatter between equal runs (b).
+    """Compares the misfit of a surface with the scatter between equal runs (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

@@ -13,7 +13,7 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,14 +21,23 @@ import numpy as np
 
 from warpchain.drive.toml import value_text
 from warpchain.errors import StudyError
-from warpchain.study.design import values as values_of
-from warpchain.study.design.values import Array, Dimension, dimensions, tied
+from warpchain.study.design.factor_values import (
+    Array,
+    Dimension,
+    complete,
+    dimensions,
+    from_coded,
+    from_unit,
+    on_grid,
+    tied,
+)
 from warpchain.study.results import DISTRIBUTION
-from warpchain.study.spec import Study
-from warpchain.study.spec.factor import Factor
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from warpchain.study.spec import Study
+    from warpchain.study.spec.factor import Factor
 
 MOST_ROWS = 10_000_000
 """More rows than this are surely a mistake."""
@@ -50,16 +59,36 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
         StudyError: too many rows or dimensions, or a table that cannot be used.
     """
     columns = _columns(study, source, before)
+    return _completed(study, (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)))
+
+
+def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Rows as `make_design` gives them: tied factors filled in, those that miss a constraint infeasible.
+
+    Args:
+        rows: values by factor; what else they hold is left aside.
+
+    Raises:
+        StudyError: a factor without expression is missing, or its values make no column.
+    """
+    given = [factor.name for factor in study.factors if factor.kind != "expression"]
+    for i, values in enumerate(rows):
+        for name in given:
+            if values.get(name) is None:
+                raise StudyError(f"rows: row {i}: factor {name!r} has no value")
+    return _completed(study, ({name: values[name] for name in given} for values in rows))
+
+
+def _completed(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
+    """The table of rows without their tied factors, which are filled in."""
     order = tied(study)
-    count = len(next(iter(columns.values()), ()))
+    columns: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
     reasons: list[str | None] = []
-    found: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
-    for i in range(count):
-        row = {name: values[i] for name, values in columns.items()}
-        reasons.append(values_of.complete(study, order, row))
-        for name, column in found.items():
+    for row in rows:
+        reasons.append(complete(study, order, row))
+        for name, column in columns.items():
             column.append(row[name])
-    return _table(study, found, reasons)
+    return _table(study, columns, reasons)
 
 
 def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
@@ -73,14 +102,14 @@ def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> di
         return _factorial(axes, source)
     if design.count is not None:
         points = _sampled(study, len(axes), source, before)
-        return {f.name: values_of.from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+        return {f.name: from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
     _check_count(design.center or 0, source)
     if design.kind == "central-composite":
         points = central_composite(len(axes), design.axial or "face", 1 if design.center is None else design.center)
     else:
         points = np.vstack([plackett_burman(len(axes)), np.zeros((design.center or 0, len(axes)))])
     _check_count(len(points), source)
-    return {f.name: values_of.from_coded(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+    return {f.name: from_coded(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
 
 
 def _check_count(rows: int, source: str | Path) -> None:
@@ -94,11 +123,7 @@ def _factorial(axes: Iterable[Dimension], source: str | Path) -> dict[str, list[
     sizes = [axis.size or 1 for axis in axes]
     _check_count(math.prod(sizes), source)
     places = np.indices(sizes).reshape(len(sizes), -1)
-    return {
-        factor.name: values_of.on_grid(factor, places[k], sizes[k])
-        for k, axis in enumerate(axes)
-        for factor in axis.factors
-    }
+    return {factor.name: on_grid(factor, places[k], sizes[k]) for k, axis in enumerate(axes) for factor in axis.factors}
 
 
 def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
@@ -242,7 +267,7 @@ def _of_factor(factor: Factor, value: Any) -> bool:
 
 
 def distribution(factor: Factor) -> dict[str, str]:
-    """What a column's metadata says of a factor's distribution; nothing of ranges and levels, which are as they ran."""
+    """A factor's distribution as metadata of its column; empty for ranges and levels, which are as they ran."""
     if factor.distribution in (None, "uniform"):
         return {}
     keys = ("distribution", "range", "mean", "std", "integer")

@@ -1,10 +1,10 @@
 """Decisions out of studies: objectives, limits, rounds of rows, designs to recommend."""
 
+from warpchain.study.analysis.pareto import Goals, goals_of
 from warpchain.study.optimize.bench import Bench, open_study
 from warpchain.study.optimize.campaign import Found, optimize
-from warpchain.study.optimize.goals import Goals, goals_of
+from warpchain.study.optimize.optimizer import Optimizer
 from warpchain.study.optimize.recommend import Recommended, recommend
-from warpchain.study.optimize.search import Optimizer
 
 __all__ = [
     "Bench",

@@ -11,8 +11,8 @@ so that what a row at x is expected to add to it, times the chance that it count
     a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
 
 the mean over l and draws of the processes together, s_l* the largest s_l of the processes' means at rows that likely
-keep the limits: noise makes no row look better than it is. With one objective (b) is expected improvement.
-Rows of one batch are told apart by taking the mean at each chosen one as if it had been measured (Ginsbourger et al.
+keep the limits: noise makes no row seem better than it is. With one objective (b) is expected improvement.
+Rows of one batch are kept apart by taking the mean at each chosen one as if it had been measured (Ginsbourger et al.
 2010). The maximum is looked for among Sobol' points and points about the best rows, which takes whole numbers, choices
 and constraints as they come.
 """
@@ -24,11 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warpchain.engine.progress import look_for_stop
-from warpchain.study.analysis.pareto import non_dominated
-from warpchain.study.design.rows import Cube
-from warpchain.study.optimize.goals import Goals, Measured, keeping
+from warpchain.study.analysis.pareto import Goals, Measured, keeping, non_dominated
+from warpchain.study.design.factor_values import Cube
 from warpchain.study.results import Array
-from warpchain.study.spec.objectives import Objective
 from warpchain.study.surrogate.gaussian import Process, fit_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
@@ -45,7 +43,7 @@ REFERENCE = 1.2
 
 @dataclass(frozen=True)
 class Belief:
-    """What is believed of the metrics and of rows ending well.
+    """Surrogates of the metrics and of rows ending well.
 
     Attributes:
         goals: what is wanted.
@@ -142,7 +140,7 @@ def _around(point: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _fresh(cube: Cube, candidates: Array, known: Array) -> Array:
-    """Candidates as the study's values make them, that meet its constraints and were not run."""
+    """Candidates as the study's values make them, that satisfy its constraints and were not run."""
     snapped = cube.snapped(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
@@ -161,7 +159,11 @@ def _beaten(costs: Array, ways: Array) -> Array:
 def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array, Array]:
     """Means of the costs at the rows that ran (R, M), and what is 0 and what 1 on their scale (M,), (M,)."""
     means = np.stack(
-        [sign * belief.processes[o.metric].predict(x)[0] for o, sign in zip(*_goals(measured), strict=True)], axis=1
+        [
+            sign * belief.processes[o.metric].predict(x)[0]
+            for o, sign in zip(measured.goals.objectives, measured.goals.signs, strict=True)
+        ],
+        axis=1,
     )
     _, chance = belief.at(x)
     likely = measured.ok & (chance > 0.5)
@@ -170,10 +172,6 @@ def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array
     low, high = front.min(axis=0), front.max(axis=0)
     width = np.where(high - low > 1e-12 * np.abs(high), high - low, held.std(axis=0) + 1e-12)
     return np.where((likely if likely.any() else measured.ok)[:, None], means, np.inf), low, low + width
-
-
-def _goals(measured: Measured) -> tuple[tuple[Objective, ...], Array]:
-    return measured.goals.objectives, measured.goals.signs
 
 
 def _best(belief: Belief, measured: Measured, cube: Cube, points: Array) -> Array:
@@ -204,7 +202,7 @@ def _worth(
     reached = _beaten(held[:, None, :], ways[None]).max(axis=0)
     names = list(found)
     draws = []
-    for objective, sign in zip(*_goals(measured), strict=True):
+    for objective, sign in zip(measured.goals.objectives, measured.goals.signs, strict=True):
         mean, deviation = found[objective.metric]
         draws.append(sign * (mean + deviation * normal[:, [names.index(objective.metric)]]))
     costs = (np.stack(draws, axis=-1) - low) / (high - low)

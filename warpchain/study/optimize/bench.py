@@ -1,4 +1,4 @@
-"""A study at hand: its rows as drives, its rows run, its surrogates; each drive is run once.
+"""A study to work with: its rows as drives, its rows run in rounds, its surrogates; each drive is run once.
 
 A row is known by its drive's content and by what else decides its metrics (run settings, limits, replicates), so a
 row that gives a drive which was run before, in whatever round, takes that one's metrics.
@@ -17,16 +17,14 @@ from typing import TYPE_CHECKING, Any
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
-from warpchain.results.replaced import with_column
-from warpchain.study.columns import ARCHIVED
+from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
-from warpchain.study.design.rows import table_of_rows
-from warpchain.study.optimize.rounds import round_file, round_name, rounds_done, together
-from warpchain.study.optimize.search import Optimizer
-from warpchain.study.results import Results, read_results
-from warpchain.study.run.batch import Variant, build
-from warpchain.study.run.folder import make_folder
+from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.optimize.optimizer import Optimizer
+from warpchain.study.results import ARCHIVED, Results, read_results
+from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.run.prepare import read_study, shard_size
+from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.run.runner import run_folder
 from warpchain.study.spec import Study, load_study
 from warpchain.study.store import read_table, write_table
@@ -36,10 +34,52 @@ from warpchain.version import installed
 if TYPE_CHECKING:
     import pyarrow as pa
 
+ROUND = "round"
+"""Column of the number of a row's round."""
 DIGEST = "digest"
 """Column of a row's identity."""
 Rows = Sequence[Mapping[str, Any]]
 Report = bool | Callable[[float, float], None]
+
+
+def round_name(number: int) -> str:
+    """A round's folder in the search's."""
+    return f"rounds/{number:04d}"
+
+
+def round_file(folder: Path, number: int) -> Path:
+    """The rows of a round; it is done when this is there."""
+    return folder / round_name(number) / "rows.parquet"
+
+
+def rounds_done(folder: Path) -> int:
+    """Number of rounds that are done, from the first one on."""
+    number = 0
+    while round_file(folder, number).exists():
+        number += 1
+    return number
+
+
+def together(folder: Path, rounds: int) -> pa.Table:
+    """The rows of the first rounds, numbered through, with the number of their round.
+
+    Raises:
+        StudyError: a round is missing or damaged.
+    """
+    import pyarrow as pa
+
+    tables = []
+    for number in range(rounds):
+        table = read_table(round_file(folder, number))
+        tables.append(table.append_column(ROUND, pa.array([number] * table.num_rows, pa.int64())))
+    table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
+    facts: dict[str, dict[bytes, bytes]] = {}
+    for part in tables:
+        for field in part.schema:
+            facts[field.name] = facts.get(field.name) or dict(field.metadata or {})
+    fields = [field.with_metadata(facts[field.name] or None) for field in table.schema]
+    table = pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
+    return with_column(table, "variant", range(table.num_rows))
 
 
 class Bench:
@@ -74,7 +114,7 @@ class Bench:
 
     def design(self) -> list[dict[str, Any]]:
         """The rows of the study's design, values by factor."""
-        return list(make_design(self.study, self.source).select([f.name for f in self.study.factors]).to_pylist())
+        return list(make_design(self.study, self.source).select(self.factors).to_pylist())
 
     def drives(self, rows: Rows) -> list[Drive]:
         """The drives of rows, adjusted so that they fit.
@@ -131,10 +171,9 @@ class Bench:
         place, design = self.folder / name, table_of_rows(self.study, rows)
         if done.exists():
             table = read_table(done)
-            factors = [factor.name for factor in self.study.factors]
-            if table.select(factors).to_pylist() != design.select(factors).to_pylist():
+            if table.select(self.factors).to_pylist() != design.select(self.factors).to_pylist():
                 raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
-            self._remember(table)
+            self.remember(table)
             return table
         before = sum(read_table(round_file(self.folder, k)).num_rows for k in range(number))
         table = self._run(place, f"{name}/", design, progress, before)
@@ -158,36 +197,43 @@ class Bench:
         fresh = self._simulated(place, prefix, chosen, progress) if new else None
         if fresh is not None:
             fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
-            self._remember(fresh)
+            self.remember(fresh)
         at = {} if fresh is None else {i: (fresh, k) for k, i in enumerate(new)}
         parts = [at[i] if digest is None else self._known[digest] for i, digest in enumerate(digests)]
         found = pa.concat_tables([table.slice(k, 1) for table, k in parts], promote_options="permissive")
-        return _with_factors(found, design, [factor.name for factor in self.study.factors])
+        return _with_factors(found, design, self.factors)
 
     def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
-        study, cores = self.study, self._workers or available_cores()
-        runs = design.num_rows * study.design.copies
-        size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
-        folder = make_folder(place, study, self.drive, design, size)
+        folder = self.run_folder_of(self.study, place, design)
         if folder.design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
-        outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
-        assert outcome.table is not None  # all shards are done
-        table = read_table(outcome.table)
-        if study.record.every == 1:
+        table = self.run_table(folder, progress)
+        if self.study.record.every == 1:
             table = self._with_recorded(table, place)
         archive = ARCHIVED[0]
         if archive in table.column_names:
             table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
+    def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> Folder:
+        """A folder for rows of a study like this one, such as one that records them."""
+        runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
+        size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
+        return make_folder(place, study, self.drive, design, size)
+
+    def run_table(self, folder: Folder, progress: Report = False) -> pa.Table:
+        """Runs what is left of a folder; returns its table."""
+        outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
+        assert outcome.table is not None  # all shards are done
+        return read_table(outcome.table)
+
     def _with_recorded(self, table: pa.Table, place: Path) -> pa.Table:
         """The table with the objectives that only recorded variants have, where the study wants one."""
         from warpchain.study.run.recordings import with_recorded_objectives
 
-        if all(name in table.column_names or name in self._factors for name in self.study.wanted):
+        if all(name in table.column_names or name in self.factors for name in self.study.wanted):
             return table
-        results = read_results(table, self._factors)
+        results = read_results(table, self.factors)
         return with_recorded_objectives(results, place).table if results.ok.any() else table
 
     def learn(self, folder: str | os.PathLike[str]) -> int:
@@ -207,28 +253,30 @@ class Bench:
         if differing:
             raise StudyError(f"{path}: its {', '.join(differing)} are not those of {self.source}")
         table = read_table(path / "results.parquet")
-        missing = [name for name in (*self._factors, *self.study.wanted) if name not in table.column_names]
+        missing = [name for name in (*self.factors, *self.study.wanted) if name not in table.column_names]
         if missing:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
-        design = table_of_rows(self.study, table.select(self._factors).to_pylist())
+        design = table_of_rows(self.study, table.select(self.factors).to_pylist())
         if ARCHIVED[0] in table.column_names:  # recordings stay where they are
             for name in ARCHIVED:
                 table = with_column(table, name, [None] * table.num_rows)
         if DIGEST in table.column_names:
             table = table.drop_columns([DIGEST])
-        self._remember(table.append_column(DIGEST, pa.array(self.digests(design), pa.string())))
+        self.remember(table.append_column(DIGEST, pa.array(self.digests(design), pa.string())))
         return int(table.num_rows)
 
     @property
-    def _factors(self) -> list[str]:
+    def factors(self) -> list[str]:
+        """Names of the study's factors."""
         return [factor.name for factor in self.study.factors]
 
     @property
     def shown(self) -> list[str]:
-        """Names of the factors that results are held against: all but hidden ones."""
+        """Names of the factors of the results: all but hidden ones."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
-    def _remember(self, table: pa.Table) -> None:
+    def remember(self, table: pa.Table) -> None:
+        """Takes a table's rows as known."""
         for k, digest in enumerate(table[DIGEST].to_pylist()):
             if digest is not None:
                 self._known.setdefault(digest, (table, k))
@@ -247,7 +295,7 @@ class Bench:
         return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown)
 
     def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
-        """What stands for a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
+        """A model of a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
         return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
 
     @property
@@ -261,9 +309,9 @@ class Bench:
         """The next rows to run; see `Optimizer.ask`."""
         return self.optimizer.ask(count)
 
-    def tell(self, table: pa.Table) -> None:
-        """What rows gave; see `Optimizer.tell`."""
-        self.optimizer.tell(table)
+    def observe(self, table: pa.Table) -> None:
+        """Adds results of rows to the search; see `Optimizer.observe`."""
+        self.optimizer.observe(table)
 
 
 def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
@@ -277,7 +325,7 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
 
 
 def settings_of(study: Study) -> dict[str, Any]:
-    """What decides a row's metrics beside its drive."""
+    """Settings that decide a row's metrics beside its drive."""
     settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
     settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
     settings["copies"] = [study.design.copies, study.design.replicate_by]
@@ -291,19 +339,9 @@ def open_study(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> Bench:
-    """A study to work with in Python: rows as drives, rows run, surrogates, ask and tell; see `Bench`.
+    """A study to work with in Python: rows as drives, rows run, surrogates, a search; see `Bench`.
 
     Raises:
         StudyError: an error of the study or its drive; one line each.
     """
     return Bench(source, folder, workers=workers, memory=memory)
-
-
-def make_run(study: Study, drive: Drive, place: Path, design: pa.Table, workers: int | None, memory: int) -> Path:
-    """Runs a design in a folder; returns its table's file."""
-    runs = design.num_rows * study.design.copies
-    size = study.run.shard or shard_size(study, drive, runs, 1, workers or available_cores(), memory)
-    folder = make_folder(place, study, drive, design, size)
-    outcome = run_folder(folder, workers=workers, memory=memory)
-    assert outcome.table is not None  # all shards are done
-    return outcome.table

@@ -1,4 +1,4 @@
-"""`warpchain optimize`: rounds of rows in a folder until the rows are used up, then what to recommend.
+"""`warpchain optimize`: rounds of rows in a folder up to the count, then designs to recommend.
 
     study.toml  drive.toml    the study and its base drive, as they were when the folder was made
     rounds/NNNN/              a round: a study's folder of the rows whose drives were not run yet
@@ -21,30 +21,27 @@ from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.progress import interruptible, look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
-from warpchain.results.replaced import with_column
-from warpchain.study.columns import ARCHIVED
-from warpchain.study.design.rows import table_of_rows
-from warpchain.study.optimize.bench import Bench, Report, make_run
-from warpchain.study.optimize.goals import Goals
+from warpchain.results.arrow_tables import with_column
+from warpchain.study.analysis.pareto import Goals
+from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.optimize.bench import Bench, Report, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend
-from warpchain.study.optimize.rounds import round_file, together
-from warpchain.study.results import Results, read_results
+from warpchain.study.results import ARCHIVED, Results, read_results
 from warpchain.study.spec import Study, dumps_study, load_study
-from warpchain.study.spec.objectives import Search
-from warpchain.study.spec.parts import Recording
+from warpchain.study.spec.study_tables import Recording, Search
 from warpchain.study.store import read_table, write_table, write_text
 
 
 @dataclass(frozen=True)
 class Found:
-    """How a search ended.
+    """Result of a search.
 
     Attributes:
         folder: its folder.
         goals: what was wanted.
         results: all rows.
         rounds: how many there were.
-        recommended: designs, the first the one to look at first.
+        recommended: designs, the best compromise first.
         drives: their drive files.
         archives: archive and number in it of each one's recording; None where it has none.
     """
@@ -66,10 +63,10 @@ def optimize(
     workers: int | None = None,
     memory: int = MEMORY,
     progress: Report = False,
-    tell: Callable[[str], object] | None = None,
+    report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),
 ) -> Found:
-    """Looks for the designs that a study file wants, or goes on with it.
+    """Searches for the designs that a study file wants, or goes on with a search.
 
     Args:
         source: the study file, with `[[objectives]]`.
@@ -77,7 +74,7 @@ def optimize(
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
         progress: True shows a bar for each round; see `Bench.evaluate`.
-        tell: called with a line after each round.
+        report: called with a line after each round.
         known: folders of studies and searches whose rows are not run again where they are asked for.
 
     Raises:
@@ -91,24 +88,24 @@ def optimize(
         bench.learn(other)
     folder = _made(Path(out), bench)
     rounds = 0
-    while optimizer.told < search.count:
+    while optimizer.observed < search.count:
         look_for_stop()
         done = round_file(folder, rounds)
         if rounds and search.engine == "bayes" and done.exists():
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
-            bench._remember(table)
+            bench.remember(table)
         else:
             rows = optimizer.ask()
             if not rows:
                 break
             table = bench.round(rounds, rows, progress)
-        optimizer.tell(table)
+        optimizer.observe(table)
         rounds += 1
         gathered = together(folder, rounds)
         write_table(folder / "results.parquet", gathered)
         results = read_results(gathered, bench.shown)
-        if tell is not None:
-            tell(f"round {rounds}: {_line(results, optimizer.goals)}")
+        if report is not None:
+            report(f"round {rounds}: {_line(results, optimizer.goals)}")
     results = read_results(folder / "results.parquet", bench.shown)
     chosen = tuple(recommend(results, optimizer.goals, search.recommend))
     drives, archives = _recorded(folder, bench, results, chosen)
@@ -139,15 +136,15 @@ def _made(path: Path, bench: Bench) -> Path:
 
 
 def _fixed(study: Study, name: str) -> object:
-    """What of a study may not change: of the search all but how long it goes on, and of runs all but shards."""
+    """A field of a study that may not change: of the search all but its length, and of runs all but shards."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
     return study.run.model_copy(update={"shard": None, "keep_states": False}) if name == "run" else getattr(study, name)
 
 
 def _line(results: Results, goals: Goals) -> str:
-    """How a search stands."""
-    from warpchain.results.quantities import quantity
+    """Status of a search in one line."""
+    from warpchain.results.units import quantity
 
     measured = goals.measured(results)
     words = f"{len(results.status)} variants, {int(results.ok.sum())} ok"
@@ -166,10 +163,10 @@ def _recorded(
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
     """Writes the recommended designs as drive files, and records a run of each."""
     place = folder / "recommended" / f"{len(results.status):04d}"
-    rows = results.table.select(bench._factors).take([one.row for one in chosen]).to_pylist()
+    rows = results.table.select(bench.factors).take([one.row for one in chosen]).to_pylist()
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = with_column(table_of_rows(study, rows), "variant", [one.variant for one in chosen])
-    table = read_table(make_run(study, bench.drive, place, design, bench._workers, bench._memory))
+    table = bench.run_table(bench.run_folder_of(study, place, design))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):
         files.append(place / f"design-{k}.toml")

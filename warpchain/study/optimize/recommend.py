@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from warpchain.engine.progress import look_for_stop
 from warpchain.errors import StudyError
-from warpchain.study.analysis.pareto import non_dominated
+from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
 from warpchain.study.analysis.surface import TRUSTED
-from warpchain.study.optimize.goals import Goals, keeping
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import fit_surrogate
 
@@ -28,7 +27,7 @@ PROCESS_ROWS = 300
 
 @dataclass(frozen=True)
 class Believed:
-    """What is believed of a metric at the rows.
+    """A metric as a surrogate has it at the rows.
 
     Attributes:
         mean, deviation: (R,) of the metric itself, without the noise of a run; NaN where rows were not ok.
@@ -51,7 +50,7 @@ class Recommended:
         believed: mean and standard deviation by metric.
         measured: what its run gave, by metric.
         chance: probability that it keeps all limits.
-        alike: how many other rows cannot be told from it in what it is recommended for.
+        alike: number of other rows that do not differ from it, within their deviations, in what it is recommended for.
     """
 
     row: int
@@ -64,7 +63,7 @@ class Recommended:
 
 
 def believed(results: Results, metric: str) -> Believed:
-    """What is believed of a metric at the rows: by a Gaussian process, a quadratic surface, or as measured."""
+    """A metric at the rows: by a Gaussian process, a quadratic surface, or as measured."""
     values, rows = results.values(metric), results.rows_for(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
@@ -79,11 +78,7 @@ def believed(results: Results, metric: str) -> Believed:
             continue  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
         taken = rows & results.rows_for(metric, found.factors)
-        at = {
-            name: [v for v, r in zip(results.table[name].to_pylist(), taken, strict=True) if r]
-            for name in found.factors
-        }
-        mean[taken], deviation[taken] = found.predict(at)
+        mean[taken], deviation[taken] = found.predict(results.table.filter(taken))
         return Believed(mean, deviation, f"{kind} surrogate of {found.rows} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
     return Believed(np.where(rows, values, np.nan), scatter, "as measured; no surrogate predicts it")
@@ -91,7 +86,7 @@ def believed(results: Results, metric: str) -> Believed:
 
 @dataclass(frozen=True)
 class Judged:
-    """All rows, held against the goals.
+    """All rows, judged by the goals.
 
     Attributes:
         goals: what is wanted.
@@ -116,7 +111,7 @@ class Judged:
 
 
 def judge(results: Results, goals: Goals) -> Judged:
-    """Holds the rows against the goals.
+    """Judges the rows by the goals.
 
     Raises:
         StudyError: no row is ok and has all metrics.

@@ -1,6 +1,6 @@
 """Studies as pages, and as scenes in Rerun."""
 
-from warpchain.study.report.sections import (
+from warpchain.study.report.study_sections import (
     report_html,
     telling_metrics,
     write_report,

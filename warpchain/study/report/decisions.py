@@ -1,31 +1,34 @@
-"""What a report says for a decision: designs to build, the Pareto front, and which variants not to trust."""
+"""The part of a report for a decision: designs to build, Pareto front, variants not to trust, rows to explore."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from typing import Any
 
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.results.quantities import quantity
-from warpchain.study.analysis.pareto import SENSES, pareto_front
-from warpchain.study.optimize.goals import Goals
+from warpchain.results.units import quantity
+from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_front
 from warpchain.study.optimize.recommend import Recommended, recommend
-from warpchain.study.report import page
+from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
-from warpchain.study.results import Results
-from warpchain.study.spec.objectives import Bound, Objective
+from warpchain.study.results import ARCHIVED, Results
+from warpchain.study.spec.study_tables import Bound, Objective
+from warpchain.view import html
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 FRONT, LISTED = 30, 60
 """Most variants in the tables of the front, and of those that are not ok."""
+MOST_AXES, MATRIX = 12, 5
+"""Columns that parallel coordinates show at first, and columns of the scatter matrix."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a study wants, and where it is.
+    """Objectives and limits of a study, and its folder.
 
     Attributes:
         objectives, bounds: of the study file.
@@ -41,27 +44,20 @@ class Wanted:
     recorded: bool = True
 
     @property
-    def senses(self) -> dict[str, str]:
-        """ "min" or "max" by objective."""
-        return {objective.metric: objective.sense for objective in self.objectives}
-
-    @property
-    def metrics(self) -> tuple[str, ...]:
-        """What objectives and limits name."""
-        return Goals(self.objectives, self.bounds).metrics
+    def goals(self) -> Goals:
+        """The objectives and limits."""
+        return Goals(self.objectives, self.bounds)
 
 
 def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wanted | None) -> Wanted:
-    """What is wanted, with other objectives if some are given.
+    """Objectives and limits, with other objectives if some are given.
 
     Raises:
         StudyError: a metric that the table lacks, or an unknown sense.
     """
     found = wanted or Wanted()
     if objectives is not None:
-        for metric, sense in objectives.items():
-            if sense not in SENSES:
-                raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
+        check_senses(objectives)
         given = tuple(
             Objective.model_validate({"metric": metric, "sense": sense}) for metric, sense in objectives.items()
         )
@@ -70,7 +66,7 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
     if objectives is None:  # of a study of which nothing ran, metrics have no columns
         objectives_held = tuple(o for o in found.objectives if o.metric in held)
         found = replace(found, objectives=objectives_held, bounds=tuple(b for b in found.bounds if b.metric in held))
-    for metric in found.metrics:
+    for metric in found.goals.metrics:
         results.values(metric)
     return found
 
@@ -91,18 +87,18 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
             whole = isinstance(value, int) and axes[name].factor == 1.0 if name in axes else True
             cells.append(value if value is None or whole else float(value) * axes[name].factor)
         lines.append(cells)
-    return page.table(heads, lines)
+    return html.table(heads, lines)
 
 
-def designs_section(results: Results, wanted: Wanted) -> tuple[page.Section | None, list[Recommended]]:
+def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | None, list[Recommended]]:
     """The designs to build: why, what is believed of them, how to play them; none without objectives."""
     if not wanted.objectives:
         return None, []
-    goals = Goals(wanted.objectives, wanted.bounds)
+    goals = wanted.goals
     try:
         found = recommend(results, goals, wanted.most)
     except StudyError as error:
-        return page.section("designs", "Recommended designs", page.text(str(error))), []
+        return html.section("designs", "Recommended designs", html.text(str(error))), []
     asked = [f"{o.metric} {'low' if o.sense == 'min' else 'high'}" for o in wanted.objectives]
     kept = []
     for bound in wanted.bounds:
@@ -114,8 +110,8 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[page.Section | No
         ]
         kept.append(f"{bound.metric} {' and '.join(ends)}")
     parts = [
-        page.text(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
-        page.text(
+        html.text(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
+        html.text(
             "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it: "
             "the best of many runs is the best partly by luck, and this takes that out.",
             muted=True,
@@ -124,7 +120,7 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[page.Section | No
     for k, one in enumerate(found):
         parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted))
     parts.append(rows_table(results, [one.row for one in found], results.factors, LETTERS[: len(found)]))
-    return page.section("designs", "Recommended designs", *parts), found
+    return html.section("designs", "Recommended designs", *parts), found
 
 
 def play_command(wanted: Wanted, results: Results, row: int) -> str:
@@ -145,14 +141,14 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
             lines.append((name, quantity(mean, unit), "", "set"))
             continue
         lines.append((name, quantity(mean, unit, deviation), quantity(one.measured[name], unit), ""))
-    told = page.table(("metric", "believed", "its run gave", ""), lines)
+    lines_table = html.table(("metric", "believed", "its run gave", ""), lines)
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
     play = command and f"<p>Play it: <code>{command}</code></p>"
-    head = page.heading(f"{letter}: variant {one.variant}")
-    return f'<div class="design">{head}{page.bullets(one.reasons)}{told}{play}</div>'
+    head = html.heading(f"{letter}: variant {one.variant}")
+    return f'<div class="design">{head}{html.bullets(one.reasons)}{lines_table}{play}</div>'
 
 
-def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> page.Section | None:
+def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.Section | None:
     """The Pareto front as a view that can be brushed, and as a table with units."""
     if len(objectives) < 2:
         return None
@@ -160,39 +156,102 @@ def front_section(results: Results, objectives: Mapping[str, str], by_default: b
     words = " and ".join(f"{metric} {'low' if sense == 'min' else 'high'}" for metric, sense in objectives.items())
     hint = " (taken for want of chosen objectives)" if by_default else ""
     columns = tuple(dict.fromkeys((*objectives, *results.factors)))
-    return page.section(
+    return html.section(
         "front",
         "Pareto front",
-        page.text(
+        html.text(
             f"Wanted: {words}{hint}. No other variant beats those on the front in one without losing in another; "
             "the table has those of all variants, the picture those of the ones that are kept below."
         ),
-        page.place("front-view", f"Pareto front of {words}"),
+        panels.place("front-view", f"Pareto front of {words}"),
         rows_table(results, front[:FRONT].tolist(), columns),
-        page.text(f"{len(front) - FRONT} further variants are on the front.") if len(front) > FRONT else "",
+        html.text(f"{len(front) - FRONT} further variants are on the front.") if len(front) > FRONT else "",
     )
 
 
-def ends_section(results: Results) -> page.Section:
-    """How the variants ended, why, and which ones are not to be trusted."""
+def ends_section(results: Results) -> html.Section:
+    """The section on how the variants ended, why, and which ones are not to be trusted."""
     reasons = results.reasons()
     if not reasons:
-        return page.section("ends", "How the variants ended", page.text("Every variant is ok."))
+        return html.section("ends", "How the variants ended", html.text("Every variant is ok."))
     status = results.status
     rank = {"suspect": 0, "diverged": 1}
     rows = sorted(np.flatnonzero(~results.ok).tolist(), key=lambda row: (rank.get(status[row], 2), row))
     held = results.table["reason"].to_pylist() if "reason" in results.table.column_names else [None] * len(status)
     listed = [(int(results.variants[row]), status[row], held[row] or "no reason given") for row in rows[:LISTED]]
-    return page.section(
+    return html.section(
         "ends",
         "How the variants ended",
-        page.text(
+        html.text(
             "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away; "
             "suspect ones are beyond a limit of the study. None of them takes part in what follows."
         ),
-        page.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
-        page.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
-        page.heading("Each of them"),
-        page.table(("variant", "status", "reason"), listed),
-        page.text(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
+        html.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
+        html.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
+        html.heading("Each of them"),
+        html.table(("variant", "status", "reason"), listed),
+        html.text(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
     )
+
+
+def rows_data(
+    results: Results,
+    metrics: Sequence[str],
+    telling: Sequence[str],
+    objectives: Mapping[str, str],
+    wanted: Wanted,
+    recommended: Sequence[Recommended],
+) -> dict[str, Any]:
+    """All rows for the html.
+
+    Args:
+        results: the study's results.
+        metrics: what is shown beside the factors.
+        telling: the factors that matter most, first.
+        objectives: "min" or "max" by metric.
+        wanted: limits to begin with, and the study's folder for commands.
+        recommended: designs to mark.
+    """
+    bounds = wanted.bounds
+    names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
+    axes = {name: Axis(results, name) for name in names}
+    place = {name: k for k, name in enumerate(names)}
+    named = [m for m in objectives if m in place]
+    crossed = tuple(dict.fromkeys((*named[:2], *telling, *metrics)))[:MATRIX]
+    limits = []
+    for bound in bounds:
+        factor = axes[bound.metric].factor
+        ends = [None if end is None else end * factor for end in (bound.min, bound.max)]
+        limits.append([place[bound.metric], *ends])
+    row_of = {one.row: LETTERS[k % len(LETTERS)] for k, one in enumerate(recommended)}
+    return {
+        "variant": results.variants.tolist(),
+        "columns": [_column(results, name, axes[name]) for name in names],
+        "shown": [place[n] for n in tuple(dict.fromkeys((*telling, *named, *names)))[:MOST_AXES]],
+        "crossed": [place[name] for name in crossed],
+        "tint": place[named[0] if named else names[-1]],
+        "objectives": [[place[name], SENSES[objectives[name]]] for name in named],
+        "limits": limits,
+        "recommended": [[row, letter] for row, letter in row_of.items()],
+        "folder": wanted.folder,
+        "archives": _archives(results) if wanted.recorded else None,
+    }
+
+
+def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
+    if not results.numeric(name):
+        labels = results.labels(name)
+        words = sorted(set(labels))
+        place = {word: k for k, word in enumerate(words)}
+        return {"name": name, "unit": "", "words": words, "values": [place[word] for word in labels]}
+    values = results.values(name)
+    if name not in results.factors:
+        values = np.where(results.ok, values, np.nan)  # a variant that did not end well has no metric to go by
+    return {"name": name, "unit": axis.unit, "values": axis.of(values)}
+
+
+def _archives(results: Results) -> list[list[Any] | None] | None:
+    if not set(ARCHIVED) <= set(results.table.column_names):
+        return None
+    files, numbers = (results.table[name].to_pylist() for name in ARCHIVED)
+    return [None if file is None else [file, int(number)] for file, number in zip(files, numbers, strict=True)]

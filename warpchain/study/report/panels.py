@@ -1,32 +1,72 @@
-"""Figures of a study as data, which the page's script draws: distributions, effects, surrogates, indices.
+"""Figures of a study as data, and the page whose script draws them: distributions, effects, surrogates, indices.
 
 A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series`, each of a `kind` that
-`page.js` draws. Values are in the units that are shown.
+`page.js` draws. Values are in the units that are shown. Nothing is fetched.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.quantities import shown_unit
+from warpchain.errors import StudyError
+from warpchain.files import read_text
+from warpchain.results.units import shown_unit
 from warpchain.study.analysis import Correlation, Effect
-from warpchain.study.analysis.effects import _groups
-from warpchain.study.analysis.robust import MedianEffect
+from warpchain.study.analysis.effects import MedianEffect, _groups
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import CrossValidation, Surrogate
+from warpchain.view import html
 
+_HERE = Path(__file__).parent
 Panel = dict[str, Any]
 INK, ACCENT, MARK, PALE, OTHER = "#33475b", "#1f77b4", "#d1495b", "#b4bcc4", "#6a4c93"
 THREE = ("#1f77b4", "#6a4c93", "#d1495b")
 DOTS = 300
 """Most variants drawn behind a curve."""
+
+
+def report_page(title: str, sections: Sequence[html.Section], rows: Mapping[str, Any] | None = None) -> str:
+    """A whole HTML document: heading, links to the sections, sections, the rows and the script that shows them."""
+    style, script = (read_text(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
+    end = (
+        f'<div id="tip"></div>\n<script type="application/json" id="report-data">{data(rows)}</script>\n'
+        f"<script>\n{script}</script>\n"
+    )
+    return html.page(title, sections, style, end)
+
+
+def data(values: Any) -> str:
+    """Values as JSON for a script element."""
+    text = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def chart(panels: Sequence[Mapping[str, Any]], words: str) -> str:
+    """Panels that the page's script draws; `words` is what they are called by those who cannot see them."""
+    if not panels:
+        return ""
+    inside = f'<script type="application/json">{data(panels)}</script>'
+    return f'<div class="panels" role="group" aria-label="{escape(words)}">{inside}</div>'
+
+
+def hint(words: str) -> str:
+    """A hint on how to use the page, which is not printed."""
+    return f'<p class="muted screen">{escape(words)}</p>'
+
+
+def place(name: str, words: str = "") -> str:
+    """An empty place that the page's script fills."""
+    return f'<div id="{escape(name)}" aria-label="{escape(words)}"></div>'
 
 
 def rounded(values: Any, digits: int = 5) -> list[float | None]:
@@ -155,7 +195,7 @@ def interactions(results: Results, metric: str, found: Sequence[Effect], most: i
 
 
 def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]) -> list[Panel]:
-    """What part of each metric's variance main effects, chance and the rest have."""
+    """Parts of each metric's variance: main effects, chance and the rest."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
     chance = np.array([chance or 0.0 for chance in chances])

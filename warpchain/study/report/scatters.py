@@ -12,18 +12,15 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
-from warpchain.study.report.sections import telling_metrics
+from warpchain.study.report.study_sections import telling_metrics
 from warpchain.study.results import Results
 from warpchain.view.chosen import NEEDED
-from warpchain.view.colors import BEST, OTHERS, SHOWN, thing_colors
-from warpchain.view.rerun.chart import BACKGROUND, Chart
-from warpchain.view.rerun.columns import entity
-from warpchain.view.rerun.drive import log_drive, shown_frames
-from warpchain.view.rerun.layout import time_panel
-from warpchain.view.rerun.save import saved
-from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
+from warpchain.view.palette import BEST, OTHERS, SHOWN, scale_top, thing_colors
+from warpchain.view.rerun.chart import BACKGROUND, INPUTS, METRICS, Chart, Dots, Quantity, log_scatter
+from warpchain.view.rerun.drive_scene import log_drive, shown_frames
+from warpchain.view.rerun.run_playback import time_panel
 from warpchain.view.rerun.series import GROUPS, log_curves
-from warpchain.view.scale import scale_top
+from warpchain.view.rerun.streams import entity, saved
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -117,7 +114,7 @@ def log_scatters(
 ) -> tuple[list[Chart], int]:
     """Logs one scatter for each factor and metric, a dot a variant that is ok.
 
-    A dot selected in the viewer tells its variant and values.
+    A dot selected in the viewer shows its variant and values.
 
     Returns:
         The charts, a factor a row, and the number of columns.

@@ -1,11 +1,11 @@
-"""A study's folder: what is to be done, decided once, and which part of it is done.
+"""A study's folder: what is to be run, decided once, which part of it is done, and how its rows ended.
 
     study.toml  drive.toml   the study and its base drive, as they were when the folder was made
     design.parquet           a row a variant
     plan.json                how rows are cut into shards, and digests of the files above and of itself
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
     shards/NNNNN.mcap        its recorded variants
-    shards/NNNNN.states.parquet  where its runs stood at the end of their windows, if that is kept
+    shards/NNNNN.states.parquet  states of its runs at the end of their windows, if these are kept
     results.parquet          the whole table, once all shards are done
     replicates.parquet       the same with a row for each run, of a study that runs rows several times
 
@@ -13,22 +13,24 @@ A study that is grown adds study.K.toml, design.K.parquet and plan.K.json, K = 1
 that follow; what was there stays as it is.
 
 Every file appears whole, so that a folder can be gone on with after any end of any process. Several processes and
-machines may work in one folder.
+machines may work in one folder. A status is asked for often, so nothing here loads drives or tables without need.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
+import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from warpchain.errors import StudyError
-from warpchain.study.run.tasks import Block, Numbers, Part
-from warpchain.study.store import AGAIN, Ended, file_digest, read_ended, read_table, write_table, write_text
+from warpchain.results.statuses import alike_reasons, by_frequency
+from warpchain.study.run.shard_plan import Numbers, Part, check_file, plan_file, read_plan, write_plan
+from warpchain.study.store import AGAIN, STATUSES, Ended, read_ended, read_table, write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -36,15 +38,18 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
     from warpchain.study.spec import Study
 
-FORMAT = 1
-FIXED = ("study.toml", "drive.toml", "design.parquet")
-"""The files that a plan stands on."""
 MARK = "study.json"
 """Name of the attachment that says which study and which shard an archive belongs to."""
 REPLICATES = "replicates.parquet"
 """The table of all runs, of a study that runs rows several times."""
+GONE_ON = "gone_on"
+"""Column of a shard's table of states: whether a run went on from the state of one before."""
 WORST = "worst"
 """Name of the shard that records the worst variants in a second pass."""
+LATEST = 20
+"""Shards that the rate of a study is taken from."""
+REASONS = 3
+"""Most reasons of an outcome."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ class Folder:
 
     @property
     def copies(self) -> int:
-        """How often each row is run."""
+        """Number of runs of each row."""
         return self.study.design.copies
 
     def part(self, shard: int) -> Part:
@@ -143,7 +148,7 @@ class Folder:
         return [(name, part.identity) for name, part in zip(names, self.parts, strict=False)]
 
     def states_path(self, shard: int) -> Path:
-        """Where a shard's runs stood at the end of their windows, of a study that keeps that."""
+        """States of a shard's runs at the end of their windows, of a study that keeps them."""
         return self.path / "shards" / f"{shard_name(shard)}.states.parquet"
 
     def done(self, shard: int | str) -> bool:
@@ -165,7 +170,7 @@ class Folder:
             StudyError: it is missing, damaged, or has another number of rows.
         """
         name = plan_file("design.parquet", self.plans - 1)
-        _check(self.path, self.parts[-1].digests, name)
+        check_file(self.path, self.parts[-1].digests, name)
         table = read_table(self.path / name)
         if table.num_rows != self.rows:
             raise StudyError(f"{self.path / name}: has {table.num_rows} rows, the plan {self.rows}")
@@ -185,7 +190,7 @@ class Folder:
         return table
 
     def ended(self, shard: int) -> Ended:
-        """How the runs of a shard that is done ended.
+        """Statuses and reasons of the runs of a shard that is done.
 
         Raises:
             StudyError: its table is missing, damaged, or another one's.
@@ -209,12 +214,12 @@ class Folder:
         return {MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
 
     def _owner(self, stem: str) -> dict[str, str]:
-        """What the mark of an archive of this name says, of whichever plan its shard is."""
+        """The mark of an archive of this name, of whichever plan its shard is."""
         identities = dict(self.worst_before) | {shard_name(shard): self.part(shard).identity for shard in self.shards}
         return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
-        """Holds an archive of recorded variants, if it is there, against its mark; earlier versions set none.
+        """Checks the mark of an archive of recorded variants, if it is there; earlier versions set none.
 
         Args:
             name: its place in the folder, as the column `archive` has it.
@@ -290,20 +295,6 @@ def differences(known: Study, other: Study) -> list[str]:
     return differing
 
 
-def plan_file(name: str, number: int) -> str:
-    """A file's name in the plan of this number: study.toml, study.1.toml, study.2.toml, ..."""
-    stem, _, ending = name.rpartition(".")
-    return f"{stem}.{number}.{ending}" if number else name
-
-
-def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
-    """Writes a plan, whose other files are there, if there is none of this number."""
-    names = FIXED if not number else [name if name == "drive.toml" else plan_file(name, number) for name in FIXED]
-    plan: dict[str, Any] = {"format": FORMAT, **facts, "digests": {name: file_digest(path / name) for name in names}}
-    plan["digest"] = _identity(plan)
-    write_text(path / plan_file("plan.json", number), json.dumps(plan) + "\n", keep=True)
-
-
 def open_folder(path: Path) -> Folder:
     """Opens a study's folder.
 
@@ -314,46 +305,78 @@ def open_folder(path: Path) -> Folder:
     before: list[Part] = []
     number = 0
     while not number or (path / plan_file("plan.json", number)).exists():
-        rows, part, restart = _read_plan(path, number, parts)
+        rows, part, restart = read_plan(path, number, parts)
         before = parts if restart else before
         parts = [part] if restart else [*parts, part]
         number += 1
     for name in (plan_file("study.toml", number - 1), "drive.toml"):
-        _check(path, part.digests, name)
+        check_file(path, part.digests, name)
     return Folder(path, rows, tuple(parts), number, tuple(before))
 
 
-def _read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Part, bool]:
-    """Rows of the design, what a plan adds, and whether it begins anew."""
-    file = path / plan_file("plan.json", number)
-    try:
-        plan = json.loads(file.read_text())
-        known = plan["format"] == FORMAT
-        rows, shard, digests = int(plan["rows"]), int(plan["shard"]), dict(plan.get("digests", {}))
-        identity = plan.get("digest", "")
-        if identity != (_identity(plan) if digests else "") or rows < 0 or shard < 1:
-            raise ValueError("its digest is wrong")
-        if number and plan["after"] != before[-1].identity:
-            raise ValueError("it follows another plan")
-        blocks = [Block((a, b), (c, d)) for a, b, c, d in plan.get("blocks", [(0, rows, 0, 1)])]
-        restart = bool(plan.get("restart", False))
-    except OSError:
-        raise StudyError(f"{path}: not a study's folder; make one with: warpchain study run") from None
-    except (ValueError, KeyError, TypeError):
-        raise StudyError(f"{file}: damaged") from None
-    if not known:
-        raise StudyError(f"{file}: format {plan['format']!r} is not known to this version ({FORMAT})")
-    first = before[-1].shards.stop if before else 0
-    return rows, Part(tuple(blocks), shard, first, identity, digests), restart
+@dataclass(frozen=True)
+class Outcome:
+    """Status of a study.
+
+    Attributes:
+        folder: its folder.
+        counts: number of variants by status, of the shards that are done.
+        reasons: the most frequent (reason, how many) of variants that are not ok; alike in all but numbers is one.
+        shards: (done, all).
+        left: number of variants of the shards that are not done.
+        rate: variants a second, as the latest shards came in; None where these are too few.
+        table: the whole table's file, once there is one.
+        went_on: of a study with another duration or window than before, (runs that went on from the ends of those
+            before, runs that began anew); None of others.
+    """
+
+    folder: Path
+    counts: Mapping[str, int]
+    reasons: tuple[tuple[str, int], ...]
+    shards: tuple[int, int]
+    left: int
+    rate: float | None
+    table: Path | None
+    went_on: tuple[int, int] | None = None
 
 
-def _identity(plan: Mapping[str, Any]) -> str:
-    """Digest of a plan, which tells a study's tables from others'."""
-    text = json.dumps({name: value for name, value in plan.items() if name != "digest"}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+def study_status(out: str | os.PathLike[str]) -> Outcome:
+    """Status of a study's folder.
+
+    Raises:
+        StudyError: no such folder, or a damaged one.
+    """
+    folder = open_folder(Path(out))
+    done = [shard for shard in folder.shards if folder.done(shard)]
+    counts = Counter(dict.fromkeys(STATUSES, 0))
+    reasons: list[tuple[str, str, int]] = []
+    for shard in done:
+        ended = folder.ended(shard)
+        counts.update(ended.counts)
+        reasons += ended.reasons
+    table = folder.results if folder.results.exists() else None
+    often = tuple((reason, number) for _, reason, number in by_frequency(alike_reasons(reasons))[:REASONS])
+    left = folder.runs - sum(folder.size(shard) for shard in done)
+    shards = len(done), len(folder.shards)
+    return Outcome(folder.path, dict(counts), often, shards, left, _rate(folder, done), table, _went_on(folder))
 
 
-def _check(path: Path, digests: Mapping[str, str], name: str) -> None:
-    """Refuses a file of a folder that is not what the plan was made with."""
-    if name in digests and file_digest(path / name) != digests[name]:
-        raise StudyError(f"{path / name}: was changed or is damaged; give another folder")
+def _rate(folder: Folder, done: Sequence[int]) -> float | None:
+    """Variants a second of the shards that came in last, by the times of their files."""
+    landed = sorted((folder.table_path(shard).stat().st_mtime, folder.size(shard)) for shard in done)[-LATEST:]
+    if len(landed) < 3 or landed[-1][0] <= landed[0][0]:
+        return None
+    return sum(size for _, size in landed[1:]) / (landed[-1][0] - landed[0][0])
+
+
+def _went_on(folder: Folder) -> tuple[int, int] | None:
+    """(runs that went on from a state, runs that began anew) of the shards that are done; None where none could."""
+    if not folder.before:
+        return None
+    done = [shard for shard in folder.shards if folder.done(shard)]
+    flags: list[bool | None] = []
+    for shard in done:
+        if folder.states_path(shard).exists():
+            flags += read_table(folder.states_path(shard), [GONE_ON]).column(0).to_pylist()
+    runs = sum(folder.size(shard) for shard in done)
+    return sum(map(bool, flags)), runs - sum(map(bool, flags))

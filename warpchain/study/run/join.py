@@ -19,38 +19,164 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive import dumps_drive
+from warpchain.drive import Drive, dumps_drive
+from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
-from warpchain.results.replaced import with_column
-from warpchain.results.replicates import COPY
+from warpchain.results.arrow_tables import with_column
+from warpchain.results.replicate_metrics import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
-from warpchain.study.columns import ARCHIVED
 from warpchain.study.design import make_design
-from warpchain.study.run.folder import Folder, open_folder, plan_file, write_plan
-from warpchain.study.run.joinable import joined_study, start_of
-from warpchain.study.run.merge import finish, runs_of
-from warpchain.study.run.status import Outcome, study_status
-from warpchain.study.run.stood import states_of, write_joined
-from warpchain.study.run.tasks import blocks_of
+from warpchain.study.results import ARCHIVED
+from warpchain.study.run.checkpoints import states_of, write_joined
+from warpchain.study.run.folder import Folder, Outcome, open_folder, plan_file, study_status, write_plan
+from warpchain.study.run.runner import finish, runs_of
+from warpchain.study.run.shard_plan import blocks_of
 from warpchain.study.spec import Study, dumps_study
+from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.study_tables import Design
 from warpchain.study.store import write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+BEGINNINGS: Mapping[str, Any] = {"phase": 0.0}
+"""Keys of `run` that say how a drive begins, and their defaults; they become hidden factors."""
+FREE = ("shard", "device", "keep_states")
+"""Run settings that may differ."""
+WANTED = ("objectives", "bounds", "optimize")
+"""Fields of a study that no run depends on."""
+SPREAD = ("range", "levels", "choice", "points", "distribution", "mean", "std", "group")
+"""Keys of a factor that say how its values are spread, not what they do."""
 ROWS, MERGED = "rows.parquet", "merged.parquet"
 """The joined design's table, and what its rows were before."""
 Task = tuple[int, int]
 """Row and copy."""
 
 
+def joined_study(opened: Sequence[Folder], rows: str) -> Study:
+    """The joined study, without what follows from its rows.
+
+    Args:
+        rows: file of its design.
+
+    Raises:
+        StudyError: one line for each key in which they differ.
+    """
+    first = opened[0]
+    lines = [line for other in opened[1:] for line in _differences(first, other)]
+    if lines:
+        raise StudyError("\n".join(dict.fromkeys(lines)))
+    study = first.study
+    wanted = {name: next((getattr(f.study, name) for f in opened if getattr(f.study, name)), getattr(study, name))
+              for name in WANTED}  # fmt: skip
+    factors = [_widened([_factor(f.study, factor.name) for f in opened]) for factor in study.factors]
+    copies = max(f.copies for f in opened)
+    ways = [f.study.design.replicate_by for f in opened if f.copies > 1]
+    replicates, way = (copies, next(iter(ways))) if copies > 1 else (None, None)
+    changed = {
+        "study": study.study.model_copy(update={"drive": "drive.toml"}),
+        "design": Design(kind="table", file=rows, replicates=replicates, replicate_by=way),
+        "factors": (*(factor for factor in factors if factor is not None), *_beginnings(opened)),
+    }
+    return study.model_copy(update={**changed, **wanted})
+
+
+def _factor(study: Study, name: str) -> Factor:
+    return next(factor for factor in study.factors if factor.name == name)
+
+
+def _differences(first: Folder, other: Folder) -> Iterator[str]:
+    """Differences that keep two folders from being joined, a line each."""
+    ours, theirs = _fixed(first), _fixed(other)
+    if first.copies > 1 and other.copies > 1:
+        for folder, fixed in ((first, ours), (other, theirs)):
+            fixed["design"] = {"replicate_by": folder.study.design.replicate_by or "phase"}
+    for path, here, there in _unlike(ours, theirs):
+        yield (
+            f"{other.path}: {path} = {_shown(there)}, but {_shown(here)} in {first.path}; only studies that run the "
+            "same can be merged"
+        )
+    for name in WANTED:
+        wanted = [getattr(folder.study, name) for folder in (first, other)]
+        if all(wanted) and wanted[0] != wanted[1]:
+            said = "limits" if name == "bounds" else name
+            yield f"{other.path}: {said}: not those of {first.path}; only studies that want the same can be merged"
+    names = {factor.name for factor in other.study.factors}
+    for factor in first.study.factors:
+        if factor.name in names and _widened([factor, _factor(other.study, factor.name)]) is None:
+            yield (
+                f"{other.path}: factors.{factor.name}: not distributed as in {first.path}; only ranges, levels and "
+                "choices can be put together"
+            )
+
+
+def _fixed(folder: Folder) -> dict[str, Any]:
+    """Values of a study that must be the same, by key."""
+    found = folder.study.model_dump(mode="json", exclude={"study", "design", *WANTED})
+    found["factors"] = {f.name: f.model_dump(mode="json", exclude=set(SPREAD)) for f in folder.study.factors}
+    found["run"] = {key: value for key, value in found["run"].items() if key not in FREE}
+    found["record"].pop("variants")
+    own = folder.drive
+    found["drive"] = own.model_copy(update={"run": own.run.model_copy(update=dict.fromkeys(BEGINNINGS))}).model_dump(
+        mode="json"
+    )
+    return found
+
+
+def _unlike(ours: Any, theirs: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Key paths in which two nested values differ, and both values."""
+    if isinstance(ours, dict) and isinstance(theirs, dict):
+        for key in dict.fromkeys([*ours, *theirs]):
+            yield from _unlike(ours.get(key), theirs.get(key), f"{path}.{key}" if path else str(key))
+    elif isinstance(ours, list) and isinstance(theirs, list) and len(ours) == len(theirs):
+        for k, (one, two) in enumerate(zip(ours, theirs, strict=True)):
+            yield from _unlike(one, two, f"{path}.{one.get('name', k) if isinstance(one, dict) else k}")
+    elif ours != theirs:
+        yield path, ours, theirs
+
+
+def _shown(value: Any) -> str:
+    """A value for a message."""
+    text = "nothing" if value is None else "a table" if isinstance(value, dict) else value_text(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _widened(factors: Sequence[Factor]) -> Factor | None:
+    """A factor whose range, levels or choice take in those of all; None if there is none."""
+    first = factors[0].model_copy(update={"points": None})
+    if all(factor.model_copy(update={"points": None}) == first for factor in factors):
+        return first
+    kinds, changed = {factor.kind for factor in factors}, dict[str, Any]()
+    if kinds in ({"uniform"}, {"log-uniform"}):
+        ends = [end for factor in factors for end in factor.range or ()]
+        changed["range"] = (min(ends), max(ends))
+    elif kinds == {"levels"}:
+        changed["levels"] = tuple(sorted({value for factor in factors for value in factor.levels or ()}))
+    elif kinds == {"choice"}:
+        changed["choice"] = tuple(dict.fromkeys(value for factor in factors for value in factor.choice or ()))
+    return first.model_copy(update={"group": None, **changed}) if changed else None
+
+
+def _beginnings(opened: Sequence[Folder]) -> Iterator[Factor]:
+    """Hidden factors for what the drives differ in of how they begin."""
+    for name in BEGINNINGS:
+        if len({start_of(folder.drive, name) for folder in opened}) > 1:
+            yield Factor(name=name, path=f"run.{name}", hidden=True)
+
+
+def start_of(drive: Drive, name: str) -> Any:
+    """A drive's value of a key of `BEGINNINGS`."""
+    value = getattr(drive.run, name)
+    return BEGINNINGS[name] if value is None else value
+
+
 @dataclass(frozen=True)
 class Joined:
-    """What became of the folders.
+    """Result of joining folders.
 
     Attributes:
-        outcome: how the joined study stands.
+        outcome: status of the joined study.
         rows: number of rows of each folder.
         together: number of rows of the joined study.
         mapping: file that says which row was which: columns `folder`, `before`, `variant`.
@@ -246,7 +372,7 @@ def _write_shard(
 def _keep_states(
     joined: Folder, shard: int, opened: Sequence[Folder], runs: Sequence[tuple[int, int, int, int]]
 ) -> None:
-    """Carries over where runs stood; `runs` has folder, row there, joined row and copy of each."""
+    """Carries over the states of runs; `runs` has folder, row there, joined row and copy of each."""
     held = {
         f: states_of(opened[f], [(row, copy) for of, row, _, copy in runs if of == f]) for f in {r[0] for r in runs}
     }

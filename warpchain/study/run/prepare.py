@@ -1,4 +1,12 @@
-"""Before a study runs: its file is read and held against its drive, its rows are made and cut into shards."""
+"""Before a study runs: its file is read and checked against its drive, its rows are made, its folder is made or grown.
+
+Growing adds more points of the design, more replicates or other windows; nothing that was run is lost. It adds a plan
+of its own, with shards that follow those that are there. More rows and more copies only add runs. Another duration or
+window runs all rows once more: from the states at which the runs before ended, if these were kept (`run.keep_states`,
+`engine.checkpoint`), else from the beginning; the tables before stay, as `results.before-K.parquet`. A Latin hypercube
+of n points grows to k n: each old point lies in a stratum of its own among the k n, and new points fill the others, so
+that it is one again.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +20,30 @@ from typing import TYPE_CHECKING, Any
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.drive.part import elements, valid
+from warpchain.drive.schema import elements, valid
+from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
+from warpchain.files import refusals, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.results import some_of
-from warpchain.study.run.folder import Folder, differences, make_folder, open_folder
-from warpchain.study.run.grow import growable, grown
-from warpchain.study.spec import Study, check_drive, load_study
+from warpchain.study.run.folder import REPLICATES, Folder, differences, make_folder, open_folder, plan_file, write_plan
+from warpchain.study.run.shard_plan import Block
+from warpchain.study.spec import Study, check_drive, dumps_study, load_study
 from warpchain.study.spec.factor import Factor
-from warpchain.study.spec.objectives import Bound, Objective, split_limits
-from warpchain.study.spec.parts import Adjust, Keep, Recording, RunOptions
-from warpchain.study.spec.study import Subject
+from warpchain.study.spec.study_file import Subject
+from warpchain.study.spec.study_tables import (
+    SAMPLED,
+    Adjust,
+    Bound,
+    Keep,
+    Objective,
+    Recording,
+    RunOptions,
+    split_limits,
+)
+from warpchain.study.store import write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -69,10 +88,10 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     try:
         study, wrong = load_study(source), ""
     except StudyError as error:
-        standing, wrong = _what_stands(source), str(error)
-        if standing is None:
+        readable, wrong = _readable_part(source), str(error)
+        if readable is None:
             raise
-        study = standing
+        study = readable
     word = study.study.drive
     beside = Path(source).parent / word
     try:
@@ -95,7 +114,7 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
 
 
 def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
-    """What a study says that its drive does not have, a line each."""
+    """Names in a study that its drive does not have, a line each."""
     lines: list[str] = []
     for check in (check_drive, check_names):
         try:
@@ -105,10 +124,10 @@ def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> lis
     return lines
 
 
-def _what_stands(source: str | os.PathLike[str]) -> Study | None:
-    """Of a study file with mistakes, what can be held against its drive all the same; None where nothing can.
+def _readable_part(source: str | os.PathLike[str]) -> Study | None:
+    """The part of a study file with mistakes that can be checked against its drive; None where there is none.
 
-    So all mistakes of a file are told at once.
+    So all mistakes of a file are reported at once.
     """
     import tomllib
 
@@ -119,7 +138,7 @@ def _what_stands(source: str | os.PathLike[str]) -> Study | None:
     subject = valid(Subject, values.get("study"))
     if subject is None:
         return None
-    factors = [valid(Factor, factor) or valid(Factor, _place(factor)) for factor in elements(values, "factors")]
+    factors = [valid(Factor, factor) or valid(Factor, _place_only(factor)) for factor in elements(values, "factors")]
     held: dict[str, Any] = {
         "run": valid(RunOptions, values.get("run")) or RunOptions(),
         "metrics": valid(Keep, values.get("metrics")) or Keep(),
@@ -131,7 +150,7 @@ def _what_stands(source: str | os.PathLike[str]) -> Study | None:
     return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
 
 
-def _place(factor: Any) -> dict[str, Any]:
+def _place_only(factor: Any) -> dict[str, Any]:
     """A factor of the same place in the drive, whose own values hold a mistake."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
@@ -160,7 +179,7 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
 
 
 def gpus_of(device: str | None) -> int:
-    """Number of GPUs that a device stands for: all there are for None and "cuda"."""
+    """Number of GPUs that a device names: all there are for None and "cuda"."""
     if device in (None, "cuda"):
         import warp as wp
 
@@ -174,11 +193,11 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
     Raises:
         StudyError: one line for each error.
     """
-    from warpchain.results.columns import OF_MODES, metric_names
+    from warpchain.results.metric_columns import OF_MODES, metric_names
 
     names, lines = metric_names(drive), []
     if study.metrics.modes is not None:
-        from warpchain.modal.metrics import PREFIX, base_modes
+        from warpchain.modal.campbell import PREFIX, base_modes
 
         for name in base_modes(drive, study.metrics.modes).names:
             names += [f"{PREFIX}{name}.{column.name}" for column in OF_MODES]
@@ -197,8 +216,8 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
 
 
 def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """What is wrong with the metrics that objectives and limits name."""
-    from warpchain.results.columns import RECORDED, of_drive
+    """Mistakes in the metrics that objectives and limits name."""
+    from warpchain.results.metric_columns import RECORDED, of_drive
 
     recorded = {
         prefix + c.name
@@ -215,3 +234,80 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
             elif metric not in (*names, *factors):
                 near = difflib.get_close_matches(metric, [*names, *recorded, *factors], 3, 0.4)
                 yield f'{key}.{i}.metric = "{metric}": no such metric; near it are {", ".join(near) or "none"}'
+
+
+def growable(known: Study, other: Study) -> bool:
+    """Whether a study is another one grown."""
+    if not set(differences(known, other)) <= {"design", "run"}:
+        return False
+    design, run = known.design, known.run
+    alike = design.model_copy(update={"count": other.design.count, "replicates": other.design.replicates,
+                                      "replicate_by": other.design.replicate_by})  # fmt: skip
+    ways = design.copies == 1 or (design.replicate_by or "phase") == (other.design.replicate_by or "phase")
+    free = ("duration", "window", "shard", "keep_states")
+    same = {name: getattr(other.run, name) for name in free}
+    counts = design.count == other.design.count or (
+        design.kind in SAMPLED and (design.count or 0) < (other.design.count or 0)
+    )
+    return (
+        alike == other.design
+        and ways
+        and counts
+        and design.copies <= other.design.copies
+        and run.model_copy(update=same) == other.run
+    )
+
+
+def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
+    """The folder with a further plan.
+
+    Args:
+        folder: what is there.
+        study: the study that `growable` lets pass.
+        source: its file.
+        shard: number of runs of a new shard.
+
+    Raises:
+        StudyError: a design whose first rows would be others, or a folder that cannot be written.
+    """
+    path, number = folder.path, folder.plans
+    before = _points_before(folder)
+    design = make_design(study, source, before if study.design.kind == "latin-hypercube" else ())
+    names = [factor.name for factor in study.factors]
+    if not design.select(names).slice(0, folder.rows).equals(folder.design().select(names)):
+        raise StudyError(
+            f"{source}: design.count = {value_text(study.design.count)}: the first {folder.rows} rows would be others; "
+            "give another folder"
+        )
+    rows, copies = design.num_rows, study.design.copies
+    same = {name: getattr(folder.study.run, name) for name in ("shard", "keep_states")}
+    restart = study.run.model_copy(update=same) != folder.study.run
+    blocks = [Block((0, rows), (0, copies))] if restart else [
+        Block((0, folder.rows), (folder.copies, copies)), Block((folder.rows, rows), (0, copies))]  # fmt: skip
+    facts: dict[str, Any] = {
+        "rows": rows,
+        "shard": shard,
+        "blocks": [[*block.rows, *block.copies] for block in blocks if len(block)],
+        "after": folder.identity,
+    }
+    fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
+    if restart:
+        for table in (folder.results, folder.path / REPLICATES):
+            _keep_as_it_is(table, table.with_name(f"{table.stem}.before-{number}.parquet"))
+    write_text(path / plan_file("study.toml", number), dumps_study(fixed))
+    write_table(path / plan_file("design.parquet", number), design)
+    write_plan(path, number, {**facts, "restart": True} if restart else facts)
+    return open_folder(path)
+
+
+def _keep_as_it_is(table: Path, other: Path) -> None:
+    """A copy of a table, if it is there, under a name that nothing writes to."""
+    if table.exists() and not other.exists():
+        with refusals(other, StudyError), whole_file(other) as file:
+            file.write(table.read_bytes())
+
+
+def _points_before(folder: Folder) -> tuple[int, ...]:
+    """Points of the design before each growth."""
+    files = [folder.path / plan_file("study.toml", number) for number in range(folder.plans)]
+    return tuple(dict.fromkeys(load_study(file).design.count or 0 for file in files))

@@ -1,4 +1,4 @@
-"""The variants of a study that were recorded: their trajectories, and the objectives that take one."""
+"""Recorded variants of a study: their trajectories, their objectives, and a recording to play of any variant."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from warpchain.drive import load_drive
+from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
-from warpchain.study.columns import ARCHIVED
-from warpchain.study.results import Results
+from warpchain.study.results import ARCHIVED, Results, read_results
 from warpchain.study.run.folder import open_folder
-from warpchain.study.spec.parts import Worst
+from warpchain.study.run.row_drives import Variant, build
+from warpchain.study.spec import load_study
+from warpchain.study.spec.study_tables import Worst
+from warpchain.view.chosen import NEEDED
 
 SHOWN = 4
 """Most recorded variants that are taken where none are named."""
@@ -24,7 +28,7 @@ def places(results: Results) -> dict[int, tuple[str, int]]:
     """Archive (file in the study's folder) and number in it of each recorded variant.
 
     Raises:
-        StudyError: the table has no columns that tell.
+        StudyError: the table has no such columns.
     """
     names = results.table.column_names
     if not set(ARCHIVED) <= set(names):
@@ -93,7 +97,7 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
     """
     import pyarrow as pa
 
-    from warpchain.results.columns import unit_of
+    from warpchain.results.metric_columns import unit_of
     from warpchain.results.objectives import from_trajectory
 
     starts, ends = results.values("window_start"), results.values("window_end")
@@ -111,3 +115,66 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
             pa.field(name, pa.float64(), metadata={"role": "metric", "unit": unit_of(name)}), column
         )
     return replace(results, table=table, metrics=tuple(dict.fromkeys((*results.metrics, *names))))
+
+
+def recording_of(
+    folder: str | Path, variant: int, *, workers: int | None = None, memory: int = MEMORY, progress: bool = False
+) -> tuple[Path, int]:
+    """The archive of a variant, and its number in it.
+
+    A variant that was not recorded, or without what playback needs, is run again with the study's settings, into
+    `played/` in the folder; what was run so before is not run again.
+
+    Args:
+        folder: of a study, or of a search.
+        variant: its number in the table.
+        workers, memory, progress: as in `warpchain.simulate`.
+
+    Raises:
+        StudyError: no such folder or variant, or one that gives no drive.
+        SimulationError, DriveError, ArchiveError: as in `simulate`.
+    """
+    from warpchain.archive import read_archive
+    from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.simulation import simulate
+    from warpchain.results.run import Record
+
+    path = Path(folder)
+    study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
+    results = read_results(path / "results.parquet", [factor.name for factor in study.factors], ())
+    rows = [i for i, number in enumerate(results.variants.tolist()) if number == variant]
+    if not rows:
+        raise StudyError(
+            f"variant {variant}: not in {path / 'results.parquet'}, which has {len(results.status)} variants"
+        )
+    whole = set(NEEDED) <= set(study.record.channels)
+    held = places(results) if whole and "archive" in results.table.column_names else {}
+    if variant in held:
+        name, number = held[variant]
+        return path / name, number
+    archive = path / "played" / f"variant-{variant:06d}.mcap"
+    if archive.exists():
+        return archive, read_archive(archive).numbers[0]  # 0 where an earlier version played it
+    row = {factor.name: results.table[factor.name][rows[0]].as_py() for factor in study.factors}
+    made = Variant(row)
+    build(study, drive, [made])
+    if made.drive is None:
+        raise StudyError(f"variant {variant}: {made.reason}")
+    archive.parent.mkdir(exist_ok=True)
+    run, record = study.run, study.record
+    simulate(
+        made.drive,
+        device=run.device,
+        precision=run.precision,
+        duration=run.duration,
+        step=run.step,
+        record=Record("all", record.rate),
+        window=run.window,
+        progress=progress,
+        archive=archive,
+        archive_options=ArchiveOptions(numbers=(variant,)),
+        workers=workers,
+        memory=memory,
+        limits=study.limits,
+    )
+    return archive, variant

@@ -1,6 +1,6 @@
 """The study file as data."""
 
-from warpchain.study.spec.study import (
+from warpchain.study.spec.study_file import (
     Study,
     check_drive,
     dumps_study,

@@ -53,7 +53,7 @@ _COMPARE: Mapping[type, Callable[[Any, Any], bool]] = {
 
 
 class _Wrong(Exception):
-    """What is wrong with an expression, or with its value in one row."""
+    """A mistake in an expression, or in its value in one row."""
 
 
 @dataclass(frozen=True)

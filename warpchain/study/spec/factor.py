@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from warpchain.drive.part import (
+from warpchain.drive.schema import (
     BARE,
     Direction,
     Finite,
@@ -23,14 +23,14 @@ from warpchain.drive.part import (
     get,
     numbers,
 )
-from warpchain.study.columns import BOOKKEEPING
+from warpchain.study.results import BOOKKEEPING
 from warpchain.study.spec.expression import RESERVED
 
 TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING) | {"shard", "and", "or", "not"}
 """Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 AUTO = "auto"
-"""The text that may stand among numbers of a choice: an automatic step."""
+"""The text that may be among numbers of a choice: an automatic step."""
 NAME_TEXT = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
@@ -103,7 +103,7 @@ NEEDS = {
 
 
 class Factor(Part):
-    """What varies, and how.
+    """A factor of a study: a quantity that varies, and its values.
 
     Exactly one of these says which values: a distribution (its default is uniform over `range`), `levels`, `choice` or
     `expression`; none does where the design is a table.
@@ -165,7 +165,7 @@ class Factor(Part):
         return [str(value) for value in values] if self._mixed else list(values)
 
     def value_of(self, cell: Any) -> Any:
-        """The value that a cell of that column stands for."""
+        """The value behind a cell of that column."""
         return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._mixed else cell
 
     @property
@@ -193,7 +193,7 @@ class Factor(Part):
 
 
 def kind_of(node: Any) -> str | None:
-    """What gives a factor's values (see `Factor.kind`), also of a mapping that should become one."""
+    """The source of a factor's values (see `Factor.kind`), also of a mapping that should become one."""
     for key in ("expression", "levels", "choice"):
         if get(node, key) is not None:
             return key
@@ -204,7 +204,7 @@ def kind_of(node: Any) -> str | None:
 
 
 def _place_rules(node: Any) -> Iterator[Problem]:
-    """What a factor does with its value."""
+    """A factor sets, scales, offsets or shifts one thing."""
     shift, placed = get(node, "shift"), get(node, "path") is not None or bool(get(node, "paths"))
     if shift is not None and placed:
         yield Problem(("shift",), shift, "not together with path; give one of the two")

@@ -1,7 +1,6 @@
-"""What a metric would be where nothing was run, and how sure that is."""
+"""Surrogates: a metric where nothing was run, with its standard deviation."""
 
-from warpchain.study.surrogate.model import KINDS, Surrogate, fit_surrogate
-from warpchain.study.surrogate.validation import CrossValidation
+from warpchain.study.surrogate.model import KINDS, CrossValidation, Surrogate, fit_surrogate
 
 __all__ = [
     "KINDS",

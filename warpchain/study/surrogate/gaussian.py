@@ -33,7 +33,7 @@ from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Rows that a process stands on, and that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
+"""Rows of a process, and rows that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
 RESTARTS, RESTARTED = 2, 60
 """Further places that the search for the likeliest lengths starts from, with at most so many rows."""
 LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
@@ -70,13 +70,13 @@ class Process:
     """A fitted process.
 
     Attributes:
-        x: (N, D) rows that it stands on.
+        x: (N, D) rows.
         z: (N,) their scaled values.
         kernel: scikit-learn's, without noise.
         factor: (N, N) Cholesky factor of K.
         weights: (N,) K^-1 z.
         center, scale: m and s.
-        noise: v s^2, variance of a run's noise that the errors do not tell, in the metric's unit squared.
+        noise: v s^2, variance of a run's noise beyond the errors, in the metric's unit squared.
         errors: (N,) e_i, in the metric's unit.
     """
 

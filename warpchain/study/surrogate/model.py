@@ -1,26 +1,225 @@
-"""One face for all surrogates: rows in, mean and standard deviation out."""
+"""One interface for all surrogates: rows of factors in, mean and standard deviation out.
+
+Rows are points of a box: numbers from 0 to 1 over the range that was run, words as one coordinate each. The quadratic
+surface serves where scikit-learn is not installed or rows are many. By least squares on terms t(x) with residual
+variance s^2 (Montgomery 2017, 10.5), the surface at x is normal with
+
+    mean t' b,      variance s^2 t' (T' T)^-1 t,                                                            (a)
+
+and a run there has s^2 more.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.analysis.surface import Surface, _scaled, _terms, fit_surface
 from warpchain.study.results import Array, Results
-from warpchain.study.surrogate.features import Features, Rows, columns_of, features_of
 from warpchain.study.surrogate.gaussian import Process, fit_process
-from warpchain.study.surrogate.noise import standard_errors
-from warpchain.study.surrogate.quadratic import Quadratic, fit_quadratic
-from warpchain.study.surrogate.validation import CrossValidation
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Rows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
+"""A table, a column by name, or a mapping a row."""
 KINDS = ("gaussian", "quadratic")
 
 
 @dataclass(frozen=True)
+class Axis:
+    """A factor as coordinates.
+
+    Attributes:
+        name: of the factor.
+        low, high: the ends that become 0 and 1; of numbers.
+        words: what it can be, where it holds words: each has a coordinate, 1 where the factor is that word.
+    """
+
+    name: str
+    low: float = 0.0
+    high: float = 1.0
+    words: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Number of coordinates."""
+        return len(self.words) or 1
+
+    def coordinates(self, column: Sequence[Any]) -> Array:
+        """Values (R,) as coordinates (R, width).
+
+        Raises:
+            StudyError: a word that was not run, or a word where numbers are needed.
+        """
+        if self.words:
+            names = [str(value) for value in column]
+            for word in sorted(set(names) - set(self.words)):
+                raise StudyError(f"factor {self.name!r}: {word!r} was not run; there are {', '.join(self.words)}")
+            return np.array([[float(name == word) for word in self.words] for name in names]).reshape(-1, self.width)
+        try:
+            values = np.asarray(column, dtype=float)
+        except (TypeError, ValueError):
+            raise StudyError(f"factor {self.name!r}: numbers are needed") from None
+        return ((values - self.low) / (self.high - self.low))[:, None]
+
+
+@dataclass(frozen=True)
+class Features:
+    """The coordinates of a study's rows.
+
+    Attributes:
+        axes: one a factor.
+    """
+
+    axes: tuple[Axis, ...]
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the factors."""
+        return tuple(axis.name for axis in self.axes)
+
+    def of(self, rows: Rows) -> Array:
+        """Coordinates (R, D) of rows: a table, a column by name, or a mapping a row.
+
+        Raises:
+            StudyError: a factor is missing or has a value that cannot be taken.
+        """
+        columns = columns_of(rows, self.factors)
+        return np.hstack([axis.coordinates(columns[axis.name]) for axis in self.axes])
+
+
+def columns_of(rows: Rows, names: Iterable[str]) -> dict[str, list[Any]]:
+    """Columns by name of rows in any of their shapes.
+
+    Raises:
+        StudyError: one is missing.
+    """
+    import pyarrow as pa
+
+    if isinstance(rows, pa.Table):
+        found = {name: rows[name].to_pylist() for name in names if name in rows.column_names}
+    elif isinstance(rows, Mapping):
+        found = {name: list(values) for name, values in rows.items()}
+    else:
+        listed = [dict(row) for row in rows]
+        found = {name: [row[name] for row in listed] for name in names if all(name in row for row in listed)}
+    for name in names:
+        if name not in found:
+            raise StudyError(f"rows: factor {name!r} is missing")
+    return found
+
+
+def features_of(results: Results, factors: Sequence[str] | None = None) -> Features:
+    """The coordinates of a study's results: of all factors that vary, tied ones once.
+
+    Args:
+        results: the study's results.
+        factors: which; None takes all.
+
+    Raises:
+        StudyError: none varies.
+    """
+    tied = results.ties()
+    axes = []
+    for name in factors or [factor for factor in results.factors if factor not in tied]:
+        if results.numeric(name):
+            values = results.values(name)
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            if high > low:
+                axes.append(Axis(name, low, high))
+        elif len(words := sorted(set(results.labels(name)))) > 1:
+            axes.append(Axis(name, words=tuple(words)))
+    if not axes:
+        raise StudyError("surrogate: no factor varies")
+    return Features(tuple(axes))
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A fitted surface with what its variance takes.
+
+    Attributes:
+        surface: the fit.
+        x: (N, A) rows that were fitted.
+        y: (N,) their values.
+        factor: (T, T) upper triangle of T = Q R.
+        run_variance: s^2, in the metric's unit squared.
+    """
+
+    surface: Surface
+    x: Array
+    y: Array
+    factor: Array
+    run_variance: float
+
+    def _terms(self, x: Array) -> Array:
+        low, high = self.surface.low, self.surface.high
+        return _terms(_scaled(x, low, high), self.surface.powers)
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation of the surface at factor values (R, A), eq. (a)."""
+        leverage = np.linalg.solve(self.factor.T, self._terms(x).T)
+        return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
+
+    def left_out(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each row as the others have it (N,): y - r / (1 - h), s / sqrt(1 - h)."""
+        inner = np.linalg.solve(self.factor.T, self._terms(self.x).T)
+        left = np.maximum(1.0 - np.einsum("ij,ij->j", inner, inner), 1e-9)
+        residual = self.y - self.surface.predict(self.x)
+        return self.y - residual / left, np.sqrt(self.run_variance / left)
+
+
+def fit_quadratic(results: Results, metric: str) -> Quadratic:
+    """Fits a surface to a metric, over its numeric factors.
+
+    Raises:
+        StudyError: as `fit_surface`.
+    """
+    surface = fit_surface(results, metric)
+    rows = results.rows_for(metric, surface.factors)
+    x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
+    y = results.values(metric)[rows]
+    found = Quadratic(surface, x, y, np.eye(len(surface.powers)), 0.0)
+    residual = y - surface.predict(x)
+    variance = float(residual @ residual) / max(len(y) - len(surface.powers), 1)
+    return Quadratic(surface, x, y, np.linalg.qr(found._terms(x))[1], variance)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Each row as the others predict it.
+
+    Attributes:
+        observed: (R,) the metric as it was run.
+        predicted: (R,) what the surrogate of the other rows says.
+        deviation: (R,) standard deviation of what a run would give there.
+    """
+
+    observed: Array
+    predicted: Array
+    deviation: Array
+
+    @property
+    def q2(self) -> float:
+        """Part of the variance that is predicted [-]; 1 is perfect, 0 no better than the mean."""
+        total = float(((self.observed - self.observed.mean()) ** 2).sum())
+        return 1.0 - float(((self.observed - self.predicted) ** 2).sum()) / total if total > 0.0 else 1.0
+
+    @property
+    def coverage(self) -> float:
+        """Part of the rows within 1.96 standard deviations [-]; 0.95 where these are right."""
+        return float(np.mean(np.abs(self.observed - self.predicted) <= 1.96 * self.deviation))
+
+
+@dataclass(frozen=True)
 class Surrogate:
-    """What stands for a metric between the variants that were run.
+    """A model of a metric between the variants that were run.
 
     Attributes:
         metric: its name.
@@ -43,7 +242,7 @@ class Surrogate:
 
     @property
     def rows(self) -> int:
-        """Number of variants that it stands on."""
+        """Number of variants that were fitted."""
         return len(self.model.x)
 
     def predict(self, rows: Rows, run: bool = False) -> tuple[Array, Array]:
@@ -67,7 +266,7 @@ class Surrogate:
         return _unlog(mean, deviation) if self.logarithm else (mean, deviation)
 
     def cross_validated(self) -> CrossValidation:
-        """Each row that it stands on, as the others predict it; what was fitted as a whole is kept."""
+        """Each row that was fitted, as the others predict it; what was fitted as a whole is kept."""
         mean, deviation = self.model.left_out()
         if isinstance(self.model, Process):
             observed = self.model.center + self.model.scale * self.model.z
@@ -110,18 +309,15 @@ def fit_surrogate(
     if logarithm and not (values[rows] > 0.0).all():
         raise StudyError(f"surrogate of {metric!r}: a logarithm needs values above 0")
     if kind == "quadratic":
-        from warpchain.study.analysis.robust import transformed
+        from warpchain.study.analysis.effects import transformed
 
         taken = transformed(results, metric, "log") if logarithm else results
         return Surrogate(metric, kind, fit_quadratic(taken, metric), None, logarithm)
     features = features_of(results, factors)
     rows &= results.rows_for(metric, features.factors)
-    columns = {
-        name: [v for v, r in zip(results.table[name].to_pylist(), rows, strict=True) if r] for name in features.factors
-    }
     y = values[rows]
     known = None if errors is None else errors[rows]
     if logarithm:
         known = None if known is None else known / y
         y = np.log(y)
-    return Surrogate(metric, kind, fit_process(features.of(columns), y, known), features, logarithm)
+    return Surrogate(metric, kind, fit_process(features.of(results.table.filter(rows)), y, known), features, logarithm)

@@ -9,9 +9,9 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.results.channels import CHANNELS
-from warpchain.results.friction_power import Array, by_group
+from warpchain.results.engineering_report import HandedIn
 from warpchain.results.guide_load import GuideLoad
-from warpchain.results.handed_in import HandedIn
+from warpchain.results.losses import Array, by_group
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import forward
 from warpchain.results.units import shown
@@ -67,14 +67,9 @@ def _per_length(unit: str, values: Array) -> tuple[str, float]:
     return f"{word}/mm", 1e-3 * factor
 
 
-def grouped_power(found: HandedIn) -> dict[str, Array]:
-    """Friction power (F,) [W] of joints, of all guides and of all teeth, of what rubs."""
-    return by_group(found.drive, found.power)
-
-
 def friction_figure(found: HandedIn) -> Figure | None:
     """Friction power by group over the driver's speed, or over time where it keeps one; None where nothing rubs."""
-    groups = grouped_power(found)
+    groups = by_group(found.drive, found.power)
     if not groups:
         return None
     whole, drive = found.whole, found.drive
@@ -135,7 +130,7 @@ def wear_figure(found: HandedIn) -> Figure | None:
 
 
 BODIES = {"arm": "arms", "tensioner": "tensioners"}
-"""What channels can be of beside rollers, links and sprockets, with the drive's list of them."""
+"""Parts with channels of their own beside rollers, links and sprockets, with the drive's list of them."""
 
 
 def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
@@ -165,7 +160,7 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
 
 
 def probe_figure(found: HandedIn, name: str) -> Figure:
-    """What a probe sees over time: tension, speed along the chain, displacement to its left."""
+    """A probe's readings over time: tension, speed along the chain, displacement to its left."""
     seen = found.probes[name]
     figure, axes = panels(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.handed_in import HandedIn
-from warpchain.results.phase import phase_error
+from warpchain.results.engineering_report import HandedIn
 from warpchain.results.rotation import CYCLE, cycle_average, rising, turns_of
+from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
 from warpchain.results.units import shown
 from warpchain.view.figures.style import LINES, Array, arrowed, curve, grid, panels

@@ -1,4 +1,4 @@
-"""How figures look and are written: size, titles with what was run, colors, peaks kept in long curves."""
+"""Style of figures: size, titles with what was run, colors, peaks kept in long curves, files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
-from warpchain.results.signals import peak_frames
+from warpchain.results.signals import TOOTH_PASSINGS, peak_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,6 +74,13 @@ def key(axis: Any) -> None:
         axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
 
 
+def mark_teeth(axis: Any, teeth: int) -> None:
+    """Marks the tooth-passing orders of a driver."""
+    for k in range(1, TOOTH_PASSINGS + 1):
+        label = f"tooth passing, multiples of {teeth}" if k == 1 else None
+        axis.axvline(k * teeth, color="black", lw=0.8, ls=":", label=label)
+
+
 def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
     """A figure of panels in rows of `columns`, each of a size [in]."""
     from matplotlib.figure import Figure
@@ -107,6 +114,16 @@ def _without_math(figure: Figure) -> None:
     }
     for text in figure.findobj(Text):
         text.set_parse_math(text in ticks)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Writes a figure as the path's ending says; it appears under its name only when whole.
+
+    Raises:
+        ArchiveError: a file that cannot be written.
+    """
+    with refusals(path, ArchiveError), whole_file(path) as file:
+        figure.savefig(file, format=path.suffix[1:], dpi=130)
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:

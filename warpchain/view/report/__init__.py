@@ -1,5 +1,5 @@
-"""A recorded run as one HTML page that needs nothing else: what engineers hand in."""
+"""The engineering report of a recorded run: one HTML page that needs nothing else."""
 
-from warpchain.view.report.write import report, report_html
+from warpchain.view.report.run_sections import report, report_html
 
 __all__ = ["report", "report_html"]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from warpchain.drive import Drive
-from warpchain.results.columns import COLUMNS, column_of
+from warpchain.results.engineering_report import HandedIn
 from warpchain.results.formulas import THINGS
-from warpchain.results.handed_in import HandedIn
-from warpchain.results.strokes import events, stroke
+from warpchain.results.metric_columns import COLUMNS, column_of
+from warpchain.results.signals import events, stroke
 from warpchain.results.units import display_unit
 from warpchain.view.html import number, table
 
@@ -109,7 +109,7 @@ def phase_table(found: HandedIn) -> str:
 
 
 def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
-    """What each guide bears, in numbers; pressures where the contact's width is known."""
+    """Load of each guide; pressures where the contact's width is known."""
     rows = []
     for g, guide in enumerate(found.drive.guides):
         load, width = found.guides[g], found.drive.guide_contact(g).width
@@ -135,7 +135,7 @@ def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str,
 
 
 def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """How each channel (F, count) of body k moves in the window: extremes, mean, travel, way in a second."""
+    """Motion of each channel (F, count) of body k in the window: extremes, mean, travel, way in a second."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = stroke(found.part.time, values[:, k])
@@ -148,7 +148,7 @@ def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: in
 
 
 def valve_line(found: HandedIn, k: int) -> str:
-    """How often the check valve of tensioner k opens in the window: where the chamber is below the supply by more than
+    """Openings of the check valve of tensioner k in the window: where the chamber is below the supply by more than
     the cracking pressure; "" without oil or without the chamber's pressure."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None:

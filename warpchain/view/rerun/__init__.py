@@ -1,5 +1,5 @@
 """Playback in Rerun."""
 
-from warpchain.view.rerun.playback import view
+from warpchain.view.rerun.run_playback import view
 
 __all__ = ["view"]

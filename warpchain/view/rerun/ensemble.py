@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.columns import unit_of
+from warpchain.results.metric_columns import unit_of
 from warpchain.results.run import Run
 from warpchain.view.chosen import varied_inputs
-from warpchain.view.colors import OTHERS, RECORDED, SHOWN
-from warpchain.view.rerun.chart import Chart
-from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
+from warpchain.view.palette import OTHERS, RECORDED, SHOWN
+from warpchain.view.rerun.chart import INPUTS, METRICS, Chart, Dots, Quantity, log_scatter
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -40,7 +39,7 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
     """Logs the scatters of a run whose variants differ.
 
     Args:
-        shown: variants that the recording plays; their dots stand out.
+        shown: variants that the recording plays; their dots are larger.
 
     Returns:
         The charts, row by row, an input each; and the number of columns: metrics. None and 0 where nothing varies.

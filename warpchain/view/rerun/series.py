@@ -1,4 +1,4 @@
-"""What runs over time, and what time is made of, for Rerun: curves, tension along the chain as an image, spectra."""
+"""Signals over time for Rerun: curves, tension along the chain as an image, spectra."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
-from warpchain.view.colors import Color, packed_colors, tension_steps
+from warpchain.view.palette import Color, packed_colors, tension_steps
 from warpchain.view.rerun.chart import INK, WIDE, Axis, Chart
-from warpchain.view.rerun.columns import Column, entity, rows, send
+from warpchain.view.rerun.streams import Column, entity, rows, send
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -128,7 +128,7 @@ def log_measured(stream: rr.RecordingStream, root: str, found: Sequence[Comparis
 
 
 def axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
-    """What the vertical axis of a group of curves shows at first [its unit]; None is all.
+    """Range of the vertical axis of a group of curves at first [its unit]; None is all.
 
     Ratios and transmission errors: what they reach in the latter half, as they go far beyond while a driver starts from
     rest, where they mean little.

@@ -1,0 +1,281 @@
+"""Barriers, sums and atomic additions of a block's threads, as native code.
+
+On the CPU a block's threads are cooperative fibers of one thread, a warp is one thread, and blocks follow each other.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..sum_structs import LinkTally, RollerTally
+from .kind import WARP, BlockKind
+
+LARGEST = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) {
+        const auto other = __shfl_xor_sync(0xffffffffu, value, o);
+        if (other > value) value = other;
+    }
+#endif
+    return value;
+"""
+
+SUM = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+
+GROUP_SUM = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 4; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+
+BARRIER = "WP_TILE_SYNC();"
+
+WARP_BARRIER = """
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#else
+    WP_TILE_SYNC();
+#endif
+"""
+"""The barrier of a block of one warp."""
+
+
+def _named(what: str, number: int, threads: int, elsewhere: str = "") -> str:
+    """Code of a whole warp at one of the block's barriers beside that of all, for so many threads."""
+    return f"""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+    asm volatile("bar.{what} {number}, {threads};" ::: "memory");
+#else
+    {elsewhere}
+#endif
+"""
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+""")
+def lanes() -> int:
+    """Threads of a warp."""
+    ...
+
+
+@wp.func
+def group() -> int:
+    """Threads of a group, which adds up what acts on one sprocket: a quarter of a warp."""
+    return (lanes() + 3) // 4
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return (__ffs(mask) - 1) & 31;
+#else
+    int bit = 0;
+    while (!((mask >> bit) & 1)) ++bit;
+    return bit;
+#endif
+""")
+def lowest_bit(mask: int) -> int:
+    """Position of the lowest bit set in `mask`, which is not zero."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.f64 [%0], %1;" :: "l"(__cvta_generic_to_global(sums.data + at)), "d"(value));
+#else
+    sums.data[at] += value;
+#endif
+""")
+def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
+    """Adds `value` to what stands at `at` in global memory, and does not wait for it.
+
+    Where no other thread adds to it, the sum is that of one addition after the other.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.max.s64 [%0], %1;" ::
+        "l"(__cvta_generic_to_global(values.data + at)), "l"(__double_as_longlong(value)));
+#else
+    if (value > values.data[at]) values.data[at] = value;
+#endif
+""")
+def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
+    """Raises what stands at `at` in global memory, not negative, to `value`, and does not wait for it.
+
+    As whole numbers, bits of positive numbers have their order.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.u32 [%0], 1;" :: "l"(__cvta_generic_to_global(counts.data + at)));
+#else
+    counts.data[at] += 1;
+#endif
+""")
+def count_at(counts: wp.array[wp.int32], at: int):
+    """One more at `at` in global memory, without a wait."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int bits = __float_as_int(value);
+    return __hiloint2double((bits & 0x80000000) | (((bits & 0x7fffffff) >> 3) + 0x38000000), bits << 29);
+#else
+    return value;
+#endif
+""")
+def widened(value: wp.float32) -> wp.float64:
+    """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
+    ...
+
+
+def _adds(**types_of: str) -> str:
+    """Adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
+    address = "__cvta_generic_to_global(&tallies.data[at].{0})"
+    letters = {"f64": "d", "u64": "l"}
+    red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
+    reds = [red.format(name, of, address.format(name), letters[of]) for name, of in types_of.items()]
+    adds = [f"    tallies.data[at].{name} += more.{name};" for name in types_of]
+    return "\n".join(["", "#if defined(__CUDA_ARCH__)", *reds, "#else", *adds, "#endif", ""])
+
+
+@wp.func_native(_adds(samples="u64", tension="f64", tension_square="f64"))
+def add_to_link(tallies: wp.array[LinkTally], at: int, more: LinkTally):
+    """Adds `more` to a link's tally; no other thread does."""
+    ...
+
+
+@wp.func_native(_adds(dissipated="f64", friction="f64"))
+def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
+    """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ballot_sync(0xffffffffu, flag);
+#else
+    return flag;
+#endif
+""")
+def lanes_where(flag: int) -> int:
+    """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#endif
+""")
+def after_turn():
+    """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
+    ...
+
+
+BLOCK_OR = """
+#if defined(__CUDA_ARCH__)
+    return __syncthreads_or(flag);
+"""
+
+WARP_OR = """
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+    return __any_sync(0xffffffffu, flag);
+"""
+
+FIBERS_OR = """
+#else
+    static int any;
+    WP_TILE_SYNC();
+    any = 0;
+    WP_TILE_SYNC();
+    if (flag) any = 1;
+    WP_TILE_SYNC();
+    return any;
+#endif
+"""
+
+
+@cache
+def sync(kind: BlockKind) -> SimpleNamespace:
+    """The functions by which the threads of a block of a kind wait for each other and add up together."""
+    Real, threads = kind.Real, kind.threads
+
+    @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
+    def barrier():
+        """Waits for all threads of the variant."""
+        ...
+
+    @wp.func_native(BARRIER)
+    def together():
+        """Waits for all threads of the block, of all its variants."""
+        ...
+
+    @wp.func_native((WARP_OR if threads == WARP else BLOCK_OR) + FIBERS_OR)
+    def any_thread(flag: int) -> int:
+        """Whether `flag` is not zero in any thread of the variant; a barrier."""
+        ...
+
+    @wp.func_native(_named("arrive", 1, threads))
+    def hand_over():
+        """Tells the warp that moves the bodies that this warp's contacts are done, and does not wait."""
+        ...
+
+    @wp.func_native(_named("sync", 1, threads, BARRIER))
+    def taken_over():
+        """Waits until all other warps have handed over."""
+        ...
+
+    @wp.func_native(_named("sync", 2, threads - WARP, BARRIER))
+    def among_rollers():
+        """Waits for all threads but those of the warp that moves the bodies."""
+        ...
+
+    @wp.func_native(SUM)
+    def warp_sum(value: wp.float64) -> wp.float64:
+        """Sum of `value` over the threads of this warp."""
+        ...
+
+    @wp.func_native(GROUP_SUM)
+    def group_sum(value: Real) -> Real:
+        """Sum of `value` over this thread's group, a quarter of a warp."""
+        ...
+
+    @wp.func_native(LARGEST)
+    def warp_max(value: Real) -> Real:
+        """Largest `value` of the threads of this warp."""
+        ...
+
+    return SimpleNamespace(
+        barrier=barrier,
+        together=together,
+        any_thread=any_thread,
+        hand_over=hand_over,
+        taken_over=taken_over,
+        among_rollers=among_rollers,
+        warp_sum=warp_sum,
+        group_sum=group_sum,
+        warp_max=warp_max,
+    )

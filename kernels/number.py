@@ -1,0 +1,504 @@
+r"""One number at two precisions: float64, and a pair of float32 where that is without float64.
+
+A pair is a value and what it rounds off: 48 bits without float64, whose rate on workstation GPUs is 1/64. A sum of two
+floats is exactly a float and its error (Knuth's two-sum), a product is one too (an fma gives the error):
+
+    s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
+
+On CUDA both are spelled so that no product is drawn into a sum. What the rest of a kernel does with the low parts is
+plain float32.
+
+Sine and cosine are the same on every device, without the subroutine for huge angles: angle = k pi/2 + r, |r| <= pi/4,
+pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the series of sin r and cos r to r^17
+and r^16, whose next terms are below 1e-19; then the quadrant k mod 4.
+
+The logarithm of a pair is ln r = e ln 2 + ln m, ln m = 2 artanh s = 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1),
+with m within a factor sqrt 2 of one: |s| < 0.172, and the terms from s^14 on are below 2e-12 of the first. The first
+term is a pair, what comes after it float32, a hundredth of it.
+
+Quotients of literals are `wp.static`: within a kernel Warp divides them in float32.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+def split(value: float) -> tuple[float, float]:
+    """High and low part of a number, for constants of kernels."""
+    high = float(np.float32(value))
+    return high, float(np.float32(value - high))
+
+
+@wp.struct
+class Pair:
+    """A number `high` + `low`; `low` is at most about the rounding of `high`."""
+
+    high: wp.float32
+    low: wp.float32
+
+
+@wp.struct
+class PairVector:
+    """A vector of pairs, `high` + `low`."""
+
+    high: wp.vec2f
+    low: wp.vec2f
+
+
+@wp.struct
+class SumVector:
+    """A vector that is summed up, each component a pair."""
+
+    x: Pair
+    y: Pair
+
+
+@wp.struct
+class RecentSum:
+    """A sum that much is added to: what a few additions have added since it was gathered is in plain float32."""
+
+    sum: Pair
+    recent: wp.float32
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float s = __fadd_rn(a, b), t = __fsub_rn(s, a);
+    return {s, __fadd_rn(__fsub_rn(a, __fsub_rn(s, t)), __fsub_rn(b, t))};
+#else
+    const float s = a + b, t = s - a;
+    return {s, (a - (s - t)) + (b - t)};
+#endif
+""")
+def two_sum(a: wp.float32, b: wp.float32) -> wp.vec2f:
+    """a + b, rounded, and the error of that."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float s = __fsub_rn(a, b), t = __fsub_rn(s, a);
+    return {s, __fsub_rn(__fsub_rn(a, __fsub_rn(s, t)), __fadd_rn(b, t))};
+#else
+    const float s = a - b, t = s - a;
+    return {s, (a - (s - t)) - (b + t)};
+#endif
+""")
+def two_difference(a: wp.float32, b: wp.float32) -> wp.vec2f:
+    """a - b, rounded, and the error of that."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float p = __fmul_rn(a, b);
+    return {p, __fmaf_rn(a, b, -p)};
+#else
+    const float p = a * b;
+    return {p, (float)((double)a * (double)b - (double)p)};
+#endif
+""")
+def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
+    """a b, rounded, and the error of that."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float p = __fmul_rn(b, c);
+    return __fsub_rn(__fmaf_rn(a, d, -p), __fmaf_rn(b, c, -p));
+#else
+    return (float)((double)a * (double)d - (double)b * (double)c);
+#endif
+""")
+def cross(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
+    """a d - b c to round-off of itself, however much of the products cancels (Kahan)."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fadd_rn(a, b);
+#else
+    return a + b;
+#endif
+""")
+def rounded_sum(a: wp.float32, b: wp.float32) -> wp.float32:
+    """a + b, into which no product is drawn."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fmaf_rn(a, b, c);
+#else
+    return (float)((double)a * (double)b + (double)c);
+#endif
+""")
+def fused(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
+    """a b + c, rounded once."""
+    ...
+
+
+@wp.func
+def pair(high: wp.float32, low: wp.float32):
+    """`high` + `low`."""
+    made = Pair()
+    made.high = high
+    made.low = low
+    return made
+
+
+@wp.func
+def exact_sum(a: wp.float32, b: wp.float32):
+    """a + b."""
+    sum = two_sum(a, b)
+    return pair(sum[0], sum[1])
+
+
+@wp.func
+def exact_product(a: wp.float32, b: wp.float32):
+    """a b."""
+    product = two_product(a, b)
+    return pair(product[0], product[1])
+
+
+@wp.func
+def settled(high: wp.float32, low: wp.float32):
+    """A pair whose `low` may have grown, but is smaller than `high` (fast two-sum)."""
+    sum = high + low
+    return pair(sum, low - (sum - high))
+
+
+@wp.func
+def trimmed(a: Pair):
+    """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
+    anchor = a.high * wp.static(1.5 / 2.0**25)
+    return pair(a.high, rounded_sum(rounded_sum(a.low, anchor), -anchor))
+
+
+@wp.func
+def plus(a: Pair, b: Pair):
+    """a + b."""
+    s = exact_sum(a.high, b.high)
+    return settled(s.high, s.low + (a.low + b.low))
+
+
+@wp.func
+def plus(a: Pair, b: wp.float32):
+    """a + b."""
+    s = exact_sum(a.high, b)
+    return settled(s.high, s.low + a.low)
+
+
+@wp.func
+def minus(a: Pair):
+    """-a."""
+    return pair(-a.high, -a.low)
+
+
+@wp.func
+def times(a: Pair, b: Pair):
+    """a b."""
+    p = exact_product(a.high, b.high)
+    return settled(p.high, p.low + (a.high * b.low + a.low * b.high))
+
+
+@wp.func
+def times(a: Pair, b: wp.float32):
+    """a b."""
+    p = exact_product(a.high, b)
+    return settled(p.high, p.low + a.low * b)
+
+
+@wp.func
+def apart(a: Pair, b: Pair):
+    """a - b, rounded once."""
+    d = two_difference(a.high, b.high)
+    return d[0] + (d[1] + (a.low - b.low))
+
+
+@wp.func
+def rounded(a: Pair):
+    """a as one float32."""
+    return a.high + a.low
+
+
+@wp.func
+def rounded(a: wp.float64):
+    """A float64 stays what it is."""
+    return a
+
+
+@wp.func
+def added(sum: Pair, value: wp.float32):
+    """A sum and a value that is small beside it, or the first; float64 holds it exactly."""
+    return trimmed(settled(sum.high, sum.low + value))
+
+
+@wp.func
+def added(sum: SumVector, value: wp.vec2f):
+    """The same of a vector."""
+    sum.x = added(sum.x, value[0])
+    sum.y = added(sum.y, value[1])
+    return sum
+
+
+@wp.func
+def added(sum: RecentSum, value: wp.float32):
+    """The same, in float32 until it is gathered."""
+    sum.recent = sum.recent + value
+    return sum
+
+
+@wp.func
+def added(sum: wp.float64, value: wp.float64):
+    """The same at float64."""
+    return sum + value
+
+
+@wp.func
+def added(sum: wp.vec2d, value: wp.vec2d):
+    """The same of a vector at float64."""
+    return sum + value
+
+
+@wp.func
+def gathered(a: RecentSum):
+    """The same sum with nothing in plain float32."""
+    a.sum = added(a.sum, a.recent)
+    a.recent = 0.0
+    return a
+
+
+@wp.func
+def pair_of(value: wp.float64):
+    """A float64, rounded to 48 bits."""
+    high = wp.float32(value)
+    return pair(high, wp.float32(value - wp.float64(high)))
+
+
+@wp.func
+def pair_of(value: wp.float32):
+    """A float32 as a pair."""
+    return pair(value, 0.0)
+
+
+@wp.func
+def pairs_of(value: wp.vec2d):
+    """A vector of float64, each part rounded to 48 bits."""
+    made = SumVector()
+    made.x = pair_of(value[0])
+    made.y = pair_of(value[1])
+    return made
+
+
+@wp.func
+def recent_sum(value: wp.float64):
+    """A sum so far, rounded to 48 bits."""
+    made = RecentSum()
+    made.sum = pair_of(value)
+    return made
+
+
+@wp.func
+def whole(a: Pair):
+    """A pair as float64."""
+    return wp.float64(a.high) + wp.float64(a.low)
+
+
+@wp.func
+def whole(a: SumVector):
+    """The same of a vector."""
+    return wp.vec2d(whole(a.x), whole(a.y))
+
+
+@wp.func
+def whole(a: RecentSum):
+    """The same of a sum, with what it has in plain float32."""
+    return whole(added(a.sum, a.recent))
+
+
+@wp.func
+def whole(a: wp.float32):
+    """A float32 as float64."""
+    return wp.float64(a)
+
+
+@wp.func
+def whole(a: Any):
+    """What has no float32 in it."""
+    return a
+
+
+@wp.func
+def counted(count: int, unit: Pair):
+    """`count` times `unit`, exact in the count up to 2^36."""
+    thousands = count // 4096
+    return plus(times(unit, 4096.0 * float(thousands)), times(unit, float(count - 4096 * thousands)))
+
+
+TWO_OVER_PI = wp.constant(wp.float64(0.6366197723675814))
+HALF_PI_1 = wp.constant(wp.float64(1.5707963267341256))
+HALF_PI_2 = wp.constant(wp.float64(6.077100506303966e-11))
+HALF_PI_3 = wp.constant(wp.float64(2.0222662487959506e-21))
+
+
+@wp.func
+def sine_cosine(angle: wp.float64):
+    """sin(angle), cos(angle), to 2e-16; angle in radians, up to 1.6e6 in size."""
+    one = wp.float64(1.0)
+    k = wp.rint(angle * TWO_OVER_PI)
+    r = ((angle - k * HALF_PI_1) - k * HALF_PI_2) - k * HALF_PI_3
+    q = r * r
+    s = one - q * wp.static(wp.float64(1.0 / 272.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 210.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 156.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 110.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 72.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 42.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 20.0))
+    sine = r - r * q * s * wp.static(wp.float64(1.0 / 6.0))
+    c = one - q * wp.static(wp.float64(1.0 / 240.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 182.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 132.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 90.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 56.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 30.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 12.0))
+    cosine = one - wp.float64(0.5) * q * c
+    quadrant = int(k) & 3
+    odd = (quadrant & 1) == 1
+    sign = wp.where((quadrant & 2) == 2, -one, one)
+    return sign * wp.where(odd, cosine, sine), sign * wp.where(odd, -sine, cosine)
+
+
+HALF_PI = split(math.pi / 2)
+SPLIT = {n: split(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
+"""pi/2 and some reciprocals as high and low parts of pairs."""
+
+
+@wp.func
+def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
+    """1 - c q `rest`, c given as high and low part."""
+    return plus(minus(times(times(q, rest), pair(high, low))), 1.0)
+
+
+@wp.func
+def sine_cosine(angle: Pair):
+    """sin(angle), cos(angle) as pairs, to 5e-12 and what the angle itself rounds off; up to 4e6 in size.
+
+    The same series as in float64; of its terms, what is below 1e-3 of the result needs no low part.
+    """
+    k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
+    quarter = pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
+    r = plus(angle, minus(times(quarter, k)))
+    q = times(r, r)
+    t = 1.0 - q.high * wp.static(1.0 / 110.0) * (1.0 - q.high * wp.static(1.0 / 156.0))
+    s = pair_of(1.0 - q.high * wp.static(1.0 / 72.0) * t)
+    s = series_term(q, s, wp.static(SPLIT[42][0]), wp.static(SPLIT[42][1]))
+    s = series_term(q, s, wp.static(SPLIT[20][0]), wp.static(SPLIT[20][1]))
+    s = series_term(q, s, wp.static(SPLIT[6][0]), wp.static(SPLIT[6][1]))
+    sine = times(r, s)
+    t = 1.0 - q.high * wp.static(1.0 / 132.0) * (1.0 - q.high * wp.static(1.0 / 182.0))
+    c = pair_of(1.0 - q.high * wp.static(1.0 / 90.0) * t)
+    c = series_term(q, c, wp.static(SPLIT[56][0]), wp.static(SPLIT[56][1]))
+    c = series_term(q, c, wp.static(SPLIT[30][0]), wp.static(SPLIT[30][1]))
+    c = series_term(q, c, wp.static(SPLIT[12][0]), wp.static(SPLIT[12][1]))
+    cosine = series_term(q, c, 0.5, 0.0)
+    quadrant = int(k) & 3
+    if (quadrant & 1) == 1:
+        kept = sine
+        sine = cosine
+        cosine = minus(kept)
+    if (quadrant & 2) == 2:
+        sine = minus(sine)
+        cosine = minus(cosine)
+    return sine, cosine
+
+
+LN_2 = split(math.log(2.0))
+
+
+@wp.func_native("union { int whole; float value; } of; of.whole = (127 + e) << 23; return of.value;")
+def power_of_two(e: int) -> wp.float32:
+    """2^e, of ordinary size."""
+    ...
+
+
+@wp.func
+def logarithm(r: Pair):
+    """ln(r) as a pair, r > 0, to 2e-9."""
+    e = wp.rint(wp.log2(r.high))
+    scale = power_of_two(-int(e))
+    m = pair(r.high * scale, r.low * scale)
+    over = plus(m, -1.0)
+    under = plus(m, 1.0)
+    first = over.high / under.high
+    s = pair(first, apart(over, times(under, first)) / under.high)
+    q = s.high * s.high
+    rest = q * (wp.static(1.0 / 9.0) + q * (wp.static(1.0 / 11.0) + q * wp.static(1.0 / 13.0)))
+    rest = q * (wp.static(1.0 / 3.0) + q * (wp.static(1.0 / 5.0) + q * (wp.static(1.0 / 7.0) + rest)))
+    near_one = times(plus(s, s.high * rest), 2.0)
+    return plus(times(pair(wp.static(LN_2[0]), wp.static(LN_2[1])), e), near_one)
+
+
+@wp.func
+def log_of_sum(u: wp.float32):
+    """ln(1 + u) to round-off of itself, u > -1: what 1 + u rounds off is made good (Kahan)."""
+    w = rounded_sum(1.0, u)
+    kept = rounded_sum(w, -1.0)
+    value = u
+    if kept != 0.0:
+        value = wp.log(w) * (u / kept)
+    return value
+
+
+@wp.func
+def pair_vector(high: wp.vec2f, low: wp.vec2f):
+    """`high` + `low`."""
+    made = PairVector()
+    made.high = high
+    made.low = low
+    return made
+
+
+@wp.func
+def difference(a: PairVector, b: PairVector):
+    """a - b, whose low parts are not settled."""
+    x = two_difference(a.high[0], b.high[0])
+    y = two_difference(a.high[1], b.high[1])
+    return pair_vector(wp.vec2f(x[0], y[0]), wp.vec2f(x[1] + (a.low[0] - b.low[0]), y[1] + (a.low[1] - b.low[1])))
+
+
+@wp.func
+def difference(a: wp.vec2d, b: wp.vec2d):
+    """The same at float64."""
+    return a - b
+
+
+@wp.func
+def leading(a: Pair):
+    """The high part."""
+    return a.high
+
+
+@wp.func
+def leading(a: PairVector):
+    """The high parts."""
+    return a.high
+
+
+@wp.func
+def leading(a: wp.float64):
+    """A float64 stays what it is."""
+    return a
+
+
+@wp.func
+def leading(a: wp.vec2d):
+    """A vector of float64 stays what it is."""
+    return a

@@ -1,1 +1,0 @@
-"""What the benchmarks' scripts have in common."""

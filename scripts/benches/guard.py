@@ -1,0 +1,154 @@
+"""Speed of one tree beside another's, in one run."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from common.cases import Line, case, option
+from common.timing import best_but_one
+
+from benches.drives import SMOOTH, TWO_SPROCKETS
+
+HERE = Path(__file__).resolve().parents[2]
+PROBE = HERE / "scripts" / "benches" / "probe.py"
+LIMIT = 0.97
+"""Rounds of the same commit differ by less."""
+CPU: dict[str, Any] = {"drives": ["two", "marine"], "variants": [1, 8], "steps": 40_000, "assembled": 200, "rounds": 5}
+GPU: dict[str, Any] = {
+    "drives": ["two", "smooth"],
+    "variants": [1, 1056, 4224, 16896],
+    "steps": 2000,
+    "assembled": 0,
+    "rounds": 3,
+}
+"""What is asked where no option says otherwise."""
+
+
+def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
+    """Rates of a tree by case, measured by `probe.py` in a process of its own.
+
+    Raises:
+        SystemExit: it failed, with its last line.
+    """
+    done = subprocess.run(
+        [sys.executable, "-P", str(PROBE)],
+        input=json.dumps({"tree": str(tree), **asked}),
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")])},
+        cwd=tree,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode:
+        raise SystemExit(f"{tree.name}: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@contextmanager
+def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
+    """A folder as it is, or a commit's tree in a folder of its own, while it is wanted."""
+    if Path(commit).is_dir():
+        yield Path(commit).resolve()
+        return
+    git, tree = ["git", "-C", str(HERE), "worktree"], folder / name
+    done = subprocess.run([*git, "add", "--detach", str(tree), commit], capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{commit}: {done.stderr.strip().splitlines()[-1]}")
+    try:
+        yield tree
+    finally:
+        subprocess.run([*git, "remove", "--force", str(tree)], capture_output=True)
+
+
+def drives_of(tree: Path, names: Sequence[str], folder: Path) -> dict[str, tuple[str, dict[str, Any]]]:
+    """File and values of the drives that both trees run; the files are those of one tree."""
+    examples = tree / "warpchain" / "drive" / "examples"
+    two = folder / "two.toml"
+    two.write_text(TWO_SPROCKETS)
+    special: dict[str, tuple[str, dict[str, Any]]] = {
+        "two": (str(two), {}),
+        "smooth": (str(examples / "marine.toml"), SMOOTH),
+    }
+    return {name: special.get(name, (str(examples / f"{name}.toml"), {})) for name in names}
+
+
+def table(a: Mapping[str, float], b: Mapping[str, float], limit: float) -> list[tuple[Any, ...]]:
+    """A row for each case; those where B is slower than `limit` times A end in a mark."""
+    head = ("drive, precision, variants", "A", "B", "B/A", "")
+    rows = [(name, a[name], b[name], f"{b[name] / a[name]:.3f}") for name in a]
+    return [head, *((*row, "slower" if b[row[0]] / a[row[0]] < limit else "") for row in rows)]
+
+
+def compile_in(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
+    """Compiles what the trees run, side by side: a drive and a precision in each process."""
+    short = {**asked, "steps": 64, "after": 0, "repeats": 1, "assemble": 2 if asked["assemble"] else 0}
+    jobs = [
+        (tree, {**short, "drives": {name: drive}, "precisions": [precision]})
+        for name, drive in asked["drives"].items()
+        for tree, precision in product(trees, asked["precisions"])
+    ]
+    with ThreadPoolExecutor(min(8, len(os.sched_getaffinity(0)))) as pool:
+        list(pool.map(lambda job: rates(*job), jobs))
+
+
+@case(
+    option("a", metavar="A", help="a commit, or the folder of a tree"),
+    option("b", metavar="B", nargs="?", default=str(HERE), help="what to hold against it (default this tree)"),
+    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    option("--drives", nargs="+", metavar="NAME", help="two, smooth (marine without friction), or examples"),
+    option("--precisions", nargs="+", default=["float64", "float32"], choices=("float64", "float32")),
+    option("--variants", nargs="+", type=int, metavar="N", help="how many at once"),
+    option("--steps", type=int, help="of a launch (of one variant on the CPU, of any number on a GPU)"),
+    option("--after", type=int, default=0, help="steps before them, which the metrics leave out"),
+    option("--rounds", type=int, help="of which the best but one counts"),
+    option("--assembled", type=int, help="variants of each drive that are assembled"),
+    option("--limit", type=float, default=LIMIT, help=f"least B over A (default {LIMIT})"),
+)
+def guard(asked: argparse.Namespace) -> Iterator[Line]:
+    """Speed of one tree beside another's in one run: what a change has cost.
+
+    python scripts/bench.py guard main~1 main
+    python scripts/bench.py guard ../before --device cuda:0
+
+    Both are run in processes of their own, in turns A B A B: the time loop of drives without and with metrics, at both
+    precisions, and on the CPU the assembly of variants that differ. Both run the drive files of A. Rates are
+    1e6 roller-steps a second (of CPU time on the CPU, so that others on the machine hardly count), and drives a
+    second. The exit status is 1 where B is below `--limit` times A. Metrics are taken from step `--after` on: near a
+    run's start extremes are surpassed often, and rollers touch fewer teeth or more.
+    """
+    usual = CPU if asked.device == "cpu" else GPU
+    chosen = {name: usual[name] if getattr(asked, name) is None else getattr(asked, name) for name in usual}
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        trees = [stack.enter_context(checkout(folder, side, getattr(asked, side))) for side in ("a", "b")]
+        what = {
+            "drives": drives_of(trees[0], chosen["drives"], folder),
+            "precisions": asked.precisions,
+            "variants": chosen["variants"],
+            "device": asked.device,
+            "steps": chosen["steps"],
+            "after": asked.after,
+            "repeats": 1 if asked.device == "cpu" else 2,
+            "assemble": chosen["assembled"],
+        }
+        compile_in(trees, what)
+        found: list[dict[str, list[float]]] = [{}, {}]
+        for _ in range(chosen["rounds"]):
+            for tree, mine in zip(trees, found, strict=True):
+                for row, rate in rates(tree, what).items():
+                    mine.setdefault(row, []).append(rate)
+    before, after = ({row: best_but_one(of) for row, of in mine.items()} for mine in found)
+    yield f"A: {asked.a}, B: {asked.b}; {asked.device}"
+    rows = table(before, after, asked.limit)
+    yield from rows
+    if any(row[-1] for row in rows):
+        raise SystemExit(1)

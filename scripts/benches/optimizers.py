@@ -1,0 +1,165 @@
+"""Engines for costly searches."""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from common.cases import Line, case, option
+
+from warpchain.study.optimize import Optimizer, goals_of, recommend
+from warpchain.study.results import read_results
+from warpchain.study.spec import Study, loads_study
+
+START, BATCH, ROWS = 16, 8, 56
+Array = Any
+"""Numbers by row and column."""
+REFERENCE = (4.0, 4.0)
+
+
+def front(x: Array) -> Array:
+    """Two squares: the front is b = 0, a from -1 to 1."""
+    return np.stack([(x[:, 0] - 1.0) ** 2 + x[:, 1] ** 2, (x[:, 0] + 1.0) ** 2 + x[:, 1] ** 2], axis=1)
+
+
+def ishigami(x: Array) -> Array:
+    """Least -1 - pi^4 / 10 = -10.74 at (-pi/2, 0, +-pi)."""
+    a, b, c = x.T
+    return (np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))[:, None]
+
+
+def volume(costs: Array) -> float:
+    """Area that rows beat, up to the reference."""
+    inside = costs[(costs < REFERENCE).all(axis=1)]
+    area, low = 0.0, REFERENCE[1]
+    for a, b in inside[np.argsort(inside[:, 0])]:
+        if b < low:
+            area, low = area + (REFERENCE[0] - a) * (low - b), b
+    return float(area)
+
+
+def study_of(names: str, ends: float, metrics: dict[str, float | None], seed: int) -> Study:
+    """A study of factors from -ends to ends: of metrics with a number that is a limit, of others an objective."""
+    text = f'[study]\ndrive = "none"\n[design]\nkind = "sobol"\ncount = {START}\nseed = {seed}\n'
+    for name in names:
+        text += f'[[factors]]\nname = "{name}"\npath = "x.{name}"\nrange = [{-ends}, {ends}]\n'
+    for metric, limit in metrics.items():
+        text += f'[[{"objectives" if limit is None else "limits"}]]\nmetric = "{metric}"\n'
+        text += "" if limit is None else f"max = {limit}\n"
+    return loads_study(text + f"[optimize]\nbatch = {BATCH}\nseed = {seed}\n")
+
+
+def by_bayes(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
+    """All rows, and the row that is recommended."""
+    import pyarrow as pa
+
+    optimizer, rng, tables = Optimizer(study), np.random.default_rng(seed), []
+    names = [factor.name for factor in study.factors]
+    while optimizer.observed < ROWS:
+        rows = optimizer.ask()
+        values = function(np.array([[row[name] for name in names] for row in rows]))
+        values = values + noise * rng.standard_normal(values.shape)
+        table = pa.Table.from_pylist(rows)
+        for metric, column in zip(optimizer.goals.metrics, values.T, strict=True):
+            table = table.append_column(metric, pa.array(column))
+        optimizer.observe(table)
+        tables.append(table)
+    results = read_results(pa.concat_tables(tables), names)
+    best = recommend(results, goals_of(study))[0]
+    x = np.stack([results.values(name) for name in names], axis=1)
+    return x, x[best.row]
+
+
+def by_egobox(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
+    """The same by egobox: EHVI for two objectives, LogEI with limits for one."""
+    import egobox as egx
+
+    rng, names = np.random.default_rng(seed), [factor.name for factor in study.factors]
+    first = np.array([[row[name] for name in names] for row in Optimizer(study).ask()])
+    limits = np.array([0.0] * len(study.objectives) + [bound.max for bound in study.bounds])
+
+    def measured(x: Array) -> Array:
+        values = function(np.asarray(x)) - limits
+        return values + noise * rng.standard_normal(values.shape)
+
+    ends = [list(factor.range or ()) for factor in study.factors]
+    common = {"n_cstr": len(study.bounds), "x_doe": first, "y_doe": measured(first), "seed": seed}
+    rounds = (ROWS - START) // BATCH
+    if len(study.objectives) > 1:
+        found = egx.Belfegor(ends, n_obj=2, moo_config=egx.MooConfig(batch=BATCH), **common).minimize(
+            measured, max_iters=rounds
+        )
+    else:
+        found = egx.Egor(ends, qei_config=egx.QEiConfig(batch=BATCH), **common).minimize(measured, max_iters=rounds)
+    return np.asarray(found.result.x_doe), np.asarray(found.result.x_opt)
+
+
+def by_smt(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
+    """The same by SMT's EGO, for one objective without limits."""
+    from smt.applications import EGO
+    from smt.design_space import DesignSpace
+    from smt.surrogate_models import KRG
+
+    if len(study.objectives) > 1 or study.bounds:
+        raise NotImplementedError("one objective without limits only")
+    rng, names = np.random.default_rng(seed), [factor.name for factor in study.factors]
+    first = np.array([[row[name] for name in names] for row in Optimizer(study).ask()])
+    space = DesignSpace([list(factor.range or ()) for factor in study.factors])
+    model = KRG(design_space=space, eval_noise=True, print_global=False)
+    search = EGO(n_iter=ROWS - START, criterion="EI", xdoe=first, surrogate=model, seed=seed)
+    best, _, _, x, _ = search.optimize(fun=lambda x: function(x) + noise * rng.standard_normal((len(x), 1)))
+    return np.asarray(x), np.ravel(best)
+
+
+ENGINES = {"bayes": by_bayes, "egobox": by_egobox, "SMT": by_smt}
+FRONT = volume(front(np.stack([np.linspace(-1, 1, 20001), np.zeros(20001)], axis=1)))
+
+
+def of_front(x: Array, best: Array) -> float:
+    """Part of the front's volume that rows beat [-]."""
+    return volume(front(x)) / FRONT
+
+
+def of_corner(x: Array, best: Array) -> float:
+    """First square at the recommended row, 9 where it oversteps the limit by more than 0.1; 1 is least."""
+    (values,) = front(best[None])
+    return float(values[0]) if values[1] < 1.1 else 9.0
+
+
+def of_ishigami(x: Array, best: Array) -> float:
+    """The function at the recommended row; -10.74 is least."""
+    return float(ishigami(best[None])[0, 0])
+
+
+TWO = ("ab", 2.0, {"f1": None, "f2": None}, front)
+JOBS: dict[str, tuple[Any, float, Callable[[Array, Array], float]]] = {
+    "front, exact": (TWO, 0.0, of_front),
+    "front, noise 0.1": (TWO, 0.1, of_front),
+    "limit, noise 0.1": (("ab", 2.0, {"f1": None, "f2": 1.0}, front), 0.1, of_corner),
+    "Ishigami, noise 0.5": (("abc", np.pi, {"f1": None}, ishigami), 0.5, of_ishigami),
+}
+
+
+@case(option("seeds", metavar="SEEDS", nargs="?", type=int, default=3, help="runs of each (default 3)"))
+def optimizers(asked: argparse.Namespace) -> Iterator[Line]:
+    """Engines for costly searches side by side, on functions with known answers.
+
+    python scripts/bench.py optimizers 3
+
+    `bayes` is warpchain's; egobox and SMT are compared where they are installed (pip install egobox smt). Each has the
+    same 16 first rows and goes on in batches of 8 (SMT, which takes no batches with limits or several objectives, one
+    by one).
+    """
+    yield ("job", "engine", "median", "worst", "s")
+    for job, ((names, ends, metrics, function), noise, score) in JOBS.items():
+        for engine, run in ENGINES.items():
+            scores, begin = [], time.perf_counter()
+            try:
+                for seed in range(1, asked.seeds + 1):
+                    scores.append(score(*run(study_of(names, ends, metrics, seed), function, noise, seed)))
+            except (ImportError, NotImplementedError) as error:
+                yield (job, engine, error, "", "")
+                continue
+            worst = min(scores) if score is of_front else max(scores)
+            yield (job, engine, float(np.median(scores)), worst, (time.perf_counter() - begin) / asked.seeds)

@@ -1,0 +1,121 @@
+"""Recordings for Rerun."""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common.cases import Line, case, option
+
+from warpchain import Record, Trajectory, loads_drive, simulate
+
+DRIVE = """
+[chain]
+pitch = 0.05
+links = 150
+roller_mass = 1.0
+stiffness = 5.0e7
+damping = 2000.0
+roller_radius = 0.015
+[[sprockets]]
+name = "driver"
+teeth = 30
+center = [0.0, 0.0]
+wrap = "ccw"
+prescribed = { speed = 30.0 }
+[[sprockets]]
+name = "driven"
+teeth = 30
+center = [3.0, 0.0]
+wrap = "ccw"
+inertia = 2.0
+load = { torque = 300.0 }
+[contact.sprocket]
+seat_angle = 137.0
+clearance = 1.0e-4
+restitution = 0.5
+impact_speed_floor = 0.02
+stiffness = 2.0e8
+[run]
+duration = 0.4995
+step = 1.0e-5
+sample_rate = 2000.0
+"""
+
+
+def archetypes(stream: Any, trajectory: Trajectory) -> None:
+    """The chain's rollers and colors through Rerun's own conversions, in columns."""
+    import rerun as rr
+
+    from warpchain.view.rerun.streams import TIMELINE, flipped
+
+    assert trajectory.position is not None
+    frames, rollers = trajectory.position.shape[:2]
+    colors = np.full((frames * rollers, 4), 255, dtype=np.uint8)
+    points = flipped(trajectory.position).reshape(-1, 2)
+    columns = rr.Points2D.columns(positions=points, colors=colors).partition([rollers] * frames)
+    stream.send_columns("reference/columns", [rr.TimeColumn(TIMELINE, duration=trajectory.time)], columns)
+
+
+def frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
+    """The same, logged one frame after the other."""
+    import rerun as rr
+
+    from warpchain.view.rerun.streams import TIMELINE, flipped
+
+    assert trajectory.position is not None
+    points, colors = flipped(trajectory.position), np.full((trajectory.drive.chain.links, 4), 255, dtype=np.uint8)
+    for time_now, x in zip(trajectory.time.tolist(), points, strict=True):
+        stream.set_time(TIMELINE, duration=time_now)
+        stream.log("reference/loop", rr.Points2D(x, colors=colors))
+
+
+@case(option("--rounds", type=int, default=7, help="of which the best counts (default 7)"))
+def playback(asked: argparse.Namespace) -> Iterator[Line]:
+    """Milliseconds to build a recording of a variant of 1,000 frames and 150 rollers.
+
+    python scripts/bench.py playback
+
+    The parts are timed on their own, in turns, and the best of each is printed: the moving drive (chain, rollers,
+    sprockets, contact forces), the curves, the tension image. The reference is the chain alone through Rerun's own
+    archetypes, in columns and frame by frame. The recording goes to a file in a temporary folder.
+    """
+    import rerun as rr
+
+    from warpchain.view.chosen import recorded
+    from warpchain.view.palette import scale_top, thing_colors
+    from warpchain.view.rerun.drive_scene import log_drive
+    from warpchain.view.rerun.run_playback import log_recording, log_variant
+    from warpchain.view.rerun.series import log_curves, log_spectra, log_tension_image, spectra
+
+    drive = loads_drive(DRIVE)
+    one = recorded(simulate(drive, record=Record()), None)
+    trajectory, frames = one.trajectory, len(one.trajectory.time)
+    top, colors = scale_top([trajectory]), thing_colors(trajectory.drive)
+    parts: dict[str, Callable[[Any], object]] = {
+        "drive in motion": lambda stream: log_drive(stream, "a", trajectory, top),
+        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, colors, False),
+        "tension image": lambda stream: log_tension_image(stream, "a", trajectory, trajectory, frames, top),
+        "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
+        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, colors), [30]),
+        "whole recording with layout": lambda stream: log_recording(stream, [one], frames),
+        "rollers by archetypes' columns": lambda stream: archetypes(stream, trajectory),
+        "rollers frame by frame": lambda stream: frame_by_frame(stream, trajectory),
+    }
+    best = dict.fromkeys(parts, np.inf)
+    with tempfile.TemporaryDirectory() as folder:
+        for turn in range(asked.rounds):
+            for name, part in parts.items():
+                stream = rr.RecordingStream("warpchain")
+                stream.save(Path(folder) / f"{turn}.rrd")
+                begin = time.perf_counter()
+                part(stream)
+                stream.flush()
+                best[name] = min(best[name], time.perf_counter() - begin)
+                stream.disconnect()
+    yield f"{frames} frames of {drive.chain.links} rollers, best of {asked.rounds}"
+    yield ("part", "ms")
+    yield from ((name, f"{1e3 * seconds:.1f}") for name, seconds in best.items())

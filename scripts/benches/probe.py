@@ -1,0 +1,128 @@
+"""The speed of the time loop in one tree. `guard` runs this file by itself with the package of either tree.
+
+So it names what it takes of the package by what either tree calls it, and imports nothing else of `scripts`.
+"""
+
+import importlib
+import json
+import math
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+FOREVER = 10**9
+
+
+def first(*names: str) -> Any:
+    """The first of some things that is there, each named `module:name`; older trees call it otherwise.
+
+    Raises:
+        ImportError: none of them is.
+    """
+    for name in names:
+        module, _, inner = name.partition(":")
+        try:
+            return getattr(importlib.import_module(module), inner)
+        except (ImportError, AttributeError):
+            continue
+    raise ImportError(f"none of {', '.join(names)}")
+
+
+def schedule(drive: Any, metrics: bool) -> Any:
+    """A run without end, without frames; the window is either all of it or far away."""
+    step = first("warpchain.assembly.timestep:resolve_step")(drive)
+    longest_apart = first("warpchain.engine.sampling:longest_apart", "warpchain.engine.looks:longest_apart")
+    looks = int(longest_apart(drive, step))  # as far apart as in a long window
+    begin = 0 if metrics else FOREVER - 1
+    return first("warpchain.results.schedule:Schedule")(step, FOREVER, begin, FOREVER, 0, looks)
+
+
+def packed_of(drive: Any, variants: int, precision: str, when: Any) -> Any:
+    """A drive packed so many times over, without assembling each."""
+    return first("warpchain.engine.pack:pack")([drive], [when]).at_precision(precision).taken([0] * variants)
+
+
+def engine_on(packed: Any, device: str) -> Any:
+    """An engine on a GPU, or on one core."""
+    if device == "cpu":
+        return first("warpchain.engine.cpu:CpuEngine")(packed, 1)
+    return first("warpchain.engine.gpu:GpuEngine")(packed, device)
+
+
+def launch(packed: Any, device: str, steps: int, after: int = 0) -> tuple[float, float]:
+    """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on the CPU.
+
+    Raises:
+        SystemExit: the run diverged.
+    """
+    clock = time.process_time if device == "cpu" else time.perf_counter
+    engine, taken = engine_on(packed, device), []
+    frames = engine.frame_buffer(1 if device == "cpu" else 0)
+    for count in (64 + after, steps):
+        begin = clock()
+        for future in engine.advance(count, frames):
+            future.result()
+        taken.append(clock() - begin)
+    if device != "cpu" and engine.progress()["diverged"].any():
+        raise SystemExit(f"{len(packed.drives)} variants: the run diverged")
+    engine.close()
+    return taken[1], taken[0]
+
+
+def assembled(drive: Any, count: int) -> float:
+    """So many drives that differ, assembled and packed in a second of CPU time."""
+    sprocket = drive.sprockets[-1]
+    x, y = sprocket.center
+    place, mass = f"sprockets.{sprocket.name}.center", drive.chain.roller_mass
+    values = [{place: [x + 1e-7 * k, y], "chain.roller_mass": mass * (1.0 + 1e-5 * k)} for k in range(count)]
+    drives = [drive.with_values(each) for each in values]
+    whens = [first("warpchain.results.schedule:Schedule")(1e-6, 10, 0, 10, 0)] * count
+    begin = time.process_time()
+    first("warpchain.engine.pack:pack")(drives, whens)
+    return count / (time.process_time() - begin)
+
+
+def rates(asked: dict[str, Any]) -> dict[str, float]:
+    """Rates by case: 1e6 roller-steps a second, and drives assembled in a second.
+
+    Args:
+        asked: `drives` (title to file and values), `precisions`, `variants`, `device`, `steps` of a launch at float64
+            with one variant on the CPU, of any on a GPU, `after`, `repeats`, `assemble`.
+    """
+    found: dict[str, float] = {}
+    load, device = first("warpchain:load_drive"), asked["device"]
+    for title, (file, values) in asked["drives"].items():
+        drive = load(Path(file)).with_values(values)
+        for precision in asked["precisions"]:
+            for variants in asked["variants"]:
+                for metrics in (False, True):
+                    when = schedule(drive, metrics)
+                    when = replace(when, window_start=asked["after"]) if metrics else when
+                    packed = packed_of(drive, variants, precision, when)
+                    steps = max(1, asked["steps"] // variants) if device == "cpu" else asked["steps"]
+                    best = math.inf
+                    for _ in range(asked["repeats"]):
+                        best = min(best, launch(packed, device, steps, asked["after"])[0])
+                    name = f"{title}, {precision}, {variants}{', metrics' if metrics else ''}"
+                    found[name] = variants * drive.chain.links * steps / best / 1e6
+        if asked["assemble"]:
+            found[f"{title}, assembly of {asked['assemble']}"] = assembled(drive, asked["assemble"])
+    return found
+
+
+def main() -> None:
+    """Reads what is asked from standard input and prints what is found, after checking whose package this is."""
+    import warp as wp
+
+    asked = json.load(sys.stdin)
+    wp.config.log_level = wp.LOG_ERROR
+    package = Path(str(importlib.import_module("warpchain").__file__)).resolve()
+    if not package.is_relative_to(Path(asked["tree"]).resolve()):
+        raise SystemExit(f"{package} is not of {asked['tree']}")
+    print(json.dumps(rates(asked)))
+
+
+if __name__ == "__main__":
+    main()

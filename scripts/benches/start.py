@@ -1,0 +1,78 @@
+"""The start of a command."""
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from common.cases import Line, case, option
+
+HERE = Path(__file__).resolve().parents[2]
+COMMAND = ("run", "industrial", "--duration", "0.001", "--quiet", "--overwrite")
+CALL = """
+import resource, subprocess, sys, time
+begin = time.monotonic()
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+took = time.monotonic() - begin
+of = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(of.ru_utime + of.ru_stime, took)
+"""
+"""Runs a command from a process of its own, whose children are that command alone."""
+
+
+def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
+    """CPU and clock seconds of the command in a tree, whose kernels are cached in `folder`."""
+    command = [sys.executable, "-m", "warpchain", *COMMAND, "--device", device, "-o", str(folder / "run.mcap")]
+    caches = {"WARP_CACHE_PATH": str(folder / "kernels"), "PYTHONPYCACHEPREFIX": str(folder / "python")}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")]),
+        "PYTHONDONTWRITEBYTECODE": "",
+        **caches,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", CALL, *command], cwd=tree, env=environment, capture_output=True, text=True
+    )
+    if done.returncode:
+        raise SystemExit(f"{tree}: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
+    cpu, clock = map(float, done.stdout.split())
+    return cpu, clock
+
+
+@case(
+    option("trees", nargs="*", type=Path, help="other checkouts"),
+    option("--device", default="cpu", help="such as cuda:0 (default cpu)"),
+    option("--empty", type=int, default=3, help="times with an empty cache (default 3)"),
+    option("--compiled", type=int, default=4, help="times with compiled kernels (default 4)"),
+)
+def start(asked: argparse.Namespace) -> Iterator[Line]:
+    """What a short command takes, in this tree and in others: with compiled kernels, and with none.
+
+    python scripts/bench.py start ../before --empty 3 --compiled 4
+
+    Runs `warpchain run industrial --duration 0.001` in all trees at once with empty kernel caches, so that what else
+    the machine does slows all of them alike, then in turns with these caches. Python, too, keeps what it compiles
+    there, as it does for users. Prints the least CPU time, of all cores, and the least by the clock; the latter counts
+    little with an empty cache where trees and others share few cores.
+    """
+    trees = [HERE, *(tree.resolve() for tree in asked.trees)]
+    empty: list[list[tuple[float, float]]] = []
+    compiled: list[list[tuple[float, float]]] = []
+    devices = [asked.device] * len(trees)
+    with ThreadPoolExecutor(len(trees)) as pool:
+        for _ in range(asked.empty):
+            with TemporaryDirectory() as place:
+                folders = [Path(place) / str(number) for number in range(len(trees))]
+                for folder in folders:
+                    folder.mkdir()
+                empty.append(list(pool.map(seconds, trees, folders, devices)))
+                if len(empty) == asked.empty:
+                    compiled += [list(map(seconds, trees, folders, devices)) for _ in range(asked.compiled)]
+    yield ("cache", "CPU [s]", "clock [s]", "tree")
+    for title, rounds in (("empty", empty), ("compiled", compiled)):
+        for number, tree in enumerate(trees):
+            cpu, clock = (min(of[number][which] for of in rounds) for which in (0, 1))
+            yield (title, cpu, clock, tree)

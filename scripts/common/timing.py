@@ -1,0 +1,81 @@
+"""Times: of jobs in turns, of functions where they are called, and on what machine."""
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+
+def environment() -> Iterator[str]:
+    """The machine and the versions that times are of."""
+    import numpy as np
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    cores = len(os.sched_getaffinity(0))
+    gpus = [wp.get_device(f"cuda:{k}").name for k in range(wp.get_cuda_device_count())]
+    yield (
+        f"{_processor()}, {cores} cores, Python {platform.python_version()}, Warp {wp.__version__}, numpy "
+        f"{np.__version__}; GPUs: {', '.join(gpus) or 'none'}"
+    )
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+    """The numbers that jobs return, round by round: what slows the machine for a while slows all of them."""
+    found: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            found[name].append(job())
+    return found
+
+
+def least(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """The least time of each job [s], in turns."""
+    found = in_turns({name: _timed(job) for name, job in jobs.items()}, rounds)
+    return {name: min(times) for name, times in found.items()}
+
+
+def _timed(job: Callable[[], object]) -> Callable[[], float]:
+    def run() -> float:
+        begin = time.perf_counter()
+        job()
+        return time.perf_counter() - begin
+
+    return run
+
+
+def best_but_one(rates: Sequence[float]) -> float:
+    """The second of some rates, or the best of fewer than three, 0 of none: a clock that once jumps makes a best."""
+    return sorted([0.0, *rates])[-2 if len(rates) > 2 else -1]
+
+
+@contextmanager
+def cpu_time_of(parts: Sequence[tuple[Any, str]]) -> Iterator[list[float]]:
+    """The CPU time [s] of each call of some functions, each given by its owner and its name there."""
+    found: list[float] = []
+
+    def noting(called: Any) -> Any:
+        def call(*args: Any, **options: Any) -> Any:
+            begin = time.thread_time()
+            result = called(*args, **options)
+            found.append(time.thread_time() - begin)
+            return result
+
+        return call
+
+    with ExitStack() as stack:
+        for owner, name in parts:
+            stack.enter_context(patch.object(owner, name, noting(getattr(owner, name))))
+        yield found

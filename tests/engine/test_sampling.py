@@ -1,0 +1,89 @@
+"""What is not looked at every step is as good as if it were."""
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from loading import load_script
+
+from warpchain import load_drive
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive.batch import stacks_of
+from warpchain.drive.examples import drive_path
+from warpchain.engine.batches import batch_durations, note_steps, watched_in_batches
+from warpchain.engine.sampling import longest_apart, look_every
+from warpchain.engine.sums import watched_time
+from warpchain.kernels.structs import Drive
+from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
+from warpchain.results.schedule import LOOK_EVERY
+
+looks_study = load_script("drawings.sampling")
+
+
+@pytest.fixture(scope="module", params=[8000, 24000], ids=["looks every 32 steps", "every 64"])
+def missed(request):
+    drive = two_sprockets(speed=20.0, duration=1.0, ramp=0.1, load_ramp=0.1, viscous=5.0, span=20.0 * (1 + 1e-3))
+    every = look_every(int(longest_apart(drive, resolve_step(drive))), request.param)
+    assert every == (32 if request.param == 8000 else 64)
+    return looks_study.misses(drive, 0.3, request.param) | {"looks": request.param // every}
+
+
+@pytest.mark.parametrize("name", ["tension_mean", "hub_force_mean", "speed_mean", "displacement_mean"])
+def test_means_are_off_by_a_small_part_of_their_standard_error(missed, name):
+    assert missed[name] < 0.1
+
+
+def test_spreads_and_integrals_stay(missed):
+    for name in ("tension_std", "impulse", "speed_std"):
+        assert missed[name] < 1e-3, name
+    # of L looks the window's first is one too many: so the mean square is off by its share of it, and the root by half
+    # of that, 1 / 2 L for a sample of twice the mean square; with L = 375 looks less often that is 1.3e-3
+    assert missed["displacement_rms"] < {250: 1e-3, 375: 2e-3}[missed["looks"]]
+
+
+def test_of_peaks_next_to_nothing_is_missed(missed):
+    # two watched steps are 0.8 rad of the fastest oscillation apart: 1 - cos(0.4) = 8 % of its part at most
+    for name in ("tension_max", "tension_min", "force_max", "hub_force_max", "speed_range"):
+        assert -1e-9 <= missed[name] < 0.02, name
+
+
+@pytest.mark.parametrize("window", [(0, 640, 32), (3, 1000, 32), (101, 2111, 32), (160, 5301, 64)])
+def test_what_watched_steps_add_up_to_is_scaled_to_what_they_stand_for(window):
+    start, end, every = window
+    drives = np.zeros(1, dtype=Drive.numpy_dtype())
+    drives["window_start"], drives["window_end"], drives["step"] = start, end, 1e-5
+    drives["look_every"] = every
+    weight = int(WATCH_EVERY) * 1e-5  # which every watched step is added with
+    watched = np.array([n for n in range(start, end + 1) if n % int(WATCH_EVERY) == 0 or n == start])
+    assert watched_time(drives)[0] * len(watched) * weight == pytest.approx((end - start) * 1e-5, rel=1e-12)
+    edges = [start, *note_steps(start, end, every), end + 1]  # a batch's note is taken before its step is added
+    counts = np.histogram(watched, np.array(edges) - 0.5)[0]
+    np.testing.assert_allclose(watched_in_batches(drives)[0] * counts * weight, batch_durations(drives)[0], rtol=1e-12)
+
+
+def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_same():
+    """64 steps h are at most a sixteenth of the time p / v in which the chain moves on by a pitch, v = omega R."""
+    assert int(MERGE_EVERY) == LOOK_EVERY
+    drive = two_sprockets(speed=20.0)
+    most = drive.chain.pitch / (16 * 64 * drive.chain_speed)
+    assert drive.chain_speed == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-12)
+    assert [int(longest_apart(drive, step)) for step in (0.999 * most, 1.001 * most)] == [64, 32]
+    assert int(longest_apart(two_sprockets(speed=0.0), 1e-5)) == 32  # of which nobody knows how it will move
+
+
+def test_looks_of_many_variants_are_found_together():
+    drives = [two_sprockets(speed=speed) for speed in (5.0, 20.0, 80.0, 320.0, 1280.0)]
+    (stack,) = stacks_of(drives)
+    together = longest_apart(stack.drive, 1e-5)
+    assert together.tolist() == [int(longest_apart(drive, 1e-5)) for drive in drives]
+    assert set(together.tolist()) == {32, 64}
+
+
+@pytest.mark.parametrize(("longest", "window", "expected"), [(64, 20480, 64), (64, 20479, 32), (32, 10**6, 32)])
+def test_a_batch_of_a_window_has_sixteen_looks_that_are_further_apart(longest, window, expected):
+    assert look_every(longest, window) == expected
+
+
+@pytest.mark.parametrize("name", ["marine", "industrial"])
+def test_examples_with_slow_teeth_are_looked_at_every_64_steps(name):
+    drive = load_drive(drive_path(name))
+    assert int(longest_apart(drive, resolve_step(drive))) == 64

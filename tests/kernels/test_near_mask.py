@@ -1,0 +1,79 @@
+"""The partners of a thread's rollers as bits in registers, against sets of Python's."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.near_mask import BITS, near_mask
+
+# one number; three, the last not full; one roller; a number a roller, as there may be 31 partners
+KINDS = [
+    BlockKind(wp.float64, 32, 6, 3, 1),
+    BlockKind(wp.float64, 32, 16, 3, 1),
+    BlockKind(wp.float64, 128, 1, 4, 5),
+    BlockKind(wp.float64, 32, 2, 20, 11),
+]
+
+
+def walked(kind: BlockKind):
+    """A kernel that walks through what is in `near` but not in `before`: all, of teeth, of bars; and tells changes."""
+    of = near_mask(kind)
+    with_slot, any_of, first, rest, differ = of.with_slot, of.any_of, of.first, of.rest, of.differ
+    of_teeth, of_bars, both, without = of.of_teeth, of.of_bars, of.both, of.without
+    rollers_per_thread, threads, Bits, most = (
+        kind.rollers_per_thread,
+        kind.threads,
+        of.Bits,
+        kind.rollers_per_thread * (kind.sprockets + kind.guides),
+    )
+
+    @wp.func
+    def walk(bits: Bits, seen: wp.array3d[int], thread: int, which: int):
+        at = int(0)
+        while any_of(bits):
+            j, p = first(bits, thread)
+            bits = rest(bits)
+            seen[which, thread, at] = wp.static(100) * j + p
+            at = at + 1
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def walk_all(near: wp.array2d[int], before: wp.array2d[int], seen: wp.array3d[int], changed: wp.array[int]):
+        thread = wp.tid()
+        bits = Bits()
+        old = Bits()
+        for k in range(wp.static(rollers_per_thread)):
+            bits = with_slot(bits, k, near[thread, k])
+            old = with_slot(old, k, before[thread, k])
+        walk(without(bits, old), seen, thread, 0)
+        walk(of_teeth(bits), seen, thread, 1)
+        walk(of_bars(bits), seen, thread, 2)
+        walk(both(bits, old), seen, thread, 3)
+        changed[thread] = wp.where(differ(bits, old), 1, 0)
+
+    return walk_all, threads, most
+
+
+@pytest.mark.parametrize(
+    "kind", KINDS, ids=lambda kind: f"{kind.rollers_per_thread} rollers, {kind.sprockets + kind.guides} partners"
+)
+def test_walks_go_through_rollers_and_partners_in_order(kind):
+    kernel, threads, most = walked(kind)
+    partners, count = kind.sprockets + kind.guides, 24
+    assert partners <= BITS
+    rng = np.random.default_rng(5)
+    share = rng.choice([0.0, 0.1, 0.9], (count, 1, 1))
+    near, before = (rng.random((count, kind.rollers_per_thread, partners)) < share for _ in range(2))
+    before[::3] = near[::3]  # nothing has changed
+    seen = wp.full((4, count, most + 1), -1, dtype=int, device="cpu")
+    changed = wp.zeros(count, dtype=int, device="cpu")
+    words = [wp.array(of @ (1 << np.arange(partners)), dtype=int, device="cpu") for of in (near, before)]
+    wp.launch(kernel, dim=count, inputs=[*words, seen, changed], device="cpu")
+    teeth = np.arange(partners) < kind.sprockets
+    for which, of in enumerate((near & ~before, near & teeth, near & ~teeth, near | before)):
+        for thread in range(count):
+            wanted = [100 * (int(k) * threads + thread) + int(p) for k, p in np.argwhere(of[thread])]
+            found = seen.numpy()[which, thread]
+            assert found[found >= 0].tolist() == wanted
+    assert changed.numpy().tolist() == (near != before).any(axis=(1, 2)).astype(int).tolist()
+    assert 0 < changed.numpy().sum() < count

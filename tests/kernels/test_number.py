@@ -1,0 +1,531 @@
+"""Pairs of float32 against float64: arithmetic, headings, tooth gaps and guide-bars; no float64 in the time loop."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import warp as wp
+from blocks import some_of
+from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
+
+from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.number import (
+    apart,
+    counted,
+    cross,
+    difference,
+    gathered,
+    leading,
+    log_of_sum,
+    logarithm,
+    pair_of,
+    pair_vector,
+    plus,
+    sine_cosine,
+    times,
+    trimmed,
+    whole,
+)
+from warpchain.kernels.physics.body import pose_of
+from warpchain.kernels.physics.contact import center_of
+from warpchain.kernels.physics.curve import integral_at, value_at
+from warpchain.kernels.physics.guide import line_of, on_guide, start_of
+from warpchain.kernels.physics.motion import load_moment, prescribed_at
+from warpchain.kernels.physics.profile import in_frame, on_profile, tracked_piece
+from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
+from warpchain.kernels.physics.table import table_at
+from warpchain.kernels.physics.tooth import in_teeth, tracked_seat
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
+from warpchain.kernels.sum_structs import SprocketSums
+from warpchain.kernels.sums import add_powers
+from warpchain.results.channels import FRAME
+
+EPS = 2.0**-24
+"""Largest relative rounding of float32."""
+GEAR = types(wp.float32)
+EXACT = types(wp.float64)
+
+
+def launched(kernel, count, *inputs, width=1):
+    """What a kernel writes for `count` threads, as (count, width) float64."""
+    out = wp.zeros((count, width), dtype=wp.float64, device="cpu")
+    wp.launch(kernel, count, inputs=[*inputs, out], device="cpu")
+    return out.numpy()
+
+
+def given(values, dtype=wp.float64):
+    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def arithmetic(a: wp.array[wp.float64], b: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    x = pair_of(a[i])
+    y = pair_of(b[i])
+    out[i, 0] = whole(x)
+    out[i, 1] = whole(plus(x, y))
+    out[i, 2] = whole(times(x, y))
+    out[i, 3] = wp.float64(apart(x, y))
+    out[i, 4] = whole(trimmed(x))
+    out[i, 5] = whole(trimmed(pair_of(whole(trimmed(x)))))
+    out[i, 6] = wp.float64(cross(x.high, y.high, y.low, x.low))
+    out[i, 7] = whole(counted(i * 1_000_003, pair_of(b[i])))
+
+
+def test_pairs_have_48_bits():
+    generator = np.random.default_rng(1)
+    a = generator.uniform(0.5, 2.0, 1000) * generator.choice([-1, 1], 1000)
+    b = a + generator.choice([1e-6, 1e-3, 1.0], 1000) * generator.uniform(-1, 1, 1000)
+    found = launched(arithmetic, 1000, given(a), given(b), width=8)
+    x, y = found[:, 0], np.float32(b) + np.float32(b - np.float32(b)).astype(float)
+    # a low part is rounded at 2^-24 of half a unit of the high part's last place; each operation rounds a few of them
+    bit = EPS**2
+    assert np.abs(x - a).max() <= 2 * bit * np.abs(a).max()
+    assert np.abs(found[:, 1] - (x + y)).max() <= 4 * bit * 4
+    assert np.abs(found[:, 2] - x * y).max() <= 8 * bit * 8
+    assert (np.abs(found[:, 3] - (x - y)) <= EPS * np.abs(x - y) + 4 * bit).all()  # rounded once, whatever cancels
+    assert np.abs(found[:, 4] - x).max() <= 4 * bit * 2
+    np.testing.assert_array_equal(found[:, 5], found[:, 4])  # float64 holds it, and it stays
+    highs = [[Fraction(float(np.float32(v))) for v in values] for values in (a, b)]
+    lows = [[Fraction(float(np.float32(v - np.float32(v)))) for v in values] for values in (a, b)]
+    exact = [float(h * hl - k * kl) for h, k, hl, kl in zip(*highs, *lows, strict=True)]  # a high x low of either
+    assert (np.abs(found[:, 6] - exact) <= 2 * EPS * np.abs(exact)).all()
+    steps = np.arange(1000) * 1_000_003
+    assert (np.abs(found[:, 7] - steps * y) <= 16 * bit * np.abs(steps * y)).all()
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def logarithms(values: wp.array[wp.float64], small: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    out[i, 0] = whole(logarithm(pair_of(values[i])))
+    out[i, 1] = wp.float64(log_of_sum(wp.float32(small[i])))
+
+
+def test_logarithms_of_pairs():
+    generator = np.random.default_rng(6)
+    values = np.append(np.exp(generator.uniform(-8.0, 8.0, 20_000)), [1.0, 1.0 + 1e-6, 2.0, 0.5, np.sqrt(2.0)])
+    small = generator.choice([-1, 1], len(values)) * 10.0 ** generator.uniform(-12, -0.1, len(values))
+    found = launched(logarithms, len(values), given(values), given(small), width=2)
+    # what comes after the first term of artanh is rounded, some times: a hundredth of 0.35, and the terms from s^15 on
+    assert np.abs(found[:, 0] - np.log(values)).max() <= 0.0101 * 0.35 * 8 * EPS + 2e-12
+    assert found[-5, 0] == 0.0
+    exact = np.log1p(np.float32(small).astype(float))
+    assert (np.abs(found[:, 1] - exact) <= 4 * EPS * np.abs(exact)).all()
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def headings(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    s, c = sine_cosine(pair_of(angle[i]))
+    out[i, 0] = whole(s)
+    out[i, 1] = whole(c)
+
+
+@pytest.mark.parametrize("largest", [0.8, 10.0, 1e3, 1e5])
+def test_sine_and_cosine_of_pairs(largest):
+    angle = np.random.default_rng(1).uniform(-largest, largest, 20_000)
+    found = launched(headings, len(angle), given(angle), width=2)
+    # terms without a low part leave 1.4e-12; beyond, the angle itself and its quarter turns are rounded at 2^-48
+    tolerance = 2e-12 + 3 * 2.0**-48 * largest
+    np.testing.assert_allclose(found, np.stack([np.sin(angle), np.cos(angle)], axis=1), rtol=0, atol=tolerance)
+
+
+TEETH, R, CLEARANCE = 31, 0.4321, 2e-4
+
+
+def gap_of(kinds):
+    """A sprocket's tooth gap of either precision."""
+    gap = kinds.Sprocket()
+    half = np.radians(137.0 / 2)
+    gap.teeth, gap.exact_radius, gap.pitch_radius, gap.clearance = TEETH, R, R, CLEARANCE
+    gap.cos_half_seat, gap.sin_half_seat, gap.half_pitch_tangent = np.cos(half), np.sin(half), np.tan(np.pi / TEETH)
+    gap.tip_reach = R + 0.05
+    return gap
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def gaps(
+    points: wp.array[wp.vec2d],
+    angles: wp.array[wp.float64],
+    center: wp.vec2d,
+    exact: EXACT.Sprocket,
+    gear: GEAR.Sprocket,
+    seats: wp.array[wp.vec2d],
+    split: wp.array[wp.vec4f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    body = BodyState()
+    body.angle = angles[i]
+    body.center = center
+    wheel = wheel_at(body, exact.exact_radius)
+    p = wp.vec2d(whole(x), whole(y)) - center
+    number, e, xi, lateral = tracked_seat(p, -1, pose_of(body), exact, seats)
+    penetration, normal, relative = in_teeth(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact)
+    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), center_of(wheel))
+    found, e_found, xi_found, lateral_found = tracked_seat(at, -1, wheel, gear, split)
+    ours, facing, moving = in_teeth(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear)
+    out[i, 0] = wp.float64(wp.abs(found - number))
+    out[i, 1] = wp.float64(ours) - penetration
+    out[i, 2] = wp.float64(facing[0]) - normal[0]
+    out[i, 3] = wp.float64(facing[1]) - normal[1]
+    out[i, 4] = wp.float64(moving[0]) - relative[0]
+    out[i, 5] = wp.float64(moving[1]) - relative[1]
+
+
+def test_tooth_gaps_in_pairs_are_those_of_float64():
+    generator = np.random.default_rng(2)
+    count = 20_000
+    seats = 2 * np.pi * np.arange(TEETH) / TEETH
+    directions = np.stack([np.cos(seats), np.sin(seats)], axis=1)
+    angles, number = generator.uniform(-50.0, 50.0, count), generator.integers(TEETH, size=count)
+    center = np.array([1.2345678901, -0.0456789])
+    away_by = 10.0 ** generator.uniform(-5, -2.5, count)  # from the seat [m]
+    turn, at = generator.uniform(0, 2 * np.pi, count), angles + seats[number]
+    points = center + np.stack(
+        [R * np.cos(at) + away_by * np.cos(turn), R * np.sin(at) + away_by * np.sin(turn)], axis=1
+    )
+    inputs = [given(points, wp.vec2d), given(angles), wp.vec2d(*center), gap_of(EXACT), gap_of(GEAR)]
+    tables = [given(directions, wp.vec2d), given(split_seats(directions), wp.vec4f)]
+    found = np.abs(launched(gaps, count, *inputs, *tables, width=6))
+    assert not found[:, 0].any()
+    # the vector from the seat is off by 2^-37 of R and a few roundings of itself; clearance and direction round too
+    assert (found[:, 1] <= 4 * 2.0**-37 * R + 8 * EPS * (away_by + CLEARANCE)).all()
+    assert (found[:, 2:4] <= (2.0**-36 * R / away_by + 16 * EPS)[:, None]).all()
+    assert found[:, 4:].max() <= 8 * EPS * 7.0 * (R + 0.01)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def bars(points: wp.array[wp.vec2d], exact: EXACT.Guide, bar: GEAR.Guide, out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    p = wp.vec2d(whole(x), whole(y)) - exact.start
+    still = wp.vec2d()
+    penetration, normal, relative = on_guide(p, still, still, exact)
+    line = line_of(bar)
+    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), start_of(line))
+    ours, facing, moving = on_guide(at, wp.vec2f(), line, bar)
+    out[i, 0] = wp.float64(ours) - penetration
+    out[i, 1] = wp.float64(facing[0]) - normal[0]
+    out[i, 2] = wp.float64(facing[1]) - normal[1]
+
+
+def guide_of(kinds):
+    """A bar of either precision."""
+    bar = kinds.Guide()
+    angle = 0.7
+    bar.start, bar.direction = wp.vec2d(1.1, -0.3), wp.vec2d(np.cos(angle), np.sin(angle))
+    bar.length, bar.end_radius, bar.roller_radius = 3.0, 0.25, 0.03125
+    return bar
+
+
+def test_guide_bars_in_pairs_are_those_of_float64():
+    generator = np.random.default_rng(3)
+    along, across = generator.uniform(-0.2, 3.2, 20_000), generator.uniform(-0.02, 0.0312, 20_000)
+    t = np.array([np.cos(0.7), np.sin(0.7)])
+    points = np.array([1.1, -0.3]) + along[:, None] * t + across[:, None] * np.array([-t[1], t[0]])
+    found = np.abs(launched(bars, len(points), given(points, wp.vec2d), guide_of(EXACT), guide_of(GEAR), width=3))
+    flat = (along > 1e-6) & (along < 3.0 - 1e-6)
+    # on the face the distance from it is rounded, a few times; over the ends the place along the bar too
+    assert found[flat, 0].max() <= 4 * EPS * 0.0625
+    assert found[:, 0].max() <= 8 * EPS * 0.5 + 4 * EPS * 3.2
+    assert found[:, 1:].max() <= 16 * EPS * (1 + 3.2 / 0.25)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def faces(
+    points: wp.array[wp.vec2d],
+    body: BodyState,
+    exact: EXACT.Guide,
+    guide: GEAR.Guide,
+    pieces: wp.array[Piece],
+    rows: wp.array[wp.vec4f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    pose = pose_of(body)
+    carrier = wheel_of(pose, wp.float64(0.0))
+    q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
+    number = tracked_piece(q, -1, exact, pieces)
+    penetration, normal = on_profile(q, number, exact, pieces)
+    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), center_of(carrier))
+    p = in_frame(at, carrier)
+    ours = tracked_piece(p, -1, guide, rows)
+    deep, facing = on_profile(p, ours, guide, rows)
+    out[i, 0] = wp.float64(wp.abs(tracked_piece(p, wp.max(ours - 1, 0), guide, rows) - ours))
+    out[i, 1] = wp.float64(wp.abs(ours - number))
+    out[i, 2] = wp.float64(deep) - penetration
+    out[i, 3] = wp.float64(facing[0]) - normal[0]
+    out[i, 4] = wp.float64(facing[1]) - normal[1]
+
+
+def face_of(kinds, count):
+    """A guide of either precision with `count` pieces."""
+    guide = kinds.Guide()
+    guide.pieces, guide.first_piece, guide.length = count, 1, 0.5
+    guide.end_radius, guide.roller_radius = 0.02, 0.004
+    return guide
+
+
+def test_profiles_in_pairs_are_those_of_float64():
+    # an arc, a straight piece and a hollow one, on a body 4 m away that has turned by 0.4 rad; points over them all
+    lengths, curvatures, heading = [0.15, 0.1, 0.2], [-4.0, 0.0, 2.5], 0.3
+    pieces = np.zeros(len(lengths) + 2, dtype=Piece.numpy_dtype())
+    generator, place, points = np.random.default_rng(5), np.array([0.21, -0.13]), []
+    body = BodyState()
+    body.angle, body.center = 0.4, wp.vec2d(3.9, 1.3)
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    for k, (length, curvature) in enumerate([*zip(lengths, curvatures, strict=True), (0.0, 0.0)], start=1):
+        pieces[k]["start"], pieces[k]["direction"] = place, (np.cos(heading), np.sin(heading))
+        pieces[k]["curvature"] = curvature
+        for s, height in generator.uniform((1e-6, -0.004), (1.0 - 1e-6, 0.0039), (3000 * (length > 0), 2)):
+            middle, over = heading + 0.5 * curvature * s * length, heading + curvature * s * length
+            chord = s * length * np.sinc(0.5 * curvature * s * length / np.pi)
+            foot = place + chord * np.array([np.cos(middle), np.sin(middle)])
+            points.append(foot + height * np.array([-np.sin(over), np.cos(over)]))
+        middle = heading + 0.5 * curvature * length
+        place = place + length * np.sinc(0.5 * curvature * length / np.pi) * np.array([np.cos(middle), np.sin(middle)])
+        heading += curvature * length
+    points = np.array([3.9, 1.3]) + np.array(points) @ turn.T
+    guides = [face_of(kinds, len(lengths)) for kinds in (EXACT, GEAR)]
+    tables = [given(pieces, Piece), given(split_pieces(pieces), wp.vec4f)]
+    found = np.abs(launched(faces, len(points), given(points, wp.vec2d), body, *guides, *tables, width=5))
+    assert not found[:, :2].any()
+    # along and across a piece are rounded, and k u^2 / 2 <= 0.05 with what is made of them
+    assert found[:, 2].max() <= 8 * EPS * 0.1
+    assert found[:, 3:].max() <= 16 * EPS
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def led(
+    motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
+):
+    i = wp.tid()
+    angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
+    spin = spin_of(motion)
+    motion_row, rate = ramped_course(counted(i * every, pair_of(h)), spin)
+    to = led_along(motion_row, rate, spin, rows)
+    out[i, 0] = whole(to.angle) - angle
+    out[i, 1] = wp.float64(to.speed) - speed
+    wheel = Wheel()
+    wheel.angle = pair_of(angle)
+    wheel.speed = pair_of(speed)
+    motion.prescribed = 0
+    spin.prescribed = 0
+    time = wp.float64(i * every) * h
+    load = load_moment(time, angle, speed, motion, curves)
+    out[i, 2] = wp.float64(spin_load(wp.float32(time), spin.load[0], wheel, spin, rows)) - load
+
+
+def motion_of(**values):
+    motion = Motion()
+    motion.sign, motion.speed, motion.ramp_time, motion.start_angle = -1.0, 52.36, 0.3, 0.123
+    for name, value in values.items():
+        setattr(motion, name, value)
+    return motion
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.3])
+def test_prescribed_angles_in_pairs(ramp):
+    harmonics = np.array([[6.0, 0.002, 0.4], [0.5, 0.03, -1.0], [3.0, 2500.0, 0.7], [20.0, 400.0, 0.1]])
+    motion = motion_of(prescribed=1, ramp_time=ramp, load=wp.vec3d(9000.0, 50.0, 0.1), load_ramp_time=ramp)
+    motion.drive_harmonics.count, motion.load_harmonics.first, motion.load_harmonics.count = 2, 2, 2
+    curves = Curves()
+    curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
+    rows = given(np.column_stack([harmonics, np.sin(harmonics[:, 2])]), wp.vec4f)
+    found = np.abs(launched(led, 20_000, motion, curves, rows, 1.7e-6, 100, width=3))  # 3.4 s, 178 rad
+    # amplitude, phase and the sine of the phase are float32: a / h of each times their rounding
+    assert found[:, 0].max() <= 16 * EPS**2 * 178 + 3 * EPS * (0.002 / 6 + 0.03 / 0.5)
+    assert found[:, 1].max() <= 8 * EPS * 52.36
+    assert found[:, 2].max() <= 8 * EPS * 14_800  # all parts of the moment at once
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def tabled(
+    points: wp.array[wp.float64],
+    table: Tabulated,
+    values: wp.array[wp.float64],
+    pairs: wp.array[SplitTable],
+    parts: wp.array[wp.vec2f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    value, integral, slope = table_at(points[i], table, values)
+    ours, way = integral_at(pair_of(points[i]), pairs[0], parts)
+    out[i, 0] = whole(ours) - value
+    out[i, 1] = wp.float64(value_at(pair_of(points[i]), pairs[0], parts)) - value
+    out[i, 2] = whole(way) - integral
+
+
+@pytest.mark.parametrize("repeats", [0, 1])
+def test_tables_in_pairs_are_those_of_float64(repeats):
+    # a speed of 50 rad/s with a ripple, 40 cells of 0.7 rad; the points go beyond both ends, by a round and a half
+    cells, first, start, spacing = 40, 5, -3.3, 0.7
+    generator = np.random.default_rng(4)
+    values = 50.0 + generator.uniform(-9.0, 9.0, (cells, 5))
+    c0, c1, c2, c3 = values[:, :4].T
+    each = spacing * (c0 + c1 / 2 + c2 / 3 + c3 / 4)
+    values[:, 4] = np.append(0.0, np.cumsum(each)[:-1])
+    flat = np.concatenate([np.zeros(5), values.ravel(), [each.sum()]])
+    points = generator.uniform(start - 1.5 * cells * spacing, start + 2.5 * cells * spacing, 20_000)
+    table = Tabulated()
+    table.cells, table.first, table.repeats, table.start, table.spacing = cells, first, repeats, start, spacing
+    motions = np.zeros(1, dtype=Motion.numpy_dtype())
+    for name in ("cells", "first", "repeats", "start", "spacing"):
+        motions["drive_table"][name] = getattr(table, name)
+    inputs = [table, given(flat), given(split_tables(motions), SplitTable), given(split(flat), wp.vec2f)]
+    found = np.abs(launched(tabled, len(points), given(points), *inputs, width=3))
+    inside = np.abs((points - start) / spacing - np.rint((points - start) / spacing)) > 1e-9  # off the cells' edges,
+    if not repeats:  # where these values jump
+        inside |= (points < start) | (points > start + cells * spacing)
+    largest, bit = 50.0 + 9.0 + 3 * 59.0, EPS**2
+    assert found[inside, 0].max() <= 64 * bit * largest * cells  # the place in the table is rounded in cells
+    assert found[inside, 1].max() <= 8 * EPS * largest
+    assert found[inside, 2].max() <= 64 * bit * np.abs(each).sum() * 2.5
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def turning(spin: Spin, moment: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
+    body = BodyState()
+    wheel = wheel_at(body, wp.float64(0.4))
+    nowhere = Led()
+    for _ in range(steps):
+        wheel = spun(wheel, wp.float32(h) * wp.float32(moment) * spin.inverse_inertia, wp.float32(h), nowhere, spin)
+    out[0, 0] = whole(wheel.angle)
+    out[0, 1] = whole(wheel.speed)
+    sine, cosine = sine_cosine(whole(wheel.angle))
+    out[0, 2] = whole(wheel.cosine) - cosine
+    out[0, 3] = whole(wheel.sine) - sine
+    out[0, 4] = whole(wheel.reach_cosine) - wp.float64(0.4) * whole(wheel.cosine)
+    out[0, 5] = whole(wheel.reach_sine) - wp.float64(0.4) * whole(wheel.sine)
+
+
+@pytest.mark.parametrize("steps", [32, 1_000_000])
+def test_a_wheel_that_turns_freely_keeps_its_phase(steps):
+    # constant moment from rest: speed a h n, angle a h^2 n (n + 1) / 2; float32 alone would have lost every increment
+    spin = Spin()
+    spin.sign, spin.inverse_inertia = 1.0, 0.25
+    h, moment = 2.0**-19, 100.0
+    angle, speed, *off = launched(turning, 1, spin, moment, h, steps, width=6)[0]
+    a = moment * 0.25
+    assert speed == pytest.approx(a * h * steps, rel=1e-11)
+    assert angle == pytest.approx(a * h * h * steps * (steps + 1) / 2, rel=1e-11)
+    # turned step by step: at most a rounding of each turn, all one way; anew from the angle every 32 steps in a run
+    turns = min(angle, a * h * h * steps * 1.0)
+    assert np.abs(off[:2]).max() <= 2e-12 + 2 * EPS * (angle if steps > 32 else turns)
+    assert np.abs(off[2:]).max() <= 2.0**-36 * 0.4
+
+
+narrowed = types(wp.float32).narrowed
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: wp.array2d[wp.float64]):
+    sums = narrowed(SprocketSums())
+    for k in range(speed.shape[0]):
+        if k % 32 == 0:
+            sums = gathered(sums)
+        sums = add_powers(sums, speed[k], moment[k], -moment[k], 1.0)
+    found = whole(sums)
+    out[0, 0] = found.moment
+    out[0, 1] = found.contact_work
+    out[0, 2] = found.load_work
+
+
+def test_moments_and_works_of_many_steps():
+    generator = np.random.default_rng(5)
+    speed, moment = generator.normal(12.0, 0.01, 100_005), generator.normal(5e3, 2e3, 100_005)
+    speed, moment = (values.astype(np.float32).astype(float) for values in (speed, moment))
+    found = launched(power_sums, 1, given(speed, wp.float32), given(moment, wp.float32), width=3)[0]
+    exact = np.array([moment.sum(), (speed * moment).sum(), -(speed * moment).sum()])
+    # each of 32 additions in a row, and a product, is rounded by EPS of up to 32 addends, one as often up as down
+    assert np.abs(found / exact - 1.0).max() < 32 * EPS / np.sqrt(100_005 / 32)
+
+
+def each_of(kinds, usual, long):
+    """Names of kinds; the compiler takes half a minute to a minute and a half for each."""
+    return some_of(*([(name,) for name in names] for names in (kinds, usual, long)))
+
+
+LOOPS = {
+    "plain": BlockKind(
+        wp.float32, 32, 4, 2, 0, low_occupancy=True, tabulated=False, stribeck=False, linear_hysteretic=True
+    ),
+    "friction": BlockKind(
+        wp.float32, 32, 6, 2, 1, contact_friction=True, joint_friction=True, varied_links=True, tabulated=False
+    ),
+    "few": BlockKind(wp.float32, 160, 1, 2, 1, body_warp=True, tabulated=False),
+    "tables, profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, contact_friction=True),
+    "arm, moving": BlockKind(
+        wp.float32, 32, 4, 2, 1, moving=True, arms=1, tensioners=1, profiles=True, tabulated=False
+    ),
+    "pushed, rk4": BlockKind(wp.float32, 32, 4, 2, 0, rk4=True, moving=True, tensioners=1),
+}
+"""Each has what others lack; together they have all that drives may have."""
+
+
+@pytest.mark.parametrize("name", each_of(LOOPS, ["few"], ["plain", "pushed, rk4"]))
+def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
+    every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
+    assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
+    assert not float64_arithmetic(loop)
+    # what is read from the state and the ensemble before, and goes back after
+    kinds = float64_arithmetic(every)
+    assert sum(kinds.values()) < 200, kinds
+    assert not any(name.startswith(("mul", "fma", "div", "sqrt")) for name in kinds), kinds
+
+
+MEASURING = {
+    "plain": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, tabulated=False),
+    "friction": BlockKind(
+        wp.float32, 32, 6, 2, 1, measuring=True, contact_friction=True, joint_friction=True, tabulated=False
+    ),
+    "arm": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, arms=1, tensioners=1, profiles=True, tabulated=False),
+    "rk4": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, rk4=True, tabulated=False),
+}
+
+
+@pytest.mark.parametrize("name", each_of(MEASURING, [], ["plain", "rk4"]))
+def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
+    ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
+    every, loop = time_loop(ptx)
+    free, branches = loop_without_float64(ptx)
+    # contacts' sums, watched forces and all of the motion are in what goes around without float64
+    assert len(free) > 0.7 * len(loop)
+    assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
+    if not MEASURING[name].rk4:  # of the two steps in the code the one that nearly all are has none at all
+        common = largest_part_without_float64(ptx)
+        assert len(common) > 0.25 * len(loop)
+        assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
+    # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
+    # tensioners, and what these have metered
+    counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
+    arms = MEASURING[name].arms
+    assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def sums_of_roots(values: wp.array[wp.float32], looks: wp.array[wp.float64], out: wp.array[wp.float32]):
+    total = wp.float32(0.0)
+    for i in range(values.shape[0]):
+        total += wp.sqrt(values[i])
+        if i % 32 == 31:
+            looks[i // 32] = wp.sqrt(wp.float64(values[i]) + wp.float64(total))
+    out[0] = total
+
+
+def test_float64_is_found_where_it_is(tmp_path):
+    """Every 32nd time around: two conversions, a sum and a root, however often the loop is unrolled."""
+    ptx = compiled(sums_of_roots, tmp_path)
+    every, loop = time_loop(ptx)
+    counts = float64_arithmetic(loop)
+    sums = sum(count for name, count in counts.items() if name.startswith("add"))
+    assert sums > 0 and sum(counts.values()) == 4 * sums, counts
+    assert float64_arithmetic(every) == counts
+    free, branches = loop_without_float64(ptx)
+    assert any("sqrt" in line for line in free) and not float64_arithmetic(free)
+    assert sum(sum(float64_arithmetic(branch).values()) for branch in branches) == 4 * sums

@@ -1,0 +1,243 @@
+"""The files of an archive: one, or a set that is split by size or by number of variants."""
+
+from __future__ import annotations
+
+import platform
+import uuid
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.archive import archive_format
+from warpchain.archive.chunk_layout import Form
+from warpchain.archive.file_set import Target
+from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.options import ArchiveOptions
+from warpchain.drive import Drive, dumps_drive
+from warpchain.errors import ArchiveError
+from warpchain.results.arrow_tables import with_column
+from warpchain.results.run import RunInfo
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Part:
+    """One file of an archive, being written."""
+
+    def __init__(self, file: McapFile, head: Mapping[str, str], drives: bool) -> None:
+        self.file, self.head, self._drives = file, head, drives
+        self._variants: set[int] = set()
+
+    def open_variant(self, variant: int, place: int, form: Form, drive: Drive, facts: Mapping[str, str]) -> None:
+        """Begins a variant's topics in this file, if that has not been done.
+
+        Args:
+            place: the variant's place in this file, which numbers its channels.
+            form: the layout of its frames.
+            drive: the variant's drive.
+            facts: what else a reader should know, for the channel's metadata.
+        """
+        if variant in self._variants:
+            return
+        self._variants.add(variant)
+        if not self._drives:
+            attach_drive(self.file, variant, drive)
+        held = {
+            "links": str(form.links),
+            "channels": " ".join(form.channels),
+            "precision": form.precision,
+            "values": form.values,
+            **facts,
+        }
+        numbers = archive_format.channel_numbers(place)
+        for topic in (*form.topics, "scene"):
+            self.open_topic(numbers[topic], variant, topic, held if topic == "rollers" else {})
+
+    def open_topic(self, number: int, variant: int, topic: str, metadata: Mapping[str, str]) -> None:
+        """Begins a topic, and describes its messages if they are new to this file."""
+        name = archive_format.TOPICS[topic]
+        kind = 1 + list(archive_format.TOPICS).index(topic)
+        encoding, data = archive_format.schema_of(name)
+        if not self.file.has_schema(kind):
+            self.file.schema(kind, name, encoding, data)
+        message = "cdr" if encoding == "ros2msg" else "protobuf"
+        self.file.channel(number, kind, archive_format.topic_path(variant, topic), message, metadata)
+
+
+def attach_drive(file: McapFile, variant: int, drive: Drive) -> None:
+    """Appends a variant's drive file."""
+    file.attachment(archive_format.drive_attachment(variant), "application/toml", dumps_drive(drive).encode())
+
+
+class Parts:
+    """The files of an archive, being written; the first is there from the beginning.
+
+    Raises:
+        ArchiveError: here and in every method, an existing archive, a folder or disk that refuses.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        drives: Sequence[Drive],
+        recorded: Sequence[int],
+        info: RunInfo,
+        options: ArchiveOptions,
+        overwrite: bool,
+        salvage: bool,
+    ) -> None:
+        self._salvage, self._numbers = salvage, numbers_of(options, drives)
+        self._options, self._info = options, replace(info, seed=info.seed if options.seed is None else options.seed)
+        self._per_part = options.split_variants or archive_format.MOST_VARIANTS
+        split = options.split_size is not None or options.split_variants is not None
+        if len(recorded) > archive_format.MOST_VARIANTS and options.split_variants is None:
+            raise ArchiveError(
+                f"{path}: {len(recorded)} recorded variants do not fit one file, which holds "
+                f"{archive_format.MOST_VARIANTS}; split the archive by number of variants (split_variants)"
+            )
+        if self._per_part > archive_format.MOST_VARIANTS:
+            raise ArchiveError(f"split_variants = {self._per_part}: allowed is up to {archive_format.MOST_VARIANTS}")
+        self._head = {
+            "format_version": archive_format.FORMAT_VERSION,
+            "variants": str(len(drives)),
+            "recorded": " ".join(str(self._numbers[variant]) for variant in recorded),
+            **({} if options.numbers is None else {"numbers": " ".join(map(str, self._numbers))}),
+            "set": uuid.uuid4().hex,
+        }
+        self._parts: list[Part] = []
+        self._by_group: dict[int, Part] = {}
+        self._target = Target(path, overwrite, split)
+        try:
+            first = self._open()
+            for variant, drive in zip(self._numbers, drives, strict=True):
+                attach_drive(first.file, variant, drive)
+            for name, data in options.attachments.items():
+                first.file.attachment(name, media_type(name), data)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> Part:
+        """Begins the next file."""
+        number = len(self._parts)
+        head = self._head | {"part": str(number)} | _made(self._info)
+        part = Part(self._target.file(number, f"warpchain {self._info.version}"), head, drives=number == 0)
+        self._parts.append(part)
+        part.file.metadata(archive_format.RUN_METADATA, part.head)
+        return part
+
+    def place(self, position: int) -> int:
+        """Place in its file of the variant recorded in the given position."""
+        return position % self._per_part
+
+    def part(self, position: int) -> Part:
+        """The file that takes the next chunk of the variant recorded in the given position."""
+        limit = self._options.split_size
+        if limit is not None:
+            current = self._parts[-1]
+            if current.file.size >= limit and current.file.chunks:
+                self._finish_part(current, {"ended": "continued"})
+                current = self._open()
+            return current
+        group = position // self._per_part
+        if group not in self._by_group:
+            self._by_group[group] = self._open() if self._by_group else self._parts[0]
+        return self._by_group[group]
+
+    def _finish_part(self, part: Part, end: Mapping[str, str]) -> None:
+        part.file.metadata(archive_format.END_METADATA, archive_format.with_head(end, part.head))
+        part.file.finish()
+
+    def finish(self, metrics: pa.Table, info: RunInfo) -> None:
+        """Ends all files; the last one holds the metrics and the end of the run."""
+        self._target.check_free()
+        last = self._parts[-1]
+        for part in self._parts[:-1]:
+            if not part.file.finished:
+                self._finish_part(part, {"ended": "continued"})
+        if self._options.numbers is not None:
+            metrics = with_column(metrics, "variant", self._numbers)
+        last.file.attachment(
+            archive_format.METRICS_ATTACHMENT, media_type(archive_format.METRICS_ATTACHMENT), _arrow_bytes(metrics)
+        )
+        end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
+        self._finish_part(last, end)
+        self._target.replace([part.file.path for part in self._parts])
+        self._target.release()
+
+    def _left(self) -> list[McapFile]:
+        """Unfinished files that are worth keeping."""
+        return [part.file for part in self._parts if self._salvage and part.file.chunks and not part.file.finished]
+
+    def refusal(self, error: ArchiveError) -> ArchiveError:
+        """The error to raise when the disk refuses: with `salvage` it names the files that hold what was written."""
+        left = self._left()
+        return ArchiveError(f"{error}; {_hint(left)}") if left else error
+
+    def close(self, named: bool = False) -> None:
+        """Ends unfinished files: drops them, or with `salvage` keeps those that hold frames.
+
+        Args:
+            named: `refusal` has named them already; else a warning does.
+        """
+        left = self._left()
+        for part in self._parts:
+            if not part.file.finished:
+                part.file.close(keep=part.file in left)
+        if not self._parts or not self._parts[-1].file.finished:
+            if not self._salvage:
+                self._target.discard(part.file.path for part in self._parts if part.file.finished)
+            if left and not named:
+                warnings.warn(f"{self._target.path}: was not finished; {_hint(left)}", stacklevel=2)
+        self._target.release()
+
+
+def _hint(left: Sequence[McapFile]) -> str:
+    """Where to find what was written of an archive that was not finished."""
+    return f"what was written until then is in {', '.join(str(file.partial) for file in left)}: see warpchain recover"
+
+
+def media_type(name: str) -> str:
+    """Media type of an attachment, by its name."""
+    kinds = {
+        ".arrow": "application/vnd.apache.arrow.file",
+        ".parquet": "application/vnd.apache.parquet",
+        ".toml": "application/toml",
+        ".csv": "text/csv",
+        ".json": "application/json",
+    }
+    return kinds.get(Path(name).suffix, "application/octet-stream")
+
+
+def _made(info: RunInfo) -> dict[str, str]:
+    """Provenance of a run as metadata."""
+    made = {k: v for k, v in asdict(info).items() if k not in ("ended", "wall_time") and v is not None}
+    texts = {name: repr(value) if isinstance(value, float) else str(value) for name, value in made.items()}
+    versions = [f"{name} {version(name)}" for name in ("warp-lang", "numpy", "mcap", "protobuf")]
+    return texts | {"versions": ", ".join([f"python {platform.python_version()}", *versions])}
+
+
+def numbers_of(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
+    """The number of each variant in an archive.
+
+    Raises:
+        ArchiveError: not one number a variant.
+    """
+    if options.numbers is None:
+        return range(len(drives))
+    if len(options.numbers) != len(drives):
+        raise ArchiveError(f"numbers: there are {len(options.numbers)} for {len(drives)} variants; give one each")
+    return options.numbers
+
+
+def _arrow_bytes(table: pa.Table) -> bytes:
+    import pyarrow as pa
+
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as file:
+        file.write_table(table)
+    return bytes(sink.getvalue())

@@ -1,0 +1,157 @@
+"""The files of an archive's name: one or a set, what a killed run left of them, and the one writer that has the name.
+
+The parts of `run.mcap` are `run.part0000.mcap`, `run.part0001.mcap` and so on. A set that replaces another one is
+written beside it as a further edition, `run.part0000-2.mcap` and so on: it is the archive from the moment that its last
+part, which alone says how many there are, has its name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from warpchain.archive import archive_format
+from warpchain.archive.mcap_read import McapIndex
+from warpchain.archive.mcap_write import McapFile, taken
+from warpchain.errors import ArchiveError
+from warpchain.files import PARTIAL, Lock, refusals, target_of
+
+PART = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
+"""Stem of a part's name: the archive's stem, the part's number, the set's edition where it is not the first."""
+
+
+class PartName(NamedTuple):
+    """The content of a part's name: the archive's path, the part's number, the set's edition."""
+
+    archive: Path
+    number: int
+    edition: int
+
+
+def part_path(path: Path, number: int, edition: int = 1) -> Path:
+    """Name of a part: `run.mcap`, 3 -> `run.part0003.mcap`."""
+    mark = f"-{edition}" if edition > 1 else ""
+    return path.with_name(f"{path.stem}.part{number:04d}{mark}{path.suffix}")
+
+
+def part_name(path: Path) -> PartName | None:
+    """The content of a file's name, None if it is not a part's."""
+    found = PART.fullmatch(path.stem)
+    return found and PartName(path.with_name(found[1] + path.suffix), int(found[2]), int(found[3] or 1))
+
+
+def editions(path: Path) -> dict[int, list[Path]]:
+    """The sets that have the name `path`, by edition: their files in order."""
+    found: dict[int, dict[int, Path]] = {}
+    if path.parent.is_dir():
+        for file in path.parent.iterdir():
+            named = part_name(file)
+            if named and named.archive == path:
+                found.setdefault(named.edition, {})[named.number] = file
+    return {edition: [found[edition][k] for k in sorted(found[edition])] for edition in sorted(found)}
+
+
+def part_files(path: Path) -> list[Path]:
+    """Files of the set that `path` names, in order; empty if there are none.
+
+    Of several editions it is the latest whole one.
+    """
+    found = editions(path)
+    if not found:
+        return []
+    whole = [files for files in found.values() if len(found) > 1 and is_whole(files)]
+    return whole[-1] if whole else list(found.values())[-1]
+
+
+def is_whole(files: list[Path]) -> bool:
+    """Whether a set has its last part and all before it."""
+    try:
+        end = McapIndex(files[-1]).values(archive_format.END_METADATA) or {}
+    except ArchiveError:
+        return False
+    return end.get("parts") == str(len(files))
+
+
+def cut_files(path: Path) -> list[Path]:
+    """Unfinished files of the archive that `path` names: a killed run left them, or they are being written."""
+    if not path.parent.is_dir():
+        return []
+    left = re.compile(rf"({re.escape(path.stem)}(\.part\d+(-\d+)?)?{re.escape(path.suffix)}){PARTIAL}")
+    return sorted(file for file in path.parent.iterdir() if left.fullmatch(file.name))
+
+
+def of_cut(file: Path) -> Path:
+    """The name that an unfinished file was to have."""
+    return file.with_name(re.sub(PARTIAL + "$", "", file.name))
+
+
+def archive_files(path: Path) -> list[Path]:
+    """Files of the archive that `path` names: the file itself, or the set that it names or is a part of."""
+    named = part_name(path)
+    if named and path.is_file():
+        return editions(named.archive)[named.edition]
+    return [path] if path.is_file() else part_files(path) or [path]
+
+
+class Target:
+    """Where an archive goes. What has the name stays whole until `replace`, whose first step takes its place.
+
+    Args:
+        path: the archive's name.
+        overwrite: replace an archive of that name.
+        split: a set of files, rather than one.
+
+    Raises:
+        ArchiveError: an archive of that name and no `overwrite`, another writer, something that is not a file, or a
+            folder that refuses.
+    """
+
+    def __init__(self, path: Path, overwrite: bool, split: bool) -> None:
+        self.path, self.overwrite, self.split, self._edition = path, overwrite, split, 0
+        if path.is_dir():
+            raise ArchiveError(f"{path}: is a folder; give a file name such as {path / 'run.mcap'}")
+        self.check_free()
+        with refusals(path, ArchiveError):
+            self._lock = Lock(target_of(path))
+        try:
+            self.check_free()
+            begun = [part_name(of_cut(file)) for file in cut_files(path)]
+            self._edition = max([0, *editions(path), *(named.edition for named in begun if named)]) + 1
+        except BaseException:
+            self.release()
+            raise
+
+    def file(self, number: int, library: str) -> McapFile:
+        """Begins the archive's file of a number, from 0."""
+        path = part_path(self.path, number, self._edition) if self.split else self.path
+        return McapFile(path, library, self.overwrite, claimed=True)
+
+    def check_free(self) -> None:
+        """Refuses to go on where another archive has the name and must stay."""
+        there = [file for edition, files in editions(self.path).items() if edition != self._edition for file in files]
+        there = [self.path, *there] if self.path.exists() else there
+        if there and not self.overwrite:
+            raise taken(there[0])
+
+    def replace(self, files: Iterable[Path]) -> None:
+        """Removes what had the name before these whole files. A set takes a single file's place as that goes."""
+        mine = {self.path} if not self.split else set(files)
+        others = [file for edition in editions(self.path).values() for file in edition]
+        with refusals(self.path, ArchiveError):
+            for file in [self.path, *others]:
+                if file not in mine and file.is_file():
+                    file.unlink()
+
+    def discard(self, files: Iterable[Path]) -> None:
+        """Removes whole files of a set that will not become one. Raises nothing."""
+        if self.split:
+            for file in files:
+                with contextlib.suppress(OSError):
+                    file.unlink()
+
+    def release(self) -> None:
+        """Lets others write to the name."""
+        self._lock.release()

@@ -1,0 +1,292 @@
+r"""Arms in balance: the angles at which chain, springs, weight, stops and tensioners turn no arm.
+
+Without friction the chain, of tension T throughout, turns an arm about its pivot by T (h_out - h_in), h the levers of
+the tangents where it comes and goes (`Taut.levers`). With the strain e of the chain's path at these angles, T = k p e:
+
+    T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
+
+Turning towards the chain lengthens its path, so that the left side falls through 0 once: sought arm by arm, all arms
+over again until none moves. Of a stack's variants angles are arrays (V,).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
+from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
+from warpchain.drive.face_profile import direction
+from warpchain.drive.oil import static_force
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Arm, Drive
+    from warpchain.drive.tensioners import Tensioner
+
+FARTHEST = math.radians(90.0)
+"""No arm is sought farther from where it is drawn, or from its stops [rad]."""
+
+AT_STOP = math.radians(1e-4)
+"""An arm this near to a stop stands on it [rad]."""
+
+_STEP = math.radians(0.25)
+_SWEEPS = 60
+_SECANTS = 60
+_FIRST = 1e-5  # rad
+_LONGEST = math.radians(2.0)
+_NEAR = 1e-11  # rad; the error after such a step is round-off
+_LEAST_CHANGE = 1e-7  # rad; of smaller steps round-off spoils the slope
+_STILL = 1e-11  # rad
+
+
+def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
+    """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
+    strain = smallest(path.nominal_strain, MAX_STRAIN) + beyond
+    return drive.chain.mean_stiffness * path.pitch * largest(strain, 0.0)
+
+
+class StillArm:
+    """The moments on an arm at rest beside the chain's: springs, weight, stops and tensioners.
+
+    Args:
+        drive: one, or a stack, of which `moment` gives those of all variants (V,).
+        a: the arm's index.
+    """
+
+    def __init__(self, drive: Drive, a: int) -> None:
+        arm = drive.arms[a]
+        self.arm = arm
+        self.gravity = drive.run.gravity
+        self.tensioners = [t for t in drive.tensioners if t.on == arm.name]
+        self.pushes = [static_force(t) for t in self.tensioners]  # at the drawing [N]
+        self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
+
+    def moment(self, angle: Any) -> Any:
+        """About the pivot [N m], at an angle [rad]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = (
+            arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
+        )
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            lever, _ = self._levers(tensioner, angle)
+            force = largest(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+            found = found + lever * force
+        return found
+
+    def energy(self, angle: float) -> float:
+        """Of which the moment is minus the derivative [J]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = -arm.mass * (x * gx + y * gy) + 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2
+        found += 0.5 * self.stop * self.over(angle) ** 2
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            k, extended = tensioner.spring_stiffness, self.extension(tensioner, angle)
+            extended = min(extended, push / k) if k > 0.0 else extended  # from where on it does not push
+            found -= push * extended - 0.5 * k * extended**2 if push > 0.0 or k > 0.0 else 0.0
+        return found
+
+    def stiffness(self, angle: float) -> float:
+        """Minus the derivative of the moment by the angle [N m/rad]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = arm.mass * (x * gx + y * gy) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            lever, change = self._levers(tensioner, angle)
+            force = push - tensioner.spring_stiffness * self.extension(tensioner, angle)
+            found += tensioner.spring_stiffness * lever**2 - force * change if force > 0.0 else 0.0
+        return found
+
+    def over(self, angle: Any) -> Any:
+        """Excess of an angle beyond the stops [rad]: positive beyond the upper one, 0 in between."""
+        low, high = self.arm.stops_rad
+        return largest(angle - high, 0.0) - largest(low - angle, 0.0)
+
+    def extension(self, tensioner: Tensioner, angle: Any) -> Any:
+        """Of one of its tensioners [m]."""
+        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+        (px, py), (ax, ay) = self.arm.pivot, tensioner.at
+        return (x + px - ax) * ux + (y + py - ay) * uy
+
+    def _levers(self, tensioner: Tensioner, angle: Any) -> tuple[Any, Any]:
+        """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
+        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+        return x * uy - y * ux, -(x * ux + y * uy)
+
+    def _turned(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
+        """From the pivot to a place of the arm as drawn, now [m]."""
+        (px, py), (cosine, sine) = self.arm.pivot, direction(angle)
+        dx, dy = place[0] - px, place[1] - py
+        return cosine * dx - sine * dy, sine * dx + cosine * dy
+
+
+def stop_of(drive: Drive, a: int, angle: float) -> str | None:
+    """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
+    lower, upper = on_stops(drive.arms[a], angle)
+    return "lower" if lower else "upper" if upper else None
+
+
+def on_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
+    """Whether an arm stands on its lower and on its upper stop at an angle [rad], or at those of a stack (V,)."""
+    low, high = arm.stops_rad
+    return angle <= low + AT_STOP, angle >= high - AT_STOP
+
+
+def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
+    """Moment of the chain on arm a about its pivot [N m]."""
+    levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
+    return tension(drive, path, beyond) * levers
+
+
+class Balance:
+    """The arms of a drive in balance (a) with its chain.
+
+    Args:
+        drive: with arms, or a stack of such.
+
+    Raises:
+        DriveError, Unlike: as `Plan`.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.plan = Plan(drive)
+        self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
+
+    def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
+        """The path of the chain with all arms in balance, as that of a stack.
+
+        Args:
+            beyond: what the chain's strain is beyond the path's nominal one [-].
+            angles: (A,) first guess [rad]; None is as drawn.
+
+        Raises:
+            DriveError: an arm without a balance; or as `path_at`.
+            Unlike: a stack whose balances are found in unlike ways.
+        """
+        found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
+        for a, still in enumerate(self.still):
+            low, high = still.arm.stops_rad
+            found[a] = smallest(largest(found[a], low), high)
+        for _ in range(_SWEEPS):
+            before = list(found)
+            for a in range(len(found)):
+                found[a] = self._balance(found, a, beyond)
+            moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
+            if len(found) == 1 or same(largest(*moved) <= _STILL):
+                break
+        return self.plan.path(found)
+
+    def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
+        """The angle of arm a [rad] at which (a) holds, with the others where they are."""
+
+        def moment(angle: Any) -> Any:
+            course = self.plan.course([*angles[:a], angle, *angles[a + 1 :]])
+            return self.still[a].moment(angle) + chain_moment(self.plan.drive, course, a, beyond)
+
+        quick = _secant(moment, angles[a], self.slopes.get(a))
+        if quick is not None:
+            angle, self.slopes[a] = quick
+            return angle
+        if self.plan.variants > 1:  # by halves, until those that it fails for are alone
+            raise Unlike(np.arange(self.plan.variants) < self.plan.variants // 2)
+        return _bracketed(moment, self.still[a].arm, angles[a])
+
+
+def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float:
+    """Where a moment is 0 [rad], from an angle on by steps in which it turns; slow, and sure."""
+    from scipy.optimize import brentq  # slow to import
+
+    low, high = arm.stops_rad
+    start, here = near, moment(near)
+    if here == 0.0:
+        return near
+    step = math.copysign(_STEP, here)
+    reason = "the chain leaves it"
+    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(start):
+        try:
+            there = moment(near + step)
+        except DriveError as error:
+            reason = str(error)
+            break
+        if here * there <= 0.0:
+            return float(brentq(moment, *sorted((near, near + step)), xtol=1e-14, rtol=1e-14))
+        near, here = near + step, there
+    where = f"finds no balance from {math.degrees(start):.3g} to {math.degrees(near):.3g} degrees, {reason}"
+    turns = "springs and tensioners that turn it"
+    if arm.stops is None:
+        raise DriveError(f"arms.{arm.name}.stops: missing; without them the arm {where}; or look at the {turns}")
+    raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
+
+
+def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
+    """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
+
+    Where a secant leads out of the angles between which it is, or is over half as long as the last but one, as at stops
+    and where chains go slack, these are halved. None where a variant has none, or no moment there.
+
+    Args:
+        moment: of an angle.
+        near: a first guess [rad].
+        slope: a guess of it.
+    """
+    try:
+        before, here = near, moment(near)
+        change = where(here == 0.0, 0.0, copysign(_FIRST, here)) if slope is None else _toward(here, slope)
+        angle, done = near + change, abs(change) <= _NEAR
+        low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
+        steps = [math.inf, abs(change)]
+        for _ in range(_SECANTS):
+            if every(done):
+                return angle, slope
+            last, here = here, moment(angle)
+            far = abs(angle - before) > _LEAST_CHANGE
+            secant = (here - last) / where(far, angle - before, 1.0)
+            slope = where(far, secant, 0.0 if slope is None else slope)
+            low, high = where(here > 0.0, largest(low, angle), low), where(here < 0.0, smallest(high, angle), high)
+            held = (low > -math.inf) & (high < math.inf)
+            middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
+            if not every(done | (here == 0.0) | (slope < 0.0) | held):
+                return None
+            change = _toward(here, slope)
+            wanted = angle + change
+            astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (abs(change) > 0.5 * steps.pop(0))
+            change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
+            change = where(done | (here == 0.0), 0.0, change)
+            steps.append(abs(change))
+            before, angle = angle, angle + change
+            done = done | (abs(change) <= _NEAR)
+    except DriveError:
+        pass
+    return None
+
+
+def _toward(here: Any, slope: Any) -> Any:
+    """The change of angle [rad] that takes a moment to 0 by its slope; where that is none to fall along, as if by 1."""
+    return largest(-_LONGEST, smallest(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
+
+
+def chain_path(drive: Drive) -> ChainPath:
+    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
+
+    Raises:
+        DriveError: as `path_at`; or an arm that finds no balance.
+    """
+    return chain_paths(drive)[0]
+
+
+def chain_paths(drive: Drive) -> ChainPath:
+    """`chain_path` of a stack, with its first axis.
+
+    Raises:
+        DriveError: as `chain_path`, of the first such variant.
+        Unlike: a stack of which some go around other arcs of guides.
+    """
+    return Balance(drive).path() if drive.arms else Plan(drive).path(())

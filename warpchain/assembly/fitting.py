@@ -1,0 +1,358 @@
+"""Set-up help: where a sprocket must stand, or how many links a chain must have, for a wanted strain, preload or sag.
+
+A strand of n links hangs under gravity between two end rollers that are C' apart. If it sags by h at its middle it
+carries T = mu g C'^2 / (8 h) there (mu = m / p, g the part of gravity across the strand), and its length, elastic under
+T, is that of the parabola: n p (1 + T / (k p)) = C' (1 + 8 h^2 / (3 C'^2)). Between the seats that the assembly puts
+them on, C apart, the end rollers give way by the clearance c in each seat, C' = C - 2 c. So the assembly's strain,
+C / (n p) - 1, is to first order
+
+    strain = mu g C^2 / (8 h k p) - 8 h^2 / (3 C^2) + 2 c / C.                                      (a)
+
+It falls as h grows: every sag has one strain. Measured on settled strands, end rollers give way by 0.8 to 1.1 c.
+A preload T0, at assembly, has the strain T0 / (k p).
+
+Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
+least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
+moved until an arm stands there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
+from warpchain.assembly.place_search import Goal, Search, search_all
+from warpchain.drive.batch import stacks_of
+from warpchain.drive.replace import with_numbers
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+_DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
+_ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may miss
+_UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
+
+
+def fit_position(
+    drive: Drive,
+    sprocket: str,
+    direction: Sequence[float],
+    *,
+    strain: float | None = None,
+    preload: float | None = None,
+    sag: float | None = None,
+    strand: str | None = None,
+    travel: float | None = None,
+) -> Drive:
+    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
+
+    Args:
+        drive: its chain need not fit as it stands.
+        sprocket: name of the sprocket to move.
+        direction: of the line through its center, (2,), of any length.
+        strain: of the strands at assembly [-], within 0.05; what `warpchain check` calls strain.
+        preload: tension of all strands at assembly [N], >= 0.
+        sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
+        strand: which strand's sag, "FROM->TO"; None is the longest, as the drive stands, that lies on no guide.
+        travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
+
+    Returns:
+        The drive with the sprocket's center moved; rounded to 1e-10 m.
+
+    Raises:
+        DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
+            reached.
+    """
+    index, line = _sprocket_index(drive, sprocket), _unit(direction)
+    return _one(_moved([Search(drive, index, line, _goal(drive, strain, preload, sag, strand), travel)]))
+
+
+def fit_positions(
+    drives: Sequence[Drive],
+    sprocket: str,
+    direction: Sequence[float],
+    strains: Sequence[float],
+    travels: Sequence[float | None],
+) -> list[Drive | DriveError]:
+    """`fit_position` of many drives at once, each for a strain and a farthest travel of its own.
+
+    Returns:
+        The drives with the sprocket's center moved; for those that are refused, what `fit_position` raises.
+
+    Raises:
+        DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
+    """
+    line = _unit(direction)
+    return _moved(
+        [
+            Search(drive, _sprocket_index(drive, sprocket), line, _goal(drive, strain, None, None, None), travel)
+            for drive, strain, travel in zip(drives, strains, travels, strict=True)
+        ]
+    )
+
+
+def fit_angle(
+    drive: Drive, sprocket: str, direction: Sequence[float], angle: Mapping[str, float], travel: float | None = None
+) -> Drive:
+    """Moves a sprocket along a line, either way, to the nearest place at which an arm stands at an angle.
+
+    Args:
+        drive, sprocket, direction, travel: as of `fit_position`.
+        angle: of one arm at assembly, by its name [degrees].
+
+    Returns:
+        The drive with the sprocket's center moved; rounded to 1e-10 m.
+
+    Raises:
+        DriveError: as `fit_position`; an angle beyond the arm's stops.
+    """
+    index, line = _sprocket_index(drive, sprocket), _unit(direction)
+    return _one(_moved([Search(drive, index, line, _angle_goal(drive, angle), travel)]))
+
+
+def _moved(searches: Sequence[Search]) -> list[Drive | DriveError]:
+    """The drives with their sprockets at the places found, rounded; or what is said where there is none."""
+    found: list[Drive | DriveError] = []
+    for search, place in zip(searches, search_all(searches), strict=True):
+        if place is None:
+            found.append(DriveError(search.failure()))
+            continue
+        x, y = (round(part, _DIGITS) for part in search.center(place))
+        center = ("sprockets", search.index, "center")
+        found.append(with_numbers(search.drive, {(*center, 0): x, (*center, 1): y}))
+    return found
+
+
+def _one(found: Sequence[Drive | DriveError]) -> Drive:
+    """That of the only one."""
+    (drive,) = found
+    if isinstance(drive, DriveError):
+        raise drive
+    return drive
+
+
+def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
+    """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
+
+    With arms, the smallest strain with the arms in balance; or where they stand nearest to wanted angles.
+
+    Args:
+        drive: its chain need not fit as it stands.
+        odd: whether an odd number, which needs an offset link, will do.
+        angle: wanted angles of arms by name [degrees]; None wants none.
+
+    Raises:
+        DriveError: no such number gives a strain within 0.05, or none assembles; an unknown arm.
+    """
+    wanted = _wanted_angles(drive, angle or {})
+    path, found = path_at(drive, wanted), []
+    for links in nearest_links(path, 0.0, odd):
+        if abs(path.strain(links)) > MAX_STRAIN:
+            continue
+        try:
+            assembly = assemble(_with_links(drive, links))
+        except DriveError:
+            continue
+        off = [abs(assembly.arm_angle[a] - wanted[a]) for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
+        found.append((float(sum(off)) if off else abs(assembly.strain), links))
+        if not wanted:
+            break
+    if found:
+        return drive.with_values({"chain.links": min(found)[1]})
+    exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
+    around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
+    strains = ", ".join(f"{n}: {100.0 * path.strain(n):+.2f} %" for n in around if math.isfinite(path.strain(n)))
+    kind = "" if odd else "even "
+    raise DriveError(
+        f"chain.links: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
+        f"{strains}); allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %"
+    )
+
+
+def drawn_paths(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
+    """The paths of chains with arms as drawn, or on the stop that is nearest to that; or why there is none."""
+    found: list[ChainPath | None] = [None] * len(drives)
+    for stack in stacks_of(drives):
+        members = stack.members.tolist()
+        for places, path in allowed_parts(stack.drive, len(members), _drawn):
+            for row, v in enumerate(places.tolist()):
+                found[members[v]] = path[row]
+    return [_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
+
+
+def _drawn(drive: Drive) -> ChainPath:
+    """The paths of a stack's chains with arms as drawn."""
+    return Plan(drive).path(_wanted_angles(drive, {}))
+
+
+def _refusal(drive: Drive) -> ChainPath | DriveError:
+    """Why a drive's path cannot be drawn."""
+    try:
+        return _drawn(drive)[0]
+    except DriveError as error:
+        return error
+
+
+def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
+    """Numbers of links, those of nominal strain nearest to the wanted one first.
+
+    They are the two that enclose it, and all whose strain is within `MAX_STRAIN`; none where no chain goes round.
+
+    Args:
+        path: the chain's path.
+        strain: the wanted one [-].
+        odd: whether odd numbers, which need an offset link, will do.
+    """
+    step = 1 if odd else 2
+    exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch / (1.0 + strain)
+    below = math.floor(exact / step) * step
+    counts = {below, below + step, *(links for links in path.fitting_links() if links % step == 0)}
+    around = [links for links in counts if math.isfinite(path.strain(links))]
+    return sorted(around, key=lambda links: (abs(path.strain(links) - strain), links))
+
+
+def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
+    """Sag of a strand at rest from its chord to its middle [m], the h of eq. (a); 0 where gravity does not act across.
+
+    Args:
+        drive: the drive.
+        assembly: its assembly.
+        strand: strand k leaves sprocket k.
+    """
+    first = int(assembly.strand_first[strand])
+    last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
+    x, y = (assembly.position[last] - assembly.position[first]).tolist()
+    return _sag(drive, (x, y), assembly.strain)
+
+
+# ----------------------------------------------------------------------------------------------------------- what
+
+
+def _sprocket_index(drive: Drive, name: str) -> int:
+    names = [sprocket.name for sprocket in drive.sprockets]
+    if name not in names:
+        raise DriveError(f'sprocket "{name}": there is none of that name; allowed are {", ".join(names)}')
+    return names.index(name)
+
+
+def _unit(direction: Sequence[float]) -> tuple[float, float]:
+    line = np.asarray(direction, dtype=float)
+    if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
+        raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
+    x, y = (line / np.hypot(*line)).tolist()
+    return x, y
+
+
+def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
+    """Angles of all arms [rad]: those wanted by name [degrees], the others as drawn or on the nearest stop."""
+    for name, angle in wanted.items():
+        a = drive.arm_index(name)
+        if a is None:
+            known = ", ".join(arm.name for arm in drive.arms) or "none"
+            raise DriveError(f'arm "{name}": there is none of that name; allowed are {known}')
+        low, high = drive.arms[a].stops or (-360.0, 360.0)
+        if not low <= angle <= high:
+            raise DriveError(f"angle = {angle:g}: must be from {low:g} to {high:g} degrees, the stops of arms.{name}")
+    angles = [math.radians(wanted.get(arm.name, 0.0)) for arm in drive.arms]
+    return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
+
+
+def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> Goal:
+    given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
+    if len(given) != 1:
+        raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
+    if strand is not None and sag is None:
+        raise DriveError("strand: only together with sag")
+    tension = drive.chain.mean_stiffness * drive.chain.pitch
+    if strain is not None:
+        if not abs(strain) <= MAX_STRAIN:
+            raise DriveError(f"strain = {strain:g}: must be within {MAX_STRAIN:g}")
+        return Goal(f"strain {strain:g}", "", lambda reached: reached.strain - strain, lambda reached: reached.strain)
+    if preload is not None:
+        if not 0.0 <= preload <= MAX_STRAIN * tension:
+            raise DriveError(f"preload = {preload:g}: must be at least 0 and at most {MAX_STRAIN * tension:.4g} N")
+        return Goal(
+            f"preload {preload:g} N",
+            " N",
+            lambda reached: reached.strain - preload / tension,
+            lambda reached: tension * reached.strain,
+        )
+    assert sag is not None
+    if not (math.isfinite(sag) and sag > 0.0):
+        raise DriveError(f"sag = {sag:g}: must be a finite number above 0")
+    names = drive.strand_names
+    if strand is not None and strand not in names:
+        raise DriveError(f'strand "{strand}": there is none of that name; allowed are {", ".join(names)}')
+    path = chain_path(drive)
+    straight = [string is None for string in path.strings]
+    k = int(np.argmax(np.where(straight, path.strand_length, 0.0))) if strand is None else names.index(strand)
+    if not straight[k]:
+        raise DriveError(f'strand "{names[k]}": lies on a guide, so that it has no sag')
+    x, y = (path.strand_end[k] - path.strand_start[k]).tolist()
+    if _across(drive, (x, y)) <= 0.0:
+        raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
+    text = f'sag {sag:g} m of strand "{names[k]}"'
+    return Goal(
+        text,
+        " m",
+        lambda reached: reached.strain - _sag_strain(drive, reached.chord, sag),
+        lambda reached: _sag(drive, reached.chord, reached.strain),
+        k,
+        sags=True,
+    )
+
+
+def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> Goal:
+    if len(angle) != 1:
+        raise DriveError("angle: one arm at a time")
+    ((name, degrees),) = angle.items()
+    angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
+    assert a is not None  # as `_wanted_angles` has checked
+    text = f'{degrees:g} degrees of arm "{name}"'
+    return Goal(
+        text,
+        " degrees",
+        lambda reached: _ANGLE * (reached.angle - angles[a]),
+        lambda reached: math.degrees(reached.angle),
+        arm=a,
+    )
+
+
+def _across(drive: Drive, chord: tuple[float, float]) -> float:
+    """Gravity across a chord [m/s^2]; 0 for a strand that hangs upright."""
+    (x, y), (gx, gy) = chord, drive.run.gravity
+    part = abs(x * gy - y * gx) / math.hypot(x, y)
+    return part if part > _UPRIGHT * math.hypot(gx, gy) else 0.0
+
+
+def _coefficients(drive: Drive, chord: tuple[float, float]) -> tuple[float, float, float]:
+    """A, B and D of eq. (a) as strain = A / h - B h^2 + D."""
+    square = chord[0] * chord[0] + chord[1] * chord[1]
+    weight = drive.chain.mass / drive.chain.pitch * _across(drive, chord)
+    given_way = 2.0 * (drive.contact.sprocket.clearance or 0.0) / math.sqrt(square)
+    return weight * square / (8.0 * drive.chain.mean_stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
+
+
+def _sag_strain(drive: Drive, chord: tuple[float, float], sag: float) -> float:
+    elastic, geometric, given_way = _coefficients(drive, chord)
+    return elastic / sag - geometric * sag * sag + given_way
+
+
+def _sag(drive: Drive, chord: tuple[float, float], strain: float) -> float:
+    """The sag at a strain, eq. (a): the one positive root of B h^3 + (strain - D) h - A."""
+    elastic, geometric, given_way = _coefficients(drive, chord)
+    if elastic == 0.0:
+        return 0.0
+    roots = np.roots([geometric, 0.0, strain - given_way, -elastic])
+    return float(roots[np.isreal(roots)].real.max())
+
+
+def _with_links(drive: Drive, links: int) -> Drive:
+    return drive.model_copy(update={"chain": drive.chain.model_copy(update={"links": links})})

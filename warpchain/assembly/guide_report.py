@@ -1,0 +1,98 @@
+"""The part of `check` on guides that the chain goes around, on arms and on tensioners."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from warpchain.assembly.arm_balance import StillArm, stop_of
+from warpchain.drive.face_profile import direction
+from warpchain.drive.oil import static_force, static_pressure
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from warpchain.assembly.assembly import Assembly
+    from warpchain.assembly.path import ChainPath
+    from warpchain.assembly.statics import Steady
+    from warpchain.drive import Drive
+
+
+def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
+    """Where the chain lies on guide g and how it loads it; None where its path is not bent there.
+
+    The load over the length is T / R', R' the radius of the rollers' centers, the largest of its arcs; the force is
+    T |u_out - u_in|, u the directions in which the chain comes and goes.
+
+    Args:
+        path: of the chain, arms where they stand.
+        pull: (S,) tensions of the strands less m v^2 / p, which presses on no guide [N].
+    """
+    for k, string in enumerate(path.strings):
+        own = [] if string is None else [touch for touch in string.touches if touch.arc.guide == g]
+        if own:
+            ends = [place for touch in own for place in touch.places]
+            (ax, ay), (bx, by) = direction(own[0].arrive), direction(own[-1].leave)
+            tension = max(float(pull[k]), 0.0)
+            return {
+                "strand": drive.strand_names[k],
+                "places": [min(ends), max(ends)],
+                "wrap": math.degrees(sum(touch.wrap for touch in own)),
+                "load": tension / min(touch.arc.radius for touch in own),
+                "force": tension * math.hypot(bx - ax, by - ay),
+            }
+    return None
+
+
+def arms(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+    """Angles of the arms [degrees], as drawn 0, and on which stop they stand at work (else at assembly)."""
+    found = []
+    for a, arm in enumerate(drive.arms):
+        angles = _thrice(assembly, resting, running, lambda angles, a=a: math.degrees(angles[a]))
+        last = float(assembly.arm_angle[a] if running.failure else running.arm_angle[a])
+        found.append(
+            {
+                "name": arm.name,
+                **dict(zip(("angle", "standing_angle", "working_angle"), angles, strict=True)),
+                "stops": None if arm.stops is None else list(arm.stops),
+                "on_stop": stop_of(drive, a, last),
+            }
+        )
+    return found
+
+
+def tensioners(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+    """Extensions [m], static pressure [Pa] and forces [N] of the tensioners; a slider's at its steady center."""
+    found = []
+    for tensioner in drive.tensioners:
+        a = drive.arm_index(tensioner.on)
+        if a is None:
+            s, (ux, uy) = drive.tensioner_body(drive.tensioners.index(tensioner)), tensioner.unit_direction
+            home = drive.sprockets[s].center
+            places = [None if state.failure else state.center[s] - home for state in (resting, running)]
+            reach = [0.0, *(None if place is None else float(place @ (ux, uy)) for place in places)]
+        else:
+            still = StillArm(drive, a)
+            reach = _thrice(
+                assembly,
+                resting,
+                running,
+                lambda angles, t=tensioner, still=still, a=a: still.extension(t, float(angles[a])),
+            )
+        force = [None if x is None else static_force(tensioner, x) for x in reach]
+        found.append(
+            {
+                "name": tensioner.name,
+                "on": tensioner.on,
+                "static_pressure": static_pressure(tensioner) if tensioner.hydraulic else None,
+                **dict(zip(("extension", "standing_extension", "working_extension"), reach, strict=True)),
+                **dict(zip(("force", "standing_force", "working_force"), force, strict=True)),
+            }
+        )
+    return found
+
+
+def _thrice(assembly: Assembly, resting: Steady, running: Steady, value: Any) -> list[float | None]:
+    """A value of the arms' angles at assembly, at rest and at work; None where no steady state was found."""
+    states = [None if state.failure else float(value(state.arm_angle)) for state in (resting, running)]
+    return [float(value(assembly.arm_angle)), *states]

@@ -1,0 +1,354 @@
+"""Checks of a drive's layout before it runs: faults, for which no step is small enough, and advice, rules of thumb.
+
+A strand is the straight line of roller centers from sprocket to sprocket. A guide-bar's face goes from a to b along t,
+the chain on its left, n = (-t_y, t_x); a roller of radius Rr that rides on it has its center Rr off the face. With q a
+point of a strand, seen from a, where 0 <= q.t <= |b - a|:
+
+    strands cross        two of them have a point in common
+    cuts through         q.n goes from above 0, in front of the face, to more than a pitch behind where it would ride
+    dents                the strand that is nearest is everywhere behind the face, its ride pushed by Rr - q.n > a pitch
+
+A strand farther behind a bar than a quarter of its own length is not that bar's.
+
+Around curved and carried guides strands are drawn (`assembly.taut_string`). Of those and of arms it is checked that
+
+    no strand passes     none runs along the face within a quarter of its own length
+    faces away           the face is hollow toward a strand that is behind it, or that only its rounded ends touch
+    on its stop          an arm finds its balance at assembly against a stop
+
+    wrap       a sprocket that passes on a moment, the driver or one with a load, is wrapped by at least 90 degrees
+    idler      one that passes on none has at least three teeth in mesh, z phi / 2 pi, or rollers hammer it one by one
+    bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
+    safety     breaking load over the largest tension at work, centrifugal part and all, is at least 7
+
+The wraps and teeth in mesh are those that makers of roller chains ask for, 7 is their static safety. A bar that pushes
+its strand out by more than a pitch, or cuts through it, is a fault of `warpchain.assembly.layout_checks`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.arm_balance import chain_path, on_stops, stop_of
+from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
+from warpchain.assembly.path import ChainPath
+from warpchain.drive import Drive
+from warpchain.drive.batch_math import along, joined
+
+if TYPE_CHECKING:
+    from warpchain.assembly.taut_string import Touch
+    from warpchain.drive import Drive, Guide
+
+Point = tuple[float, float]
+Strand = tuple[Point, Point]
+
+
+def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
+    """Faults of a drive's layout, a line each: what, where, by how much, what to change; mostly nothing.
+
+    Args:
+        path: the chain's path, if it is known.
+
+    Raises:
+        DriveError: a path that cannot be drawn.
+    """
+    path = chain_path(drive) if path is None else path
+    strands = _strands(path)
+    found = [
+        _crossing(drive, path, k, m, place)
+        for k, m in combinations(range(len(strands)), 2)
+        if (place := meeting(strands[k], strands[m])) is not None
+    ]
+    for g, guide in enumerate(drive.guides):
+        if guide.straight and guide.arm is None:
+            found += _of_guide(drive, guide, strands)
+        else:
+            found += _of_face(drive, path, g, strands)
+    found += [line for a in range(len(drive.arms)) if (line := _on_stop(drive, path, a)) is not None]
+    return tuple(found)
+
+
+def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
+    """Variants of a stack that may have something wrong, by their paths (V,); of the others `findings` finds nothing.
+
+    Those with curved or carried guides that are not touched may, and those whose arms are on their stops.
+    """
+    start, end = path.strand_start, path.strand_end
+    found = np.zeros(len(start), dtype=bool)
+    chord = end - start
+    for k, m in combinations(range(start.shape[1]), 2):
+        apart = start[:, m] - start[:, k]
+        turn = cross(chord[:, k], chord[:, m])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            here, there = cross(apart, chord[:, m]) / turn, cross(apart, chord[:, k]) / turn
+        found |= (here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0)
+    for g, guide in enumerate(drive.guides):
+        if guide.straight and guide.arm is None:
+            found |= _bar_suspects(drive, g, start, end)
+        else:
+            found |= ~_on_guide(drive, path, g)
+    for a, arm in enumerate(drive.arms):
+        lower, upper = on_stops(arm, path.arm_angle[:, a])
+        found |= lower | upper
+    return found
+
+
+def _on_guide(drive: Drive, path: ChainPath, g: int) -> Any:
+    """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
+    length, found = drive.profile(g).face_length, False
+    for first, last in (touch.places for touch in _touches(path, g)):
+        found = found | ((last > 0.0) & (first < length))
+    return np.asarray(found)
+
+
+def _touches(path: ChainPath, g: int) -> list[Touch]:
+    """Where a chain touches guide g."""
+    return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
+
+
+def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Variants of which `_of_guide` may find something of a bar (V,)."""
+    bar, chain = drive.guides[g].bar, drive.chain
+    a, face = joined(bar.start), joined(bar.end) - joined(bar.start)
+    length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
+    a, t = np.atleast_2d(a)[:, None], np.atleast_2d(face)[:, None] / length[..., None]
+    (first, last), (above, below) = (
+        (of(start - a, t), of(end - a, t)) for of in (dot, lambda place, way: cross(way, place))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.stack([(0.0 - first) / (last - first), (length - first) / (last - first)])
+    begin, stop = np.maximum(0.0, shares.min(axis=0)), np.minimum(1.0, shares.max(axis=0))
+    level = first == last
+    beside = np.where(level, (first >= 0.0) & (first <= length), begin < stop)
+    begin, stop = np.where(level, 0.0, begin), np.where(level, 1.0, stop)
+    ends = np.stack([above + begin * (below - above), above + stop * (below - above)])
+    front, depth = ends.max(axis=0), along(chain.roller_radius) - ends.min(axis=0)
+    deep = beside & (depth > along(chain.pitch))
+    cuts = deep & (front > 0.0)
+    apart = np.where(beside & ~cuts, np.maximum(ends.sum(axis=0), -BEHIND * ends.sum(axis=0)), np.inf)
+    own = np.arange(len(apart)), apart.argmin(axis=1)
+    return np.asarray(cuts.any(axis=1) | (deep[own] & (front[own] <= 0.0)))
+
+
+def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
+    """Faults of a curved or carried guide."""
+    if _on_guide(drive, path, g):
+        return []
+    guide, touches = drive.guides[g], _touches(path, g)
+    hollow = sum(piece.curvature * piece.length for piece in drive.profile(g).face) > 0.0
+    nearest = nearest_strand(drive, g, strands)
+    if hollow and nearest is not None and (touches or nearest[2] < 0.0):
+        other = "left" if guide.side == "right" else "right"
+        return [
+            f'guides.{guide.name}: its face is turned away from strand "{drive.strand_names[nearest[0]]}": the chain '
+            f'rides on the {guide.side or "left"} of its line; set side = "{other}", or run the line the other way'
+        ]
+    if nearest is None:
+        return [f"guides.{guide.name}: no strand passes it: none runs along its face; move or turn it, or look at side"]
+    k, _, height = nearest
+    if not touches and abs(height) > OWN * math.dist(*strands[k]):
+        return [
+            f'guides.{guide.name}: no strand passes it: the nearest, "{drive.strand_names[k]}", is {abs(height):.4g} m '
+            f"{'off' if height > 0.0 else 'behind'} its face; move it, or look at side"
+        ]
+    return []
+
+
+def _on_stop(drive: Drive, path: ChainPath, a: int) -> str | None:
+    """The fault of an arm that rests on a stop."""
+    angle, arm = float(path.arm_angle[a]), drive.arms[a]
+    stop = stop_of(drive, a, angle)
+    if stop is None or arm.stops is None:
+        return None
+    return (
+        f"arms.{arm.name}: stands on its {stop} stop at assembly, at {math.degrees(angle):.4g} of {arm.stops[0]:g} to "
+        f"{arm.stops[1]:g} degrees, and takes up nothing beyond it: look at chain.links, at its stops, and at the "
+        "springs and tensioners that turn it"
+    )
+
+
+def _strands(path: ChainPath) -> list[Strand]:
+    """Ends of the strands as plain numbers."""
+    ends = zip(path.strand_start.tolist(), path.strand_end.tolist(), strict=True)
+    return [((x, y), (u, v)) for (x, y), (u, v) in ends]
+
+
+def meeting(one: Strand, other: Strand) -> Point | None:
+    """Where two strands cross, None where they do not; ends that touch do not count."""
+    (ax, ay), (bx, by) = one
+    (cx, cy), (dx, dy) = other
+    ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
+    turn = ux * vy - uy * vx
+    if turn == 0.0:
+        return None
+    here, there = (wx * vy - wy * vx) / turn, (wx * uy - wy * ux) / turn
+    if not (0.0 < here < 1.0 and 0.0 < there < 1.0):
+        return None
+    return ax + here * ux, ay + here * uy
+
+
+def _crossing(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> str:
+    ends = dict.fromkeys(s % len(drive.sprockets) for s in (k, k + 1, m, m + 1))
+    most = max(ends, key=lambda s: float(path.wrap_angle[s]))
+    names = drive.strand_names
+    return (
+        f'strands "{names[k]}" and "{names[m]}" cross at ({place[0]:.4g}, {place[1]:.4g}) m; no chain runs through '
+        f'itself: look at wrap and center of "{drive.sprockets[most].name}", around which it turns '
+        f"{math.degrees(path.wrap_angle[most]):.0f} degrees, or at the order of the sprockets"
+    )
+
+
+def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
+    """Faults of a guide-bar."""
+    (ax, ay), (bx, by), _ = guide.bar
+    length = math.hypot(bx - ax, by - ay)
+    tx, ty = (bx - ax) / length, (by - ay) / length
+    radius, pitch = drive.chain.roller_radius, drive.chain.pitch
+    lines: list[str] = []
+    nearest, own = math.inf, ""
+    for k, ((sx, sy), (ex, ey)) in enumerate(strands):
+        first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
+        begin, end = _within(first, last, length)
+        if begin >= end:
+            continue
+        above, below = (sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty
+        ends = above + begin * (below - above), above + end * (below - above)
+        front, depth = max(ends), radius - min(ends)
+        if front > 0.0 and depth > pitch:
+            share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
+            x, y = sx + share * (ex - sx), sy + share * (ey - sy)
+            lines.append(
+                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front "
+                f"of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or "
+                "shorten it (start, end)"
+            )
+        elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
+            nearest = apart
+            strand = math.hypot(ex - sx, ey - sy)
+            if not (front <= 0.0 and depth > pitch and -front < OWN * strand):
+                own = ""
+                continue
+            away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"
+            size = f"by {depth:.4g} m, {depth / pitch:.2g} pitches, out of its straight line"
+            own = f"{_named(drive, guide, 'dents', k)} {size}: {away}"
+    return [*lines, own] if own else lines
+
+
+def _named(drive: Drive, guide: Guide, does: str, k: int) -> str:
+    return f'guides.{guide.name}: its face {does} strand "{drive.strand_names[k]}"'
+
+
+def _within(first: float, last: float, length: float) -> tuple[float, float]:
+    """Shares of a line from `first` to `last` between which it is from 0 to `length`; empty where begin >= end."""
+    if first == last:
+        return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
+    shares = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
+    return max(0.0, shares[0]), min(1.0, shares[1])
+
+
+LEAST_WRAP = 90.0
+"""Of a sprocket that passes on a moment [degrees]."""
+LEAST_TEETH = 3.0
+"""In mesh, of one that passes on none."""
+NEAR = 0.5
+"""Of a pitch: how far a strand may be from where it would ride on a guide-bar, either way."""
+LEAST_SAFETY = 7.0
+"""Breaking load over the largest tension at work."""
+
+
+def advice(drive: Drive, path: ChainPath | None = None, tensions: Sequence[float] = ()) -> tuple[str, ...]:
+    """Advice, a line each: what, by how much, what to change; mostly nothing.
+
+    Args:
+        path: the chain's path, if it is known.
+        tensions: of the strands at work [N]; without them there is no advice on the breaking load.
+
+    Raises:
+        DriveError: a path that cannot be drawn.
+    """
+    path = chain_path(drive) if path is None else path
+    return (*_wraps(drive, path), *_bars(drive, path), *_safety(drive, tensions))
+
+
+def _wraps(drive: Drive, path: ChainPath) -> list[str]:
+    lines = []
+    for s, sprocket in enumerate(drive.sprockets):
+        wrap = math.degrees(float(path.wrap_angle[s]))
+        mesh = sprocket.teeth * wrap / 360.0
+        if sprocket.prescribed is not None or sprocket.load is not None:
+            if wrap < LEAST_WRAP:
+                lines.append(
+                    f"sprockets.{sprocket.name}: passes on a moment with {wrap:.0f} degrees of wrap, where "
+                    f"{LEAST_WRAP:g} are the least ({mesh:.1f} teeth in mesh): move it or its neighbors"
+                )
+        elif mesh < LEAST_TEETH:
+            lines.append(
+                f"sprockets.{sprocket.name}: {mesh:.1f} teeth in mesh ({wrap:.0f} degrees), where an idler wants "
+                f"{LEAST_TEETH:g}: rollers hammer it one by one; push it further into the chain, or give it more teeth"
+            )
+    return lines
+
+
+def _bars(drive: Drive, path: ChainPath) -> list[str]:
+    """Of bars of a straight face."""
+    lines = []
+    radius, pitch = drive.chain.roller_radius, drive.chain.pitch
+    for guide in drive.guides:
+        if guide.start is None or guide.end is None or guide.arm is not None:
+            continue
+        (ax, ay), (bx, by) = guide.start, guide.end
+        length = math.hypot(bx - ax, by - ay)
+        tx, ty = (bx - ax) / length, (by - ay) / length
+        gaps = []
+        for k, ((sx, sy), (ex, ey)) in enumerate(zip(path.strand_start, path.strand_end, strict=True)):
+            first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
+            ends = [(sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty]
+            if (shares := _over(first, last, length)) is not None:
+                # of rollers that ride on the face the center is a radius in front of it
+                gaps.append((min(ends[0] + share * (ends[1] - ends[0]) for share in shares) - radius, k))
+        nearest = min(gaps, key=lambda gap: abs(gap[0]), default=None)
+        if nearest is None:
+            lines.append(f"guides.{guide.name}: misses the chain: no strand passes over its face; move start and end")
+            continue
+        gap, k = nearest
+        named = f'strand "{drive.strand_names[k]}"'
+        if gap > NEAR * pitch:
+            lines.append(
+                f"guides.{guide.name}: misses the chain: its face stands {1e3 * gap:.3g} mm, {gap / pitch:.2g} "
+                f"pitches, off {named}; move start and end toward it unless it is there to catch swings"
+            )
+        elif -pitch <= gap < -NEAR * pitch:
+            lines.append(
+                f"guides.{guide.name}: dents {named} by {-1e3 * gap:.3g} mm, {-gap / pitch:.2g} pitches: its ends bear "
+                "hard; move start and end back, or take a curved face"
+            )
+    return lines
+
+
+def _over(first: float, last: float, length: float) -> tuple[float, float] | None:
+    """Shares of a line from `first` to `last` between which it is over 0 to `length`; None where it nowhere is."""
+    if first == last:
+        return None
+    low, high = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
+    low, high = max(low, 0.0), min(high, 1.0)
+    return (low, high) if low < high else None
+
+
+def _safety(drive: Drive, tensions: Sequence[float]) -> list[str]:
+    load = drive.chain.breaking_load
+    if load is None or not len(tensions) or max(tensions) <= 0.0:
+        return []
+    largest = max(tensions)
+    if load / largest >= LEAST_SAFETY:
+        return []
+    return [
+        f"chain: {1e-3 * largest:.4g} kN at work is a safety of {load / largest:.2g} against the breaking load of "
+        f"{1e-3 * load:.4g} kN, where {LEAST_SAFETY:g} is the least, before any vibration: take a larger chain.size or "
+        "less load"
+    ]

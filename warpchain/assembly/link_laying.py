@@ -1,0 +1,178 @@
+"""Links laid along a curve of straight pieces and arcs: every roller on the curve, every link a chord of it.
+
+Of a stack's variants the curves are one whose numbers are arrays (V,), of as many pieces each.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.batch_math import (
+    along,
+    every,
+    first_largest,
+    joined,
+    largest,
+    many,
+    quick_arcsin,
+    quick_hypot,
+    same,
+    smallest,
+    some,
+    where,
+)
+from warpchain.drive.face_profile import Piece, direction
+
+_NEWTON = 30
+_NEAR = 1e-10  # of a link: what is left after a step of Newton's method that small is round-off
+_EXACT = 4e-16  # of the curve
+_CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
+
+
+def _along(link: Any, curvature: Any) -> Any:
+    """Length along the piece of a link that begins and ends on it [m]."""
+    half = 0.5 * link * abs(curvature)
+    bends = (half > 0.0) & (half < 1.0)
+    safe = where(bends, half, 1.0)
+    return where(bends, link * quick_arcsin(safe) / safe, where(half == 0.0, link, math.inf))
+
+
+def _table(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Numbers or arrays (V,), one a piece, as an array (P, V), or (P, 1) of numbers."""
+    return np.atleast_2d(joined(values)).T
+
+
+def _of(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of a table (P, V, ...) what belongs to pieces (V,)."""
+    return table[i, np.arange(len(i)) if table.shape[1] > 1 else 0]
+
+
+class Curve:
+    """Pieces that follow each other, drawn out straight at both ends.
+
+    Args:
+        pieces: at least one.
+    """
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.pieces = tuple(pieces)
+        self.begins = [0.0, *accumulate(piece.length for piece in self.pieces)]
+        self.length = self.begins.pop()
+        self.ends = [begin + piece.length for begin, piece in zip(self.begins, self.pieces, strict=True)]
+        self.stacked = many(self.length)
+
+    @property
+    def longest(self) -> int:
+        """The longest straight piece, which all of a stack's must share."""
+        straight = [0.0 if some(piece.curvature != 0.0) else piece.length for piece in self.pieces]
+        return int(same(first_largest(straight)))
+
+    @cached_property
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(P, V, 6) start, heading, curvature, length and begin of the pieces, (P, V) where they end."""
+        columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
+        tables = np.broadcast_arrays(*map(_table, columns), _table(self.begins))
+        return np.stack(tables, axis=-1), _table(self.ends)
+
+    def _index(self, s: Any) -> Any:
+        """The piece on which the arc length s lies."""
+        if not many(s) and not self.stacked:
+            return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
+        found = np.zeros(np.broadcast(s, self.length).shape, dtype=np.int64)
+        for begin in self.begins[1:]:
+            found += s >= begin
+        return found
+
+    def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
+        """The point [m] and the heading [rad] at the arc length s [m]."""
+        i = self._index(s)
+        if many(i):
+            x, y, heading, curvature, length, begin = _of(self.tables[0], i).T
+            piece = Piece((x, y), heading, curvature, length)
+        else:
+            piece, begin = self.pieces[i], self.begins[i]
+        inner = s - begin
+        held = smallest(largest(inner, 0.0), piece.length)
+        (x, y), heading = piece.at(held)
+        if some(held != inner):
+            ux, uy = direction(heading)
+            x, y = x + (inner - held) * ux, y + (inner - held) * uy
+        return (x, y), heading
+
+    def _over(self, s: Any, link: Any) -> Any:
+        """Where a link that begins at s and ends on another piece ends [m], by Newton's method."""
+        (x, y), _ = self.at(s)
+        ahead, done = s + link, False
+        for _ in range(_NEWTON):
+            (px, py), heading = self.at(ahead)
+            dx, dy = px - x, py - y
+            chord = quick_hypot(dx, dy)
+            ux, uy = direction(heading)
+            change = (link - chord) * chord / (dx * ux + dy * uy)
+            ahead = where(done, ahead, ahead + change)
+            done = done | (abs(change) <= _NEAR * link)
+            if every(done):
+                break
+        return ahead
+
+    def places(self, links: NDArray[np.float64]) -> list[Any]:
+        """Where the rollers stand [m]: one more than there are links (n,) or (V, n), the first at 0."""
+        alike = bool((links == links[..., :1]).all())
+        stacked = self.stacked or links.ndim > 1
+        ends: Any = self.tables[1] if stacked else self.ends
+        found: list[Any] = [0.0]
+        s: Any = np.zeros(np.broadcast(self.length, links[..., 0]).shape) if stacked else 0.0
+        reaches: Any = None
+        for link in links.tolist() if links.ndim == 1 else links.T.copy():
+            if reaches is None or not alike:
+                reaches = [_along(link, piece.curvature) for piece in self.pieces]
+                reaches = _table(reaches) if stacked else reaches
+            i = self._index(s)
+            ahead = s + (_of(reaches, i) if stacked else reaches[i])
+            fits = ahead <= (_of(ends, i) if stacked else ends[i])
+            s = ahead if fits is True or every(fits) else where(fits, ahead, self._over(s, link))
+            found.append(s)
+        return found
+
+    def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
+        """(n, 2) or (V, n, 2) points at arc lengths [m]."""
+        points = [self.at(s)[0] for s in places]
+        return np.stack([joined([point[axis] for point in points]) for axis in range(2)], axis=-1)
+
+    def reversed(self) -> Curve:
+        """The curve run the other way."""
+        return Curve([piece.turned() for piece in reversed(self.pieces)])
+
+    def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
+        """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""
+        factor, known = self.length / total_of(links) if guess is None else guess, (0.0, 0.0)
+        near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
+        first, close = True, 0.0 if guess is None else _CLOSE * self.length
+        for _ in range(_NEWTON):
+            over = self.places(along(factor) * links)[-1] - self.length
+            if guess is None:
+                done = done | (abs(over) <= near)
+                if every(done):
+                    break
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slope = self.length / factor if first else (over - known[1]) / (factor - known[0])
+                known, first = (factor, over), False
+                done = done | (slope <= 0.0) | (over == 0.0)
+                factor = where(done, factor, factor - over / slope)
+                done = done | (abs(over) <= close)
+            if every(done):
+                break
+        return factor
+
+
+def total_of(links: NDArray[np.float64]) -> Any:
+    """The sum of lengths (n,), or sums of lengths (V, n)."""
+    return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

@@ -1,0 +1,343 @@
+"""Search for places of sprockets on lines at which their chains are as wanted: many drives of a kind at once.
+
+A search is a generator: it asks for what its drive is like with the sprocket at a place, and is sent it. What the
+searches of a stack ask for is worked out together, so that each finds what it would find alone.
+
+It tries first the path of pitch circles, in steps from where the sprocket stands, either way; then the assembly,
+near the places found.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.arm_balance import chain_paths
+from warpchain.assembly.assembly import Assembly, assemble_stack, assembled_strains
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_parts
+from warpchain.drive.batch import picked, stacks_of
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+_PLACES = 4000  # most places tried along the line
+_ENOUGH = 1e-10  # strain that the secant method may miss
+_EXACT = 1e-7  # strain that a solution may miss; more is a jump where a roller changes seats
+_SECANTS = 12
+_HALVINGS = 200
+
+Array = NDArray[np.float64]
+
+
+class Reached(NamedTuple):
+    """Strain, chord and arm angle of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
+
+    Attributes:
+        strain: of the strands' links [-].
+        chord: (2,) of the strand that the goal is about, from its first seat to its last [m].
+        angle: of the arm that the goal is about [rad].
+    """
+
+    strain: float = math.nan
+    chord: tuple[float, float] = (math.nan, math.nan)
+    angle: float = math.nan
+
+
+NOWHERE = Reached()
+
+
+@dataclass(frozen=True)
+class Goal:
+    """The goal of a search.
+
+    Attributes:
+        text, unit: in words.
+        over: the strain in excess of the wanted one, or what counts as such.
+        amount: what is reached, in the unit.
+        strand: whose chord counts.
+        arm: whose angle counts; None where a strain does.
+        sags: whether it matters where rollers stand.
+    """
+
+    text: str
+    unit: str
+    over: Callable[[Reached], float]
+    amount: Callable[[Reached], float]
+    strand: int = 0
+    arm: int | None = None
+    sags: bool = False
+
+
+class _Place(NamedTuple):
+    """A place that a search asks about [m], on the path or of the assembly."""
+
+    along: float
+    assembled: bool
+
+
+Steps = Generator[_Place, Reached, Any]
+
+
+class Search:
+    """Search for the nearest place along a line.
+
+    Args:
+        drive: its chain need not fit as it stands.
+        index: of the sprocket to move.
+        line: unit vector (2,).
+        goal: what is wanted.
+        travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
+    """
+
+    def __init__(
+        self, drive: Drive, index: int, line: tuple[float, float], goal: Goal, travel: float | None = None
+    ) -> None:
+        self.drive, self.index, self.line, self.goal, self.travel = drive, index, line, goal, travel
+        self.origin = drive.sprockets[index].center
+        others = [s.center for i, s in enumerate(drive.sprockets) if i != index]
+        nearest = min(math.dist(self.origin, center) for center in others)
+        around = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
+        self.reach = around if travel is None else travel
+        self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
+        self.seen: list[tuple[float, Reached]] = []
+        self.jumped = False  # over what is wanted, where rollers find other seats
+
+    def center(self, place: float) -> tuple[float, float]:
+        """The sprocket's center at a place [m]."""
+        return self.origin[0] + place * self.line[0], self.origin[1] + place * self.line[1]
+
+    def steps(self) -> Steps:
+        """Asks, and returns the place; None where there is none. Sought from the middle outwards."""
+        ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal(0.0))))
+        for ring in range(math.ceil(self.reach / self.step)):
+            found = []
+            for side, (inner, before) in ends.items():
+                outer = side * min((ring + 1) * self.step, self.reach)
+                after = yield from self._nominal(outer)
+                if before * after <= 0.0:
+                    place = yield from _root(self._nominal, (inner, before), (outer, after), 1e-4 * self.step)
+                    found.append(place)
+                ends[side] = outer, after
+            for place in sorted((place for place in found if math.isfinite(place)), key=abs):
+                exact = yield from self._refined(place)
+                if exact is not None:
+                    return exact
+        return None
+
+    def _nominal(self, place: float) -> Steps:
+        """Strain in excess of the wanted one on pitch circles and tangents; NaN where there is no path."""
+        reached = yield _Place(place, False)
+        if not math.isfinite(reached.strain):
+            return math.nan
+        if self.goal.arm is not None or abs(reached.strain) <= MAX_STRAIN:
+            self.seen.append((place, reached))
+        return self.goal.over(reached)
+
+    def _assembled(self, place: float) -> Steps:
+        """Strain in excess of the wanted one of the assembled drive; NaN where it does not assemble."""
+        return self.goal.over((yield _Place(place, True)))
+
+    def _refined(self, place: float) -> Steps:
+        """The place nearby where the assembly has the wanted strain; None where there is none."""
+        exact = yield from self._secant(place)
+        half = self.step / 32.0
+        while exact is None and half <= 2.0 * self.drive.chain.pitch:
+            low, high = place - half, place + half
+            below, above = (yield from self._assembled(low)), (yield from self._assembled(high))
+            if below * above <= 0.0:
+                exact = yield from _root(self._assembled, (low, below), (high, above), 1e-15)
+                if not abs((yield from self._assembled(exact))) <= _EXACT:
+                    self.jumped = True
+                    return None
+            half *= 2.0
+        return exact if exact is not None and abs(exact) <= self.reach else None
+
+    def _secant(self, place: float) -> Steps:
+        """The place nearby by the secant method; None where it does not come to one, as at a jump."""
+        first, step = place, 1e-5 * self.drive.chain.pitch
+        before = yield from self._assembled(place)
+        for _ in range(_SECANTS):
+            if abs(before) <= _ENOUGH:
+                return place
+            after = yield from self._assembled(place + step)
+            if not math.isfinite(after - before) or after == before:
+                return None
+            place, step, before = place + step, -after * step / (after - before), after
+            if abs(place + step - first) > 2.0 * self.drive.chain.pitch:
+                return None
+        return None
+
+    def failure(self) -> str:
+        """The message when nothing was found: what can be reached, and where."""
+        name, direction = self.drive.sprockets[self.index].name, [round(x, 6) for x in self.line]
+        within = "" if self.travel is None else f" within {self.travel:g} m"
+        text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
+        if not self.seen:
+            links, size = self.drive.chain.links, 100.0 * MAX_STRAIN
+            return f"{text}; nowhere on the line does a chain of {links} links fit within {size:g} % strain"
+        places = [place for place, _ in self.seen]
+        values = [self.goal.amount(reached) for _, reached in self.seen]
+        unit, jump = self.goal.unit, ", but jumps over that" if self.jumped else ""
+        return (
+            f"{text}; it can have {min(values):.4g} to {max(values):.4g}{unit}, moved by {min(places):+.4g} to "
+            f"{max(places):+.4g} m{jump}"
+        )
+
+
+def _root(
+    function: Callable[[float], Steps], low: tuple[float, float], high: tuple[float, float], enough: float
+) -> Steps:
+    """A place between two where the function changes sign, to `enough`; NaN where it has no value in between.
+
+    By inverse quadratic interpolation where the last three values lie so that it stays inside, else by halving:
+    Chandrupatla, Advances in Engineering Software 28 (1997) 145-149. The first place is that of the secant.
+
+    Args:
+        function: what to ask.
+        low, high: places, and the function there.
+        enough: [m].
+    """
+    (a, at_a), (b, at_b) = low, high
+    share = 0.5 if at_a == at_b else at_a / (at_a - at_b)
+    for _ in range(_HALVINGS):
+        place = a + share * (b - a)
+        here = yield from function(place)
+        if not math.isfinite(here):
+            return math.nan
+        (c, at_c) = (a, at_a)
+        if (here > 0.0) != (at_a > 0.0):
+            (c, at_c), (b, at_b) = (b, at_b), (a, at_a)
+        a, at_a = place, here
+        nearest = a if abs(at_a) <= abs(at_b) else b
+        least = (0.5 * enough + 2e-16 * abs(nearest)) / abs(b - a) if a != b else 1.0
+        if 0.0 in (at_a, at_b) or least > 0.5:
+            return nearest
+        along, rise = (a - b) / (c - b), (at_a - at_b) / (at_c - at_b)
+        share = 0.5
+        if rise**2 < along and (1.0 - rise) ** 2 < 1.0 - along:
+            share = at_a / (at_b - at_a) * at_c / (at_b - at_c)
+            share += (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b)
+        share = min(max(share, least), 1.0 - least)
+    return a
+
+
+# ------------------------------------------------------------------------------------------------------- together
+
+
+def search_all(searches: Sequence[Search]) -> list[float | None]:
+    """Run searches, each for the place of its own sprocket; of drives that move the same one.
+
+    Returns:
+        Places along their lines [m]; None for those that find none.
+    """
+    found: list[float | None] = [None] * len(searches)
+    for stack in stacks_of([search.drive for search in searches]):
+        members = stack.members.tolist()
+        for v, place in zip(members, _Together(stack.drive, [searches[v] for v in members]).run(), strict=True):
+            found[v] = place
+    return found
+
+
+class _Together:
+    """Searches of the variants of a stack."""
+
+    def __init__(self, drive: Drive, searches: Sequence[Search]) -> None:
+        self.drive, self.searches = drive, searches
+
+    def run(self) -> list[float | None]:
+        """The places found, None for a search without one."""
+        found: list[float | None] = [None] * len(self.searches)
+        work = [search.steps() for search in self.searches]
+        asked = {v: next(steps) for v, steps in enumerate(work)}
+        while asked:
+            for assembled in (False, True):
+                rows = [v for v, place in asked.items() if place.assembled is assembled]
+                if not rows:
+                    continue
+                answers = self._answers(rows, [asked[v].along for v in rows], assembled)
+                for v, reached in zip(rows, answers, strict=True):
+                    try:
+                        asked[v] = work[v].send(reached)
+                    except StopIteration as end:
+                        found[v] = end.value
+                        del asked[v]
+        return found
+
+    def _answers(self, rows: list[int], places: list[float], assembled: bool) -> list[Reached]:
+        """States of some variants with their sprockets at places."""
+        goals = [self.searches[v].goal for v in rows]
+        centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
+        drive, center = self.drive, centers[0]
+        if len(rows) < len(self.searches):
+            drive = picked(drive, np.array(rows))
+        if len(rows) > 1:
+            center = tuple(np.array(centers).T)  # of a stack
+        answers = [NOWHERE] * len(rows)
+        moved = _moved(drive, self.searches[0].index, center)
+        for members, states in allowed_parts(moved, len(rows), _evaluation(goals, assembled)):
+            for v, reached in zip(members.tolist(), states.of([goals[v] for v in members.tolist()]), strict=True):
+                answers[v] = reached
+        return answers
+
+
+def _moved(drive: Drive, index: int, center: tuple[float, float]) -> Drive:
+    """The drive, or stack, with a sprocket elsewhere, unchecked."""
+    sprockets = list(drive.sprockets)
+    sprockets[index] = sprockets[index].model_copy(update={"center": center})
+    return drive.model_copy(update={"sprockets": tuple(sprockets)})
+
+
+def _evaluation(goals: Sequence[Goal], assembled: bool) -> Callable[[Drive], _States]:
+    """The function that evaluates a stack: its paths, or its chains assembled as far as it matters."""
+    if not assembled:
+        return _on_paths
+    return _in_place if any(goal.sags for goal in goals) else _on_seats
+
+
+@dataclass(frozen=True)
+class _States:
+    """Strains (V,), chords (V, S, 2) of the strands and angles (V, A) of the arms of a stack."""
+
+    strain: Array
+    chord: Array
+    arms: Array
+
+    def of(self, goals: Sequence[Goal]) -> list[Reached]:
+        """The state of each variant, as its goal takes it."""
+        chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
+        angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
+        return [
+            Reached(strain, (x, y), angle)
+            for strain, (x, y), angle in zip(self.strain.tolist(), chords, angles, strict=True)
+        ]
+
+
+def _on_paths(drive: Drive) -> _States:
+    path = chain_paths(drive)
+    return _straight(path, path.nominal_strain)  # type: ignore[arg-type]  # (V,)
+
+
+def _on_seats(drive: Drive) -> _States:
+    return _straight(*assembled_strains(drive))
+
+
+def _straight(path: ChainPath, strain: Array) -> _States:
+    return _States(strain, path.strand_end - path.strand_start, path.arm_angle)
+
+
+def _in_place(drive: Drive) -> _States:
+    state = assemble_stack(drive)
+    return _States(state.strain, strand_chords(state), state.arm_angle)  # type: ignore[arg-type]  # (V,)
+
+
+def strand_chords(state: Assembly) -> Array:
+    """Chords of the strands of a stack's states from seat to seat (V, S, 2) [m]."""
+    count = state.position.shape[1]
+    first, last = state.strand_first, (state.strand_first + state.strand_links) % count
+    begin, end = (np.take_along_axis(state.position, places[..., None], axis=1) for places in (first, last))
+    return np.asarray(end - begin)

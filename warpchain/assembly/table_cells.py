@@ -1,0 +1,222 @@
+"""Tables of speed and torque made ready for the kernels: cubics on a uniform grid, and their exact integrals.
+
+Rows whose distances are whole multiples of some spacing are met exactly. Others are brought onto a grid 64 times finer
+than their smallest distance, of at most 2^17 cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.motion_table import SpeedTable, Table
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+Array = NDArray[np.float64]
+
+MOST_CELLS = 2**17
+FINEST = 1000  # parts of the smallest distance between rows tried as spacing
+_COMMON = 1e-6  # of a spacing: rows this near to the grid are on it
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table on a uniform grid: `kernels.structs.Tabulated` and its values.
+
+    Attributes:
+        start, spacing: of the grid, in s or in rad of the sprocket's own angle.
+        coefficients: (cells, 4) of the cubic in each cell, by powers of the place in the cell, 0 to 1.
+        integral: (cells + 1,) from 0 to each cell's beginning, and to the end.
+        over_angle, repeats: see `kernels.structs.Tabulated`.
+    """
+
+    start: float
+    spacing: float
+    coefficients: Array
+    integral: Array
+    over_angle: bool = False
+    repeats: bool = False
+
+    def values(self) -> Array:
+        """Values that the kernels read: five values a cell, and the integral over all cells."""
+        cells = np.column_stack([self.coefficients, self.integral[:-1]])
+        return np.append(cells.ravel(), self.integral[-1])
+
+    def fill(self, row: Any, first: int) -> None:
+        """Fills a `kernels.structs.Tabulated` whose values stand from `first` on."""
+        row["cells"], row["first"] = len(self.coefficients), first
+        row["over_angle"], row["repeats"] = self.over_angle, self.repeats
+        row["start"], row["spacing"] = self.start, self.spacing
+
+
+class TableList:
+    """The values of all tables of an ensemble, each table once."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Array] = []
+        self.length = 0
+        self.known: dict[tuple[Table, float], tuple[Cells, int]] = {}
+        self.seen: dict[tuple[int, float], tuple[Table, Cells, int]] = {}  # by identity: long tables are slow to hash
+
+    def add(self, row: Any, table: Table, ratio: float) -> None:
+        """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's own angle over that of the table."""
+        if (id(table), ratio) not in self.seen:
+            self.seen[id(table), ratio] = (table, *self._find(table, ratio))
+        _, cells, first = self.seen[id(table), ratio]
+        cells.fill(row, first)
+
+    def _find(self, table: Table, ratio: float) -> tuple[Cells, int]:
+        """The table's cells and where their values stand."""
+        key = (table, ratio)
+        if key not in self.known:
+            cells = cells_of(table, ratio)
+            self.known[key] = cells, self.length
+            self.blocks.append(cells.values())
+            self.length += len(self.blocks[-1])
+        return self.known[key]
+
+    def array(self) -> Array:
+        """All values; a zero where there are none, since Warp reads no empty array."""
+        return np.concatenate(self.blocks) if self.blocks else np.zeros(1)
+
+
+def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
+    """Angle of sprocket s over that of the sprocket `shaft`, by their teeth; 1 for None."""
+    if shaft is None:
+        return 1.0
+    teeth = next(sprocket.teeth for sprocket in drive.sprockets if sprocket.name == shaft)
+    return teeth / drive.sprockets[s].teeth
+
+
+def initial_speed(table: SpeedTable) -> float:
+    """Forward speed at t = 0 [rad/s]: at angle 0, or at time 0."""
+    if table.time is not None and table.over[0] >= 0.0:
+        return table.factor * table.speed[0]
+    over, values = np.array(table.over), np.array(table.values)
+    at = 0.0 if table.time is not None else over[0] + np.mod(-over[0], 2.0 * math.pi * table.revolutions)
+    return float(hermite(over, values, slopes_of(table), np.clip([at], over[0], over[-1]))[0][0])
+
+
+def cells_of(table: Table, ratio: float) -> Cells:
+    """A table on a uniform grid; speeds over angle become speeds over time."""
+    over, values, slopes = np.array(table.over), np.array(table.values), slopes_of(table)
+    if table.time is not None:
+        return _with_origin(*_uniform(over, values, slopes), False, False)
+    over, slopes = over * ratio, None if slopes is None else slopes / ratio
+    period = 2.0 * math.pi * table.revolutions * ratio
+    over = over[0] + (over - over[0]) * (period / (over[-1] - over[0]))
+    if isinstance(table, SpeedTable):
+        return _over_time(over, values, slopes, period)
+    return _with_origin(*_uniform(over, values, slopes), True, True)
+
+
+def slopes_of(table: Table) -> Array | None:
+    """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None.
+
+    A table over angle goes round: the rows beside its ends are those of the turns before and after.
+    """
+    if table.interpolation == "linear":
+        return None
+    from scipy.interpolate import PchipInterpolator  # here, since it takes a quarter of a second
+
+    x, y = np.array(table.over), np.array(table.values)
+    if table.angle is None or len(x) == 2:
+        return np.asarray(PchipInterpolator(x, y)(x, 1))
+    before, after = x[0] - (x[-1] - x[-2]), x[-1] + (x[1] - x[0])
+    beyond = PchipInterpolator(np.concatenate([[before], x, [after]]), np.concatenate([[y[-2]], y, [y[1]]]))
+    return np.asarray(beyond(x, 1))
+
+
+def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array, Array]:
+    """Value and slope at `at` of the cubic through rows with these slopes, or of straight lines for None."""
+    k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
+    step, rise = x[k + 1] - x[k], y[k + 1] - y[k]
+    u = (at - x[k]) / step
+    if slopes is None:
+        return np.asarray(y[k] + u * rise), np.asarray(rise / step)
+    c1, m1 = step * slopes[k], step * slopes[k + 1]
+    c2, c3 = 3.0 * rise - 2.0 * c1 - m1, c1 + m1 - 2.0 * rise
+    return y[k] + u * (c1 + u * (c2 + u * c3)), (c1 + u * (2.0 * c2 + 3.0 * u * c3)) / step
+
+
+def _spacing(x: Array) -> tuple[float, int]:
+    """The grid's spacing and number of cells."""
+    gap, span = float(np.diff(x).min()), float(x[-1] - x[0])
+    for parts in range(1, FINEST + 1):
+        cells = round(span / gap * parts)
+        if cells > MOST_CELLS:
+            break
+        places = (x - x[0]) * (cells / span)
+        if np.abs(places - np.rint(places)).max() < _COMMON:
+            return span / cells, cells
+    cells = min(MOST_CELLS, math.ceil(64.0 * span / gap))
+    return span / cells, cells
+
+
+def _uniform(x: Array, y: Array, slopes: Array | None) -> tuple[float, float, Array]:
+    """Start, spacing and coefficients of the table on its grid."""
+    spacing, cells = _spacing(x)
+    grid = x[0] + spacing * np.arange(cells + 1)
+    grid[-1] = x[-1]
+    places = np.rint((x - x[0]) / spacing).astype(int)
+    on = np.abs((x - x[0]) / spacing - places) < _COMMON
+    grid[places[on]] = x[on]
+    value, slope = hermite(x, y, slopes, grid)
+    return float(x[0]), spacing, _coefficients(value, None if slopes is None else slope * spacing)
+
+
+def _coefficients(value: Array, slope: Array | None) -> Array:
+    """(cells, 4) from the values at the grid's points, and the slopes per cell there (None: straight lines)."""
+    rise = np.diff(value)
+    if slope is None:
+        return np.column_stack([value[:-1], rise, 0.0 * rise, 0.0 * rise])
+    left, right = slope[:-1], slope[1:]
+    return np.column_stack([value[:-1], left, 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise])
+
+
+def _with_origin(start: float, spacing: float, coefficients: Array, over_angle: bool, repeats: bool) -> Cells:
+    """The cells with their integrals, which begin at 0 of the axis."""
+    parts = spacing * (coefficients @ [1.0, 0.5, 1.0 / 3.0, 0.25])
+    integral = np.append(0.0, np.cumsum(parts))
+    if not repeats:
+        within = min(max(-start / spacing, 0.0), float(len(parts)))
+        cell = min(int(within), len(parts) - 1)
+        u = within - cell
+        c0, c1, c2, c3 = coefficients[cell]
+        value = c0 + u * (c1 + u * (c2 + u * c3))
+        origin = integral[cell] + spacing * u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        integral = integral - (origin + (-start / spacing - within) * spacing * value)
+    return Cells(start, spacing, coefficients, integral, over_angle, repeats)
+
+
+def _over_time(over: Array, speed: Array, slopes: Array | None, period: float) -> Cells:
+    """A speed over angle as one over time, from dt = d phi / Omega(phi) by Gauss's rule; it repeats with the period.
+
+    Its integral over the period is the period's angle to round-off.
+    """
+    begin = float(over[0])
+    rows = np.unique(np.append(np.mod(over, period), [0.0, period]))
+    parts = min(32, max(4, MOST_CELLS // (2 * len(rows))))
+    phi = np.append((rows[:-1, None] + np.diff(rows)[:, None] / parts * np.arange(parts)).ravel(), period)
+    node, weight = np.polynomial.legendre.leggauss(5)
+    half = 0.5 * np.diff(phi)[:, None]
+
+    def omega(angle: Array) -> tuple[Array, Array]:
+        return hermite(over, speed, slopes, begin + np.mod(angle - begin, period))
+
+    inside = phi[:-1, None] + half * (1.0 + node)
+    time = np.append(0.0, np.cumsum((half * weight / omega(inside)[0]).sum(axis=1)))
+    cells = min(MOST_CELLS, max(1024, len(phi)))
+    at, _ = hermite(time, phi, omega(phi)[0], np.linspace(0.0, time[-1], cells + 1))
+    value, slope = omega(at)
+    value[-1] = value[0]
+    spacing = float(time[-1]) / cells
+    coefficients = _coefficients(value, value * slope * spacing)
+    table = _with_origin(0.0, spacing, coefficients, False, True)
+    return _with_origin(0.0, spacing, coefficients * (period / table.integral[-1]), False, True)

@@ -1,0 +1,350 @@
+r"""The taut string: the shortest way between two ends past the guides of a strand, as arcs and tangents.
+
+Rollers that ride on a face have their centers on a curve `offset` above it. A taut string touches that curve where it
+is convex only, so an obstacle is a run of convex arcs: circles of center c and radius R, about which the string turns
+with the sign w (+1 counter-clockwise, the guide on its left; -1, on its right), each between two headings of its
+tangent. Straight and concave pieces need nothing of their own: a string lies on a straight piece as the tangent of the
+arcs at its ends, and bridges a concave one.
+
+Ends are points or circles (sprockets; a point is a circle of radius 0). Between neighbors k and l the string runs along
+the unit vector u with left normal n, over the length S, D = c_l - c_k and D' = D turned by +90 degrees:
+
+    D = S u + h n,   h = w_l R_l - w_k R_k,   S = sqrt(|D|^2 - h^2),   u = (S D - h D') / |D|^2.               (a)
+
+Which arcs it touches is found by an active set: arcs that it would have to push away from are dropped; the arc that a
+straight part cuts deepest is taken in; where a tangent point lies beyond an arc's end, the next arc of the run is. On
+arc l that a tangent of heading u passes, the place nearest to being cut is c - w R n(u), held between the arc's ends,
+and it is cut by w n.(p - c + w R n) with p any point of the tangent.
+
+The gradient of the length is minus the direction at the first end and the direction at the last one, and for a guide
+that moves by dr, turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_out - h_in) dtheta,
+with h = (r - p) x u the lever of a tangent, since a string of tension 1 pushes it so.
+
+Strings of a stack's variants are one whose numbers are arrays (V,), as long as all touch the same arcs; else they are
+`warpchain.drive.batch_math.Unlike`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+from warpchain.drive.batch_math import first_largest, largest, quick_arcsin, quick_arctan2, same, smallest, sqrt, where
+from warpchain.drive.face_profile import Piece, Point, Profile, direction, turn
+
+_CUT = 1e-11
+"""Depth to which a tangent may cut an arc by round-off [m]."""
+_NO_WRAP = 1e-12  # rad
+_ROUNDS = 500
+
+
+class TautError(ValueError):
+    """No string runs between the ends.
+
+    Attributes:
+        guide: index of the guide in its way, -1 for none.
+    """
+
+    def __init__(self, guide: int, text: str) -> None:
+        super().__init__(text)
+        self.guide = guide
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A convex arc of rollers' centers over a guide, or with guide -1 an end of the string, of any heading.
+
+    Attributes:
+        center: [m].
+        radius: R [m].
+        sign: w, +1 where the string turns counter-clockwise, else -1.
+        begin, end: headings of its tangent where the string could first and last touch it [rad];
+            w (end - begin) > 0.
+        guide: index of the guide.
+        place: place on the guide's face that belongs to `begin` [m].
+        slope: what a place changes per heading [m/rad].
+        before, after: length of the straight piece to the arc before and after it in the guide's run [m]; None where
+            there is no such arc, or a concave piece lies between.
+    """
+
+    center: Point
+    radius: float
+    sign: float = 1.0
+    begin: float = -math.inf
+    end: float = math.inf
+    guide: int = -1
+    place: float = 0.0
+    slope: float = 0.0
+    before: float | None = None
+    after: float | None = None
+
+    def held(self, heading: Any) -> Any:
+        """The heading nearest to a given one at which the arc has a tangent [rad]."""
+        if self.guide < 0:
+            return heading
+        middle = 0.5 * (self.begin + self.end)
+        half = 0.5 * abs(self.end - self.begin)
+        return middle + largest(-half, smallest(half, turn(heading - middle)))
+
+    def at(self, heading: Any) -> tuple[Any, Any]:
+        """Where its tangent has a heading [m]."""
+        x, y = direction(heading)
+        reach = self.sign * self.radius
+        return self.center[0] + reach * y, self.center[1] - reach * x
+
+    def past(self, heading: Any, last: bool) -> Any:
+        """Whether a tangent's heading lies beyond the arc's last or first one."""
+        if self.guide < 0:
+            return False
+        off = turn(heading - (self.end if last else self.begin))
+        return (self.sign if last else -self.sign) * off > _NO_WRAP
+
+
+@dataclass(frozen=True)
+class Touch:
+    """An arc that a string touches, between two headings [rad]; `wrap` is the angle between them."""
+
+    arc: Arc
+    arrive: float
+    leave: float
+
+    @property
+    def wrap(self) -> float:
+        """Wrapped angle [rad]; negative where the string would have to pull."""
+        return self.arc.sign * turn(self.leave - self.arrive)
+
+    @property
+    def places(self) -> tuple[float, float]:
+        """Places on the guide's face between which the chain lies on it [m], ascending."""
+        ends = [self.arc.place + self.arc.slope * turn(heading - self.arc.begin) for heading in self._headings]
+        return smallest(*ends), largest(*ends)
+
+    @property
+    def _headings(self) -> tuple[float, float]:
+        return self.arrive, self.leave
+
+
+@dataclass(frozen=True)
+class Taut:
+    """A taut string.
+
+    Attributes:
+        pieces: straight parts and arcs, in order, from the first end to the last.
+        first, last: heading at which it leaves the first end and reaches the last [rad].
+        touches: the guides' arcs that it touches, in order.
+        free: lengths of the straight parts that lie on no guide, in order [m].
+        numbers: of the arcs that it touches, among all those of the obstacles.
+    """
+
+    pieces: tuple[Piece, ...]
+    first: float
+    last: float
+    touches: tuple[Touch, ...]
+    free: tuple[float, ...]
+    numbers: tuple[int, ...]
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return sum(piece.length for piece in self.pieces)
+
+    def levers(self, guides: Iterable[int], pivot: Point) -> float:
+        """h_out - h_in summed over what it touches of some guides [m]: the moment about the pivot per tension."""
+        known, total = set(guides), 0.0
+        for touch in self.touches:
+            if touch.arc.guide in known:
+                for heading, side in ((touch.leave, 1.0), (touch.arrive, -1.0)):
+                    (x, y), (ux, uy) = touch.arc.at(heading), direction(heading)
+                    total = total + side * ((x - pivot[0]) * uy - (y - pivot[1]) * ux)
+        return total
+
+    def chain_length(self, pitch: float) -> float:
+        """Length of links of a pitch along it [m]: on arcs of radius R they are chords, 2 asin(p / 2R) each."""
+        total = 0.0
+        for piece in self.pieces:
+            total = total + piece.length * _shorter(0.5 * pitch * abs(piece.curvature))
+        return total
+
+
+def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[Arc, ...]:
+    """The convex arcs of rollers' centers over a face, in the order in which the chain passes them.
+
+    Args:
+        profile: the face where it stands.
+        offset: of the rollers' centers [m].
+        guide: its index.
+        along: whether the chain travels in the direction of the profile's pieces, the guide on its right.
+    """
+    arcs: list[Arc] = []
+    gap: float | None = None
+    last = len(profile.pieces) - 1
+    for i, (place, piece) in enumerate(zip(profile.places, profile.pieces, strict=True)):
+        if piece.curvature == 0.0:
+            gap = None if gap is None else gap + piece.length
+            continue
+        if piece.curvature > 0.0:
+            gap = None
+            continue
+        nx, ny = direction(piece.heading + 0.5 * math.pi)
+        reach = 1.0 / piece.curvature
+        center = (piece.start[0] + reach * nx, piece.start[1] + reach * ny)
+        begin, end = piece.heading, piece.end_heading
+        begin, end = (begin + 0.4 * math.pi * (i == 0), end - 0.4 * math.pi * (i == last))  # rounded ends go on
+        start = place + (begin - piece.heading) / piece.curvature
+        if arcs and gap is not None:
+            arcs[-1] = replace(arcs[-1], after=gap)
+        arcs.append(Arc(center, offset - reach, -1.0, begin, end, guide, start, 1.0 / piece.curvature, gap))
+        gap = 0.0
+    return tuple(arcs) if along else tuple(_turned(arc) for arc in reversed(arcs))
+
+
+def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> Taut:
+    """The taut string from the circle or point `first` to `last` around obstacles.
+
+    Args:
+        first, last: its ends.
+        obstacles: runs of arcs, in the order in which they are passed.
+        like: numbers of the arcs that it probably touches, among all of these.
+
+    Raises:
+        TautError: if a guide and an end overlap so that no tangent joins them.
+        Unlike: strings of a stack's variants, not all of which touch the same arcs.
+    """
+    runs = [arc for run in obstacles for arc in run]
+    known = {id(arc): (run, i) for run in obstacles for i, arc in enumerate(run)}
+    chosen = [first, *(runs[i] for i in like), last]
+    for _ in range(_ROUNDS):
+        missing = _tangents(chosen, known)
+        if isinstance(missing, tuple):
+            chosen.insert(*missing)
+            continue
+        touches = [Touch(arc, missing[k][1], missing[k + 1][0]) for k, arc in enumerate(chosen[1:-1])]
+        if touches:
+            lifted = [-touch.wrap for touch in touches]
+            worst = same(where(largest(*lifted) > _NO_WRAP, first_largest(lifted), -1))
+            if worst >= 0:
+                del chosen[worst + 1]
+                continue
+        more = _beyond(touches, chosen, known) or _deepest(chosen, missing, runs)
+        if more is None:
+            return _string(chosen, missing, touches, runs)
+        chosen.insert(*more)
+    raise TautError(next((arc.guide for arc in chosen[1:-1]), -1), "no taut string was found around it")
+
+
+def point(place: Sequence[Any]) -> Arc:
+    """An end of a string that is a point [m]."""
+    return Arc((place[0], place[1]), 0.0)
+
+
+def circle(center: Sequence[Any], radius: Any, sign: float) -> Arc:
+    """An end of a string that is a sprocket, about which it turns with a sign."""
+    return Arc((center[0], center[1]), radius, sign)
+
+
+# --------------------------------------------------------------------------------------------------------- details
+
+_Tangent = tuple[Any, Any, Any, bool]  # heading where it leaves, where it arrives, length, along a joint
+_Where = dict[int, tuple[tuple[Arc, ...], int]]
+
+
+def _shorter(bend: Any) -> Any:
+    """Length of chords over their arc, on a circle that bends by 2 asin(b) under each."""
+    bends = (bend > 0.0) & (bend < 1.0)
+    safe = where(bends, bend, 1.0)
+    return where(bends, safe / quick_arcsin(safe), 1.0)
+
+
+def _turned(arc: Arc) -> Arc:
+    """The arc as the chain passes it the other way."""
+    place = arc.place + arc.slope * (arc.end - arc.begin)
+    begin, end = arc.end + math.pi, arc.begin + math.pi
+    return Arc(arc.center, arc.radius, 1.0, begin, end, arc.guide, place, arc.slope, arc.after, arc.before)
+
+
+def _neighbor(arc: Arc, known: _Where, step: int) -> Arc | None:
+    """The arc before (-1) or after (1) it in its guide's run, where no concave piece lies between."""
+    if id(arc) not in known or (arc.after if step > 0 else arc.before) is None:
+        return None
+    run, i = known[id(arc)]
+    return run[i + step]
+
+
+def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
+    """The tangents from each to the next; or where there is none, what to take in between, and at which place."""
+    found: list[_Tangent] = []
+    for k, (one, other) in enumerate(pairwise(chosen), 1):
+        if _neighbor(one, known, 1) is other:
+            assert one.after is not None
+            found.append((one.end, one.end, one.after, True))
+            continue
+        dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
+        h = other.sign * other.radius - one.sign * one.radius
+        square = dx * dx + dy * dy
+        if same(square <= h * h):
+            for arc, step in ((other, -1), (one, 1)):
+                between = _neighbor(arc, known, step)
+                if between is not None and between is not (one if step < 0 else other):
+                    return k, between
+            guide = other.guide if other.guide >= 0 else one.guide
+            raise TautError(guide, "stands where no tangent of the chain reaches it")
+        length = sqrt(square - h * h)
+        heading = quick_arctan2(length * dy - h * dx, length * dx + h * dy)
+        found.append((heading, heading, length, False))
+    return found
+
+
+def _beyond(touches: list[Touch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
+    """The next arc of a run, where a string arrives before the first tangent of an arc or leaves after the last."""
+    for k, touch in enumerate(touches, 1):
+        for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
+            between = _neighbor(touch.arc, known, step)
+            if between is None or chosen[k + step] is between:
+                continue
+            if same(touch.arc.past(heading, step > 0)):
+                return k + (step > 0), between
+    return None
+
+
+def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
+    """The arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
+    worst: Any = _CUT
+    found: Any = -1
+    taken = {id(arc) for arc in chosen}
+    places: list[tuple[int, Arc]] = []
+    for k, (heading, _, length, joint) in enumerate(tangents):
+        if joint:
+            continue
+        (x, y), (ux, uy) = chosen[k].at(heading), direction(heading)
+        for arc in runs:
+            if id(arc) in taken:
+                continue
+            px, py = arc.at(arc.held(heading))
+            ahead = (px - x) * ux + (py - y) * uy
+            depth = arc.sign * ((y - py) * ux - (x - px) * uy)
+            cuts = (depth > worst) & (ahead > 0.0) & (ahead < length)
+            worst, found = where(cuts, depth, worst), where(cuts, len(places), found)
+            places.append((k + 1, arc))
+    found = same(found)
+    return None if found < 0 else places[found]
+
+
+def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch], runs: list[Arc]) -> Taut:
+    pieces: list[Piece] = []
+    for k, (heading, _, length, _) in enumerate(tangents):
+        if k:
+            touch = touches[k - 1]
+            arc = touch.arc
+            if same(touch.wrap > 0.0):
+                start = arc.at(touch.arrive)
+                pieces.append(Piece(start, touch.arrive, arc.sign / arc.radius, touch.wrap * arc.radius))
+        if same(length > 0.0):
+            pieces.append(Piece(chosen[k].at(heading), heading, 0.0, length))
+    free = tuple(length for _, _, length, joint in tangents if not joint)
+    pressed = tuple(t for t in touches if same(t.wrap > _NO_WRAP))
+    order = {id(arc): i for i, arc in enumerate(runs)}
+    numbers = tuple(order[id(touch.arc)] for touch in pressed)
+    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free, numbers)

@@ -1,0 +1,132 @@
+"""The command `warpchain fit`: solves, and writes the drive file back with its comments and its order."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.assembly import assemble
+from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, strand_sag
+from warpchain.drive import loads_drive, read_drive_text, write_drive_text
+from warpchain.drive.examples import drive_path, is_example
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+
+def fit_file(arguments: Namespace) -> list[str]:
+    """Runs the command; returns the lines to print.
+
+    Args:
+        arguments: drive, links, odd, sprocket, along, strain, preload, sag, strand, angle, arm and output, as the
+            parser has them.
+
+    Raises:
+        DriveError: a drive that is wrong, a wish that cannot be met or a file that cannot be written.
+    """
+    moving = arguments.sprocket is not None
+    if not (moving or arguments.links):
+        raise DriveError("nothing to fit: give --links, or --sprocket with --along and what is wanted")
+    if moving != (arguments.along is not None):
+        raise DriveError("--sprocket and --along: give both, or none")
+    wanted = (arguments.strain, arguments.preload, arguments.sag)
+    if not moving and any(x is not None for x in wanted):
+        raise DriveError("--strain, --preload, --sag: need a sprocket to move, --sprocket and --along")
+    if arguments.angle is not None and any(x is not None for x in wanted) and not arguments.links:
+        raise DriveError("--angle: without --links it stands alone; leave out --strain, --preload, --sag")
+    path = drive_path(arguments.drive)
+    output = arguments.output or path
+    if is_example(output):
+        raise DriveError(f"{arguments.drive} comes with the package: give -o OUT.toml to write a file of your own")
+
+    text = read_drive_text(path)
+    before = loads_drive(text, str(path), Path(path).parent)
+    angle = _angle(before, arguments)
+    drive = fit_links(before, odd=arguments.odd, angle=angle) if arguments.links else before
+    if moving and angle is not None and not any(x is not None for x in wanted):
+        drive = fit_angle(drive, arguments.sprocket, _direction(arguments.along), angle)
+    elif moving:
+        drive = fit_position(
+            drive,
+            arguments.sprocket,
+            _direction(arguments.along),
+            strain=arguments.strain,
+            preload=arguments.preload,
+            sag=arguments.sag,
+            strand=arguments.strand,
+        )
+    write_drive_text(edited(text, drive), output)
+    return [*_changes(before, drive), *_state(drive), f"written: {output}"]
+
+
+def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
+    """The wanted angle of an arm by its name [degrees]."""
+    if arguments.angle is None:
+        if arguments.arm is not None:
+            raise DriveError("--arm: needs --angle")
+        return None
+    if arguments.arm is None and len(drive.arms) != 1:
+        raise DriveError(f"--angle: needs --arm, the drive has {len(drive.arms)} arms")
+    return {arguments.arm or drive.arms[0].name: arguments.angle}
+
+
+def edited(text: str, drive: Drive) -> str:
+    """A drive file's text with the links and centers of a drive, all else as it is.
+
+    Args:
+        text: TOML of a drive that differs from `drive` at most in these.
+        drive: where the values come from.
+    """
+    import tomlkit
+
+    document: Any = tomlkit.parse(text)
+    if document["chain"]["links"] != drive.chain.links:
+        document["chain"]["links"] = drive.chain.links
+    for table, sprocket in zip(document["sprockets"], drive.sprockets, strict=True):
+        for axis, value in enumerate(sprocket.center):
+            if table["center"][axis] != value:
+                table["center"][axis] = value
+    return tomlkit.dumps(document)
+
+
+def _direction(word: str) -> list[float]:
+    try:
+        direction = [float(part) for part in word.split(",")]
+    except ValueError:
+        direction = []
+    if len(direction) != 2:
+        raise DriveError(f"--along {word}: must be two numbers DX,DY, such as 1,0")
+    return direction
+
+
+def _changes(before: Drive, after: Drive) -> list[str]:
+    lines = []
+    if before.chain.links != after.chain.links:
+        lines.append(f"chain.links = {after.chain.links} (was {before.chain.links})")
+    for old, new in zip(before.sprockets, after.sprockets, strict=True):
+        if old.center != new.center:
+            lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
+    return lines or ["nothing changed: it fits as it is"]
+
+
+def _state(drive: Drive) -> list[str]:
+    """Strain, preload and sags of the drive after the fit."""
+    assembly = assemble(drive)
+    state = "taut" if assembly.strain >= 0.0 else "slack"
+    preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)
+    sags = ", ".join(
+        f"{name} {1e3 * strand_sag(drive, assembly, k):.3g} mm"
+        for k, name in enumerate(drive.strand_names)
+        if assembly.path.strings[k] is None
+    )
+    arms = ", ".join(
+        f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(drive.arms, assembly.arm_angle, strict=True)
+    )
+    return [
+        f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
+        *([f"sag at rest: {sags}"] if sags else []),
+        *([f"arms at assembly, degrees: {arms}"] if arms else []),
+    ]

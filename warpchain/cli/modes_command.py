@@ -1,0 +1,85 @@
+"""The command `warpchain modes`: modes and Campbell diagrams, printed and written."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive import Drive
+from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.modal.campbell import Campbell
+    from warpchain.modal.eigenmodes import Modes
+
+KINDS = (".html", ".png", ".svg", ".rrd", ".npz")
+
+
+def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """Finds the modes, writes what was asked for, and returns the lines to print."""
+    from warpchain.modal.eigenmodes import modes
+    from warpchain.modal.mode_page import campbell_lines, lines
+
+    path, speeds = arguments.output, arguments.speed
+    if path is not None and path.suffix not in KINDS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(KINDS)}")
+    if len(speeds) > 2 or min(speeds) < 0.0:
+        raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
+    if arguments.phases > 1 and len(speeds) < 2:
+        raise WarpchainError(f"--phases {arguments.phases}: takes a diagram over two speeds, --speed FROM TO")
+    if arguments.valve != "shut" and len(speeds) == 2:
+        raise WarpchainError(f"--valve {arguments.valve}: takes one speed; diagrams are with valves shut")
+    found = None
+    if len(speeds) == 2:
+        found = _campbell(drive, speeds, arguments.points, arguments.count, arguments.phases)
+        result = found.modes[0].first(arguments.count)
+    else:
+        result = modes(drive, arguments.count, speeds[0], arguments.valve)
+    said = lines(result) + (campbell_lines(found) if found is not None else [])
+    if path is not None:
+        _write(path, result, found)
+        said.append(str(path))
+    return said
+
+
+def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
+    """A Campbell diagram, with a bar while it is made."""
+    import numpy as np
+
+    from warpchain.engine.progress import bar as bar_of
+    from warpchain.modal.campbell import campbell
+    from warpchain.modal.phases import over_a_pitch
+
+    between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
+    if phases > 1:
+        with bar_of(phases, "modes", "phase") as bar:
+            return over_a_pitch(drive, between, count, phases, lambda done, _: bar.update(done - bar.n))[0]
+    with bar_of(len(between), "modes", "speed") as bar:
+        return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
+
+
+def _write(path: Path, result: Modes, found: Campbell | None) -> None:
+    """Writes modes, or a Campbell diagram, as the path's ending says."""
+    from warpchain.errors import ArchiveError
+    from warpchain.files import refusals, whole_file, write_text
+    from warpchain.modal import mode_figures
+    from warpchain.view.figures.style import save_figure
+
+    if path.suffix == ".html":
+        from warpchain.modal.mode_page import page
+
+        with refusals(path, ArchiveError):
+            write_text(path, page(result, found))
+    elif path.suffix == ".rrd":
+        from warpchain.modal.mode_recording import save_recording
+
+        save_recording(result, path)
+    elif path.suffix == ".npz":
+        import numpy as np
+
+        arrays: Any = result.arrays()
+        with refusals(path, ArchiveError), whole_file(path) as file:
+            np.savez(file, **arrays)
+    else:
+        save_figure(mode_figures.shapes_figure(result) if found is None else mode_figures.campbell_figure(found), path)

@@ -1,0 +1,94 @@
+"""The command `warpchain import`: a measured signal beside a run, as tables, figures, JSON and a Rerun recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.results.measured import Comparison
+
+ENDINGS = (".png", ".svg", ".rrd", ".json")
+
+
+def compare(arguments: argparse.Namespace) -> list[str]:
+    """Writes what was asked for; returns the lines to print: statistics and orders of both signals, files written."""
+    from warpchain.results.measured import compared, source
+    from warpchain.results.measured_file import Columns, read_signal
+    from warpchain.view.chosen import recorded
+
+    for path in arguments.output:
+        if path.suffix not in ENDINGS:
+            raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(ENDINGS)}")
+    offset = _offset(arguments.offset)
+    one = recorded(arguments.archive, arguments.variant)
+    unit = source(one.trajectory, arguments.name).unit
+    columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit)
+    found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
+    lines = _lines(found)
+    for path in arguments.output:
+        _write(path, arguments, one, found)
+        lines.append(str(path))
+    return lines
+
+
+def _offset(word: str) -> float | None:
+    if word == "auto":
+        return None
+    try:
+        return float(word)
+    except ValueError:
+        raise WarpchainError(f"--offset {word}: must be a number of seconds, or auto") from None
+
+
+def _lines(found: Comparison) -> list[str]:
+    from warpchain.results.units import display_unit
+
+    measured = found.measured
+    unit, factor = display_unit(measured.unit, max(map(abs, found.statistics.get("largest", (0.0,)))))
+    span = f"{measured.time[0]:.4g} to {measured.time[-1]:.4g} s"
+    lines = [f"{measured.name} [{unit}]: measured {span}, simulated in the latter half of the run"]
+    rows = [(name, *pair) for name, pair in found.statistics.items()]
+    rows += [(f"order {value:.4g}, {cause}", ours, theirs) for value, (cause, ours, theirs) in found.orders.items()]
+    wide = max((len(name) for name, *_ in rows), default=0)
+    lines.append(f"  {'':{wide}}  {'simulated':>10}  {'measured':>10}  {'off':>8}")
+    for name, ours, theirs in rows:
+        off = f"{100.0 * (ours / theirs - 1.0):+.1f} %" if theirs != 0.0 else "-"
+        lines.append(f"  {name:{wide}}  {factor * ours:10.4g}  {factor * theirs:10.4g}  {off:>8}")
+    return lines
+
+
+def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Comparison) -> None:
+    if path.suffix == ".rrd":
+        from warpchain.view.rerun import view
+
+        view(one.run, one.index, save=path, measured=[found])
+    elif path.suffix == ".json":
+        from warpchain.files import write_text
+
+        write_text(path, json.dumps(_values(found), indent=2) + "\n")
+    else:
+        from warpchain.view.figures.rig_figures import measured_figure
+        from warpchain.view.figures.style import save_figures
+
+        save_figures({path.stem: measured_figure(one.trajectory.drive, found)}, path.parent, path.suffix[1:])
+
+
+def _values(found: Comparison) -> dict[str, Any]:
+    """Both signals' statistics and orders, in SI."""
+    pair = ("simulated", "measured")
+    return {
+        "name": found.measured.name,
+        "unit": found.measured.unit,
+        "measured_from": float(found.measured.time[0]),
+        "measured_to": float(found.measured.time[-1]),
+        "statistics": {name: dict(zip(pair, both, strict=True)) for name, both in found.statistics.items()},
+        "orders": [
+            {"order": value, "cause": cause, "simulated": ours, "measured": theirs}
+            for value, (cause, ours, theirs) in found.orders.items()
+        ],
+    }

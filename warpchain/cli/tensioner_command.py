@@ -1,0 +1,221 @@
+"""The command `warpchain tensioner`: a tensioner on its test rig, printed, drawn and written."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive import Drive
+from warpchain.errors import ArchiveError, WarpchainError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from warpchain.engine.rig import Shake, Shaken
+
+FIGURES, TABLES = (".png", ".svg"), (".csv", ".parquet")
+RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
+"""Default ranges of sweeps [Hz], [degrees C]."""
+MOST_POINTS = 1000
+COLDEST, HOTTEST = -60.0, 300.0
+"""Temperatures that the law of viscosity is taken for [degrees C]."""
+
+
+def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """Rides the tensioner as asked, writes what was asked for, and returns the lines to print."""
+    path: Path | None = arguments.output
+    if path is not None and path.suffix not in FIGURES + TABLES:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURES + TABLES)}")
+    if arguments.sweep is None and arguments.range is not None:
+        raise WarpchainError("--range: only with --sweep")
+    arguments.frequency, arguments.viscosity = (
+        list(dict.fromkeys(values)) for values in (arguments.frequency, arguments.viscosity)
+    )
+    return _sweep(drive, arguments) if arguments.sweep is not None else _rides(drive, arguments)
+
+
+def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """A ride for each frequency and viscosity: extremes and work of the last cycle, and the loops."""
+    shakes = _shakes(arguments, arguments.frequency, arguments.viscosity or [None])
+    path = arguments.output
+    if path is not None and path.suffix in TABLES and len(shakes) > 1:
+        raise WarpchainError(f"-o {path}: holds one ride, not {len(shakes)}; give one frequency and one viscosity")
+    done = _ridden(drive, arguments, shakes, samples=True)
+    said = [line for row in done.rides.to_pylist() for line in _ride_lines(row, arguments.cycles)]
+    if path is None:
+        return said
+    if path.suffix in TABLES:
+        from warpchain.study.results import export_table
+
+        export_table(done.samples[0], path, ArchiveError)
+    else:
+        from warpchain.view.figures.rig_figures import loop_figure
+        from warpchain.view.figures.style import save_figure
+
+        labels = [_label(row, shakes) for row in done.rides.to_pylist()]
+        title = f"{_title(arguments)}{_only(done.rides)}"
+        save_figure(loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title), path)
+    return [*said, str(path)]
+
+
+def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """Rides over frequency or temperature: a line for each, and their figure or table."""
+    import numpy as np
+
+    over_temperature = arguments.sweep == "temperature"
+    low, high = _range(arguments)
+    if over_temperature:
+        if arguments.viscosity:
+            raise WarpchainError("--viscosity: not with --sweep temperature, which finds it from the drive's own")
+        x = np.linspace(low, high, arguments.points).tolist()
+        oils = _viscosities(drive, arguments, x)
+        curves = [(f"{frequency:g} Hz", _shakes(arguments, [frequency], oils)) for frequency in arguments.frequency]
+        axis = "oil temperature [\N{DEGREE SIGN}C]"
+    else:
+        x = np.geomspace(low, high, arguments.points).tolist()
+        curves = [(_oil(oil), _shakes(arguments, x, [oil])) for oil in arguments.viscosity or [None]]
+        axis = "frequency [Hz]"
+    done = _ridden(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
+    parts = {label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)}
+    said = [line for label, table in parts.items() for line in _listed(label, x, axis, table, len(parts) > 1)]
+    path = arguments.output
+    if path is None:
+        return said
+    if path.suffix in TABLES:
+        from warpchain.study.results import export_table
+
+        export_table(
+            _with_temperature(done.rides, x, len(parts)) if over_temperature else done.rides, path, ArchiveError
+        )
+    else:
+        from warpchain.view.figures.rig_figures import sweep_figure
+        from warpchain.view.figures.style import save_figure
+
+        title = _title(arguments)
+        if len(parts) == 1:
+            title += f", {next(iter(parts))}" if over_temperature or arguments.viscosity else ""
+        save_figure(sweep_figure(parts, x, axis, title), path)
+    return [*said, str(path)]
+
+
+def _shakes(
+    arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
+) -> list[Shake]:
+    """Every frequency with every viscosity; None is the drive's own."""
+    from warpchain.engine.rig import Shake
+
+    return [
+        Shake(arguments.amplitude, frequency, arguments.extension, viscosity)
+        for frequency in frequencies
+        for viscosity in viscosities
+    ]
+
+
+def _range(arguments: argparse.Namespace) -> tuple[float, float]:
+    low, high = arguments.range or RANGES[arguments.sweep]
+    bottom, top = (0.0, math.inf) if arguments.sweep == "frequency" else (COLDEST, HOTTEST)
+    if not bottom < low < high < top:
+        allowed = "two frequencies above 0" if math.isinf(top) else f"two temperatures from {bottom:g} to {top:g} C"
+        raise WarpchainError(f"--range {low:g} {high:g}: must be {allowed}, the lower first")
+    if not COLDEST <= arguments.at <= HOTTEST:
+        raise WarpchainError(f"--at {arguments.at:g}: must be a temperature from {COLDEST:g} to {HOTTEST:g} C")
+    if not 2 <= arguments.points <= MOST_POINTS:
+        raise WarpchainError(f"--points {arguments.points}: must be 2 to {MOST_POINTS}")
+    return low, high
+
+
+def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
+    """The drive's oil at each temperature [m^2/s]."""
+    from warpchain.drive.oil import THICKEST, THINNEST, viscosity_at
+    from warpchain.engine.rig import tensioner_of
+
+    oil = tensioner_of(drive, arguments.name).oil
+    if oil is None:
+        raise WarpchainError(f"--sweep temperature: tensioner {arguments.name!r} has no oil")
+    if not THINNEST <= oil.viscosity <= THICKEST:
+        key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
+        raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
+    return [viscosity_at(oil.viscosity, t, arguments.at) for t in temperatures]
+
+
+def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
+    """Rides, with a bar where there are many."""
+    from tqdm import tqdm
+
+    from warpchain.engine.rig import shake
+
+    hidden = len(shakes) < 5
+    with tqdm(total=len(shakes), desc="rig", unit="ride", file=sys.stderr, dynamic_ncols=True, disable=hidden) as bar:
+        return shake(drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n))
+
+
+def _oil(viscosity: float | None) -> str:
+    return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
+
+
+def _label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
+    """Label of a ride among others."""
+    words = []
+    if len({one.frequency for one in shakes}) > 1:
+        words.append(f"{row['frequency']:g} Hz")
+    if len({one.viscosity for one in shakes}) > 1:
+        words.append(_oil(row["viscosity"]))
+    return ", ".join(words) or "ride"
+
+
+def _title(arguments: argparse.Namespace) -> str:
+    """Title of a figure; a dollar in a name begins no formula."""
+    name = arguments.name.replace("$", r"\$")
+    return f"{name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
+
+
+def _only(rides: pa.Table) -> str:
+    """Frequency and oil that all rides have in common, for a title."""
+    found = {name: set(rides[name].to_pylist()) for name in ("frequency", "viscosity")}
+    said = f" at {found['frequency'].pop():g} Hz" if len(found["frequency"]) == 1 else ""
+    viscosity = found["viscosity"].pop() if len(found["viscosity"]) == 1 else math.nan
+    return said if math.isnan(viscosity) else f"{said}, oil of {_oil(viscosity)}"
+
+
+def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
+    """A ride's last cycle, in four lines; a spring's in two."""
+    head = f"{row['frequency']:g} Hz, {1e3 * row['amplitude']:g} mm about {1e3 * row['extension']:g} mm"
+    oil = not math.isnan(row["viscosity"])
+    lines = [
+        f"{head}{', oil of ' + _oil(row['viscosity']) if oil else ''}; cycle {cycles}:",
+        f"  force     {row['force_min']:10.4g} to {row['force_max']:.4g} N; work on the plunger {row['work']:.4g} J",
+    ]
+    if oil:
+        lines += [
+            f"  pressure  {1e-5 * row['pressure_min']:10.4g} to {1e-5 * row['pressure_max']:.4g} bar"
+            + (f", boiling {100.0 * row['vapor']:.2g} % of the time" if row["vapor"] > 0.0 else ""),
+            f"  valve     opens {row['openings']} times, lifts {1e3 * row['lift_max']:.3g} mm; "
+            f"in {1e9 * row['supplied']:.4g} mm^3, leaked {1e9 * row['leaked']:.4g} mm^3",
+        ]
+    return lines
+
+
+def _listed(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
+    """A sweep's curve as lines of a table."""
+    head = "       Hz" if "Hz" in axis else "        C"
+    lines = [label] if named else []
+    lines.append(f"{head}   mm^2/s   force [N]           pressure [bar]    work [J]  leaked [mm^3]")
+    for at, row in zip(x, table.to_pylist(), strict=True):
+        lines.append(
+            f"{at:9.4g} {1e6 * row['viscosity']:8.4g} {row['force_min']:9.4g} {row['force_max']:9.4g} "
+            f"{1e-5 * row['pressure_min']:8.3g} {1e-5 * row['pressure_max']:8.4g} {row['work']:10.4g} "
+            f"{1e9 * row['leaked']:9.4g}"
+        )
+    return lines
+
+
+def _with_temperature(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
+    import numpy as np
+    import pyarrow as pa
+
+    column = pa.array(np.tile(np.asarray(temperatures, dtype=float), curves))
+    return rides.add_column(0, pa.field("temperature", column.type, metadata={"unit": "degC"}), column)

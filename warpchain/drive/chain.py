@@ -1,0 +1,323 @@
+"""The chain: links, their wear and stiffness, joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from pydantic import AfterValidator, Field
+
+from warpchain.drive.batch_math import along, many, some, sqrt, where
+from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.schema import (
+    BARE,
+    Allowed,
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Value,
+    allowed,
+    at_most,
+    elements,
+    exactly_one,
+    get,
+    numbers,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at least 3")]
+LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
+
+MOST_LINKS = 1_000_000
+"""Largest number of links: beyond it a file is surely mistaken."""
+
+ESTIMATE = "estimate"
+"""The stiffness that stands for the catalogue's estimate."""
+
+
+def _check_size(value: str) -> str:
+    if value not in CHAINS:
+        raise ValueError("not in the catalogue")
+    return value
+
+
+SIZE_TEXT = "must be a size of ISO 606: " + ", ".join(CHAINS)
+Size = Annotated[Annotated[str, Field(strict=True), AfterValidator(_check_size)], Value(SIZE_TEXT)]
+Stiffness = Annotated[
+    Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)],
+    Value('must be a positive number, or "estimate" together with a size'),
+]
+
+
+class WornLink(Part):
+    """One link whose length is its own.
+
+    Attributes:
+        link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
+        elongation: of this link [-], relative to the pitch and in place of the chain's.
+    """
+
+    link: LinkIndex
+    elongation: Elongation
+
+
+class Joint(Part):
+    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.joint`).
+
+    Attributes:
+        friction: mu_d [-], of pin and bush.
+        pin_radius: r_p [m]; None is half of the size's d2.
+        factor: kappa [-], by how the pressure is spread: 1 line contact, 4/pi worn in, pi/2 new.
+        static_friction: mu_s [-], at rest; None is mu_d.
+        stribeck_speed: v_s [m/s], over which mu falls from mu_s to mu_d; needed with static_friction.
+    """
+
+    friction: NonNegative
+    pin_radius: Positive | None = None
+    factor: Positive = 4.0 / math.pi
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+
+    @property
+    def static_coefficient(self) -> float:
+        """mu_s [-]."""
+        return self.friction if self.static_friction is None else self.static_friction
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is any friction."""
+        return some(self.friction > 0.0) or some(self.static_coefficient > 0.0)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        dynamic, static = get(node, "friction"), get(node, "static_friction")
+        if numbers(dynamic, static) and static < dynamic:
+            yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
+        if static is not None and get(node, "stribeck_speed") is None:
+            text = f"missing; {allowed(cls, 'stribeck_speed')}; needed with static_friction"
+            yield Problem(("stribeck_speed",), None, text, BARE)
+
+
+class OuterLinks(Part):
+    """Values of the outer links; those left out are as in inner links.
+
+    Attributes:
+        elongation: by wear [-], relative to the pitch.
+        stiffness: of one link [N/m].
+        damping: of one link [N s/m].
+    """
+
+    elongation: Elongation | None = None
+    stiffness: Positive | None = None
+    damping: NonNegative | None = None
+
+
+class Chain(Part):
+    """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
+
+    Attributes:
+        size: ISO 606 size, which fills pitch, roller_radius and mass where they are not given.
+        pitch: unloaded length of a link [m].
+        links: number of links and of rollers, >= 3; even unless an offset link is meant.
+        roller_mass: mass of one pitch of chain [kg]; or
+        mass_per_length: [kg/m].
+        stiffness: of one link [N/m]; given as "estimate", the catalogue's for the size.
+        damping: of one link [N s/m], >= 0; or
+        damping_ratio: zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
+        roller_radius: [m], below half the pitch.
+        elongation: of every link by wear [-], relative to the pitch.
+        worn_links: links with an elongation of their own.
+        joint: what rubs in its joints; None is no friction.
+        outer: what the outer links, those of even index, have of their own; the rest are then inner links.
+        play: s [m], how far a link can be drawn out, and pushed in, before its spring acts; None is none.
+    """
+
+    size: Size | None = None
+    pitch: Positive
+    links: Links
+    roller_mass: Positive | None = None
+    mass_per_length: Positive | None = None
+    stiffness: Stiffness
+    damping: NonNegative | None = None
+    damping_ratio: NonNegative | None = None
+    roller_radius: Positive
+    elongation: Elongation = 0.0
+    worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
+    joint: Annotated[Joint | None, Allowed("must be a table { friction, pin_radius }")] = None
+    outer: Annotated[OuterLinks | None, Allowed("must be a table { elongation, stiffness, damping }")] = None
+    play: NonNegative | None = None
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
+        "roller_mass": ("mass_per_length",),
+        "mass_per_length": ("roller_mass",),
+        "damping": ("damping_ratio",),
+        "damping_ratio": ("damping",),
+    }
+    _judged: ClassVar[frozenset[str]] = frozenset({"links", "pitch", "roller_radius", "play", "worn_links"})
+
+    @property
+    def mass(self) -> float:
+        """Mass of one roller with its share of the links [kg]."""
+        if self.roller_mass is not None:
+            return self.roller_mass
+        assert self.mass_per_length is not None  # the chain's own rule
+        return self.mass_per_length * self.pitch
+
+    @property
+    def link_damping(self) -> float:
+        """Damping of one link [N s/m]."""
+        if self.damping is not None:
+            return self.damping
+        assert self.damping_ratio is not None  # the chain's own rule
+        return 2.0 * self.damping_ratio * sqrt(self.stiffness * self.mass)
+
+    @property
+    def link_play(self) -> float:
+        """Play of a link [m]."""
+        return 0.0 if self.play is None else self.play
+
+    @property
+    def outer_pitch(self) -> float:
+        """Unloaded length of an outer link that has no elongation of its own [m]."""
+        own = None if self.outer is None else self.outer.elongation
+        return self.pitch * (1.0 + (self.elongation if own is None else own))
+
+    @property
+    def outer_stiffness(self) -> float:
+        """Stiffness of an outer link [N/m]."""
+        return self.stiffness if self.outer is None or self.outer.stiffness is None else self.outer.stiffness
+
+    @property
+    def outer_damping(self) -> float:
+        """Damping of an outer link [N s/m]; a damping ratio is that of the inner ones."""
+        return self.link_damping if self.outer is None or self.outer.damping is None else self.outer.damping
+
+    @property
+    def mean_stiffness(self) -> float:
+        """Stiffness of like links [N/m] that would make as stiff a chain: an outer and an inner one in series."""
+        if self.outer is None:
+            return self.stiffness
+        series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
+        return where(self.outer_stiffness == self.stiffness, self.stiffness, series)
+
+    @property
+    def varied_links(self) -> bool:
+        """Whether links differ in more than their length, or have play."""
+        played = self.play is not None and some(self.play > 0.0)
+        if self.outer is None:
+            return played
+        alike = (self.outer_stiffness == self.stiffness) & (self.outer_damping == self.link_damping)
+        return played | (alike ^ True)
+
+    @property
+    def worn_pitch(self) -> float:
+        """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
+        inner = self.pitch * (1.0 + self.elongation)
+        if self.outer is None:
+            return inner + self.link_play
+        return where(self.outer_pitch == inner, inner, 0.5 * (inner + self.outer_pitch)) + self.link_play
+
+    @property
+    def pulled_pair(self) -> tuple[float, float]:
+        """Lengths at which a pulled inner and a pulled outer link begin to carry tension [m]."""
+        inner = self.pitch * (1.0 + self.elongation)
+        return inner + self.link_play, self.outer_pitch + self.link_play
+
+    @property
+    def link_lengths(self) -> NDArray[np.float64]:
+        """(N,) unloaded lengths of the links [m]; of a stack (V, N), where they are not those of all."""
+        import numpy as np
+
+        inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
+        links: Any = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
+        columns: tuple[Any, ...] = inner, outer, links
+        variants = next((len(column) for column in columns if many(column)), None)
+        lengths = np.empty(self.links if variants is None else (variants, self.links))
+        rows, own = lengths.T, np.arange(len(links)) if many(links) else None
+        rows[:] = inner
+        if self.outer is not None:
+            rows[::2] = outer
+        for worn in self.worn_links:
+            rows[worn.link if own is None else (worn.link, own)] = self.pitch * (1.0 + worn.elongation)
+        return lengths
+
+    @property
+    def pulled_lengths(self) -> NDArray[np.float64]:
+        """(N,) or (V, N) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by play."""
+        return self.link_lengths + along(self.link_play)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction in its joints."""
+        return self.joint is not None and self.joint.rubs
+
+    @property
+    def pin_radius(self) -> float | None:
+        """Radius of the pins [m]: the joint's own, or else the size's; None where neither is given."""
+        if self.joint is not None and self.joint.pin_radius is not None:
+            return self.joint.pin_radius
+        return None if self.size is None else CHAINS[self.size].pin_radius
+
+    @property
+    def breaking_load(self) -> float | None:
+        """Least tensile strength of a chain of its size [N]; None without a size."""
+        return None if self.size is None else CHAINS[self.size].breaking_load
+
+    @property
+    def stiffness_is_estimate(self) -> bool:
+        """True if the stiffness is the catalogue's estimate for the size."""
+        return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        size = get(values, "size")
+        if not isinstance(values, Mapping) or not isinstance(size, str):
+            return values
+        if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
+            return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
+        chain = CHAINS[size]
+        filled = {"pitch": chain.pitch, "roller_radius": chain.roller_radius}
+        if values.get("roller_mass") is None:
+            filled["mass_per_length"] = chain.mass_per_length
+        whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
+        return whole | {"stiffness": chain.estimated_stiffness} if values.get("stiffness") == ESTIMATE else whole
+
+    @classmethod
+    def _missing(cls, key: str, node: Any) -> Problem:
+        if get(node, "size") is not None and key in ("pitch", "roller_radius"):
+            return Problem(("size",), get(node, "size"), SIZE_TEXT)
+        return super()._missing(key, node)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        radius, pitch = get(node, "roller_radius"), get(node, "pitch")
+        if get(node, "size") is None or get(node, "roller_mass") is not None:
+            yield from exactly_one(node, "roller_mass", "mass_per_length")
+        yield from at_most(node, "links", MOST_LINKS)
+        if get(node, "outer") is not None and numbers(links := get(node, "links")) and links % 2:
+            yield Problem(("links",), links, "must be even where outer links differ")
+        play = get(node, "play")
+        if numbers(play, pitch) and play > 0.1 * pitch > 0:
+            yield Problem(("play",), play, f"must be at most a tenth of the pitch, {pitch / 10:g}")
+        joint = get(node, "joint")
+        if joint is not None and get(joint, "pin_radius") is None and get(node, "size") is None:
+            text = "missing; must be a positive number; needed without a size"
+            yield Problem(("joint", "pin_radius"), None, text, BARE)
+        links, seen = get(node, "links"), set()
+        for i, worn in enumerate(elements(node, "worn_links")):
+            link = get(worn, "link")
+            if numbers(link, links) and link >= links:
+                yield Problem(("worn_links", i, "link"), link, f"must be below the number of links, {links}")
+            if numbers(link) and link in seen:
+                yield Problem(("worn_links", i, "link"), link, "must be another link than those before")
+            seen.add(link if numbers(link) else None)
+        yield from exactly_one(node, "damping", "damping_ratio", "must be a number of at least 0")
+        if numbers(radius, pitch) and radius >= pitch / 2 > 0:
+            yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")

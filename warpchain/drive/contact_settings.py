@@ -1,0 +1,245 @@
+"""The contact settings of a drive: force law, restitution, and a stiffness, given or from materials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Field
+
+from warpchain.drive.laws import LAWS, Means
+from warpchain.drive.schema import (
+    BARE,
+    Allowed,
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Switch,
+    Value,
+    allowed,
+    get,
+    numbers,
+)
+
+MATERIALS = ("width", "reference_load", "roller", "partner")
+"""The keys from which a stiffness can be computed; all four, or `stiffness` itself."""
+
+
+def _check_law(value: str) -> str:
+    if value not in LAWS:
+        raise ValueError("no law")
+    return value
+
+
+LawName = Annotated[
+    str,
+    Field(strict=True),
+    AfterValidator(_check_law),
+    Value("must be one of " + ", ".join(f'"{name}"' for name in LAWS)),
+]
+RestitutionMeans = Annotated[Means, Value('must be "parameter" or "rebound"')]
+Restitution = Annotated[float, Field(strict=True, gt=0, le=1), Value("must be a number above 0, at most 1")]
+Exponent = Annotated[float, Field(strict=True, ge=1, allow_inf_nan=False), Value("must be a number of at least 1")]
+PoissonsRatio = Annotated[float, Field(strict=True, gt=-1, le=0.5), Value("must be a number above -1, at most 0.5")]
+SeatAngle = Annotated[
+    float, Field(strict=True, gt=0, lt=180), Value("must be a number of degrees above 0 and below 180")
+]
+
+
+class Material(Part):
+    """An elastic, isotropic material.
+
+    Attributes:
+        youngs_modulus: [Pa], > 0.
+        poissons_ratio: [-], above -1, at most 0.5.
+    """
+
+    youngs_modulus: Positive
+    poissons_ratio: PoissonsRatio
+
+
+Body = Annotated[Material, Allowed("must be a table { youngs_modulus, poissons_ratio }")]
+
+_STIFFNESS_OR_MATERIALS: Mapping[str, tuple[str, ...]] = {"stiffness": MATERIALS} | {
+    key: ("stiffness",) for key in MATERIALS
+}
+
+
+def _not_both(node: Any) -> Iterator[Problem]:
+    given = [key for key in MATERIALS if get(node, key) is not None]
+    if get(node, "stiffness") is not None and given:
+        text = f"not together with {', '.join(given)}; give stiffness, or {', '.join(MATERIALS)}"
+        yield Problem(("stiffness",), get(node, "stiffness"), text)
+
+
+def stiffness_given(node: Any) -> Iterator[Problem]:
+    """The rule that a contact has a stiffness or all that it takes to compute one, and not both."""
+    absent = [key for key in MATERIALS if get(node, key) is None]
+    if get(node, "stiffness") is None and len(absent) == len(MATERIALS):
+        text = f"missing; must be a positive number, or give {', '.join(MATERIALS)} instead"
+        yield Problem(("stiffness",), None, text, BARE)
+    elif get(node, "stiffness") is None:
+        for key in absent:
+            yield Problem((key,), None, f"missing; {allowed(ImpactLaw, key)}, or give stiffness instead", BARE)
+    yield from _not_both(node)
+
+
+def friction_rules(node: Any) -> Iterator[Problem]:
+    """The rules of the coefficients of friction, taken together."""
+    dynamic, resting, speed = (get(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
+    if resting is not None and numbers(resting) and resting < (dynamic if numbers(dynamic) else 0.0):
+        yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
+    for key, given, other in (("static_friction", resting, speed), ("stribeck_speed", speed, resting)):
+        if given is None and other is not None:
+            text = "missing; static_friction and stribeck_speed are given together"
+            yield Problem((key,), None, text, BARE)
+
+
+def contact_rules(node: Any) -> Iterator[Problem]:
+    """The rules of a contact's values, taken together."""
+    yield from stiffness_given(node)
+    law, exponent = get(node, "law"), get(node, "exponent")
+    if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
+        yield Problem(("exponent",), exponent, f'must be 1 with law = "{law}", which is linear')
+    yield from friction_rules(node)
+    if get(node, "rolling") is True and get(node, "friction") is None:
+        yield Problem(("friction",), None, f"missing; {allowed(ImpactLaw, 'friction')}; needed with rolling", BARE)
+
+
+class ImpactLaw(Part):
+    """A contact's force, never negative; by default K pen^n (1 + 3/4 (1 - e^2) v / v0).
+
+    Pedersen et al. 2004, eq. (15), (18), (19); for the other laws see `warpchain.drive.laws`.
+
+    Attributes:
+        law: name of the law.
+        restitution: e [-], above 0, at most 1.
+        restitution_means: "parameter", e of the law's own formula, which does not return it (see
+            `contact.rebound_ratio`); or "rebound", what a free roller is to rebound by.
+        exponent: n [-], >= 1; 1 is the linearised cylinder contact.
+        impact_speed_floor: least approach speed v0 at the begin of a contact [m/s], > 0.
+        stiffness: generalized stiffness K [N/m^n], > 0; or the next four.
+        width: length of the line contact [m], > 0.
+        reference_load: load at which K is taken from the load-penetration curve [N], > 0.
+        roller, partner: materials of the chain roller and of what it touches.
+        friction: coefficient mu_d of dry friction [-], >= 0; None is none.
+        static_friction: mu_s at rest [-], at least mu_d, which it is if not given.
+        stribeck_speed: v_s [m/s], > 0: mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2); with mu_s.
+    """
+
+    law: LawName = "lankarani-nikravesh"
+    restitution: Restitution
+    restitution_means: RestitutionMeans = "parameter"
+    exponent: Exponent = 1.0
+    impact_speed_floor: Positive
+    stiffness: Positive | None = None
+    width: Positive | None = None
+    reference_load: Positive | None = None
+    roller: Body | None = None
+    partner: Body | None = None
+    friction: NonNegative | None = None
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from contact_rules(node)
+
+
+class GuideContact(ImpactLaw):
+    """Contact of rollers with guide-bars, whose face is flat.
+
+    Attributes:
+        rolling: rollers roll on the bar: friction is at most what the bush transmits to the roller.
+    """
+
+    rolling: Switch | None = None
+
+
+class SprocketContact(ImpactLaw):
+    """Contact of rollers with sprocket teeth.
+
+    Attributes:
+        profile: shape of the tooth gap.
+        gap: "minimum" or "maximum" gap, with profile "iso606" only.
+        seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z, less for few teeth.
+        clearance: radius of the seat less radius of the roller [m], >= 0; needed with profile "circular".
+        bush_stiffness: of bush and pin, in series with the tooth [N/m], > 0; with exponent 1 only. None is rigid.
+    """
+
+    profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
+    gap: Annotated[Literal["minimum", "maximum"], Value('must be "minimum" or "maximum"')] | None = None
+    seat_angle: SeatAngle | None = None
+    clearance: NonNegative | None = None
+    bush_stiffness: Positive | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from contact_rules(node)
+        exponent = get(node, "exponent")
+        curved = isinstance(exponent, (int, float)) and exponent > 1.0
+        if get(node, "bush_stiffness") is not None and curved:
+            yield Problem(("exponent",), exponent, "must be 1 with bush_stiffness, which is linear")
+        if get(node, "profile") == "iso606":
+            if get(node, "gap") is None:
+                yield Problem(("gap",), None, f"missing; {allowed(cls, 'gap')}", BARE)
+            for key in ("clearance", "seat_angle"):
+                if get(node, key) is not None:
+                    yield Problem((key,), get(node, key), 'not together with profile = "iso606", which sets it')
+        else:
+            if get(node, "clearance") is None:
+                yield Problem(("clearance",), None, f"missing; {allowed(cls, 'clearance')}", BARE)
+            if get(node, "gap") is not None:
+                yield Problem(("gap",), get(node, "gap"), 'only together with profile = "iso606"')
+
+
+class GuideOverrides(Part):
+    """Values of one guide-bar's contact in place of `[contact.guide]`'s; the keys are those of `GuideContact`."""
+
+    law: LawName | None = None
+    restitution: Restitution | None = None
+    restitution_means: RestitutionMeans | None = None
+    exponent: Exponent | None = None
+    impact_speed_floor: Positive | None = None
+    stiffness: Positive | None = None
+    width: Positive | None = None
+    reference_load: Positive | None = None
+    roller: Body | None = None
+    partner: Body | None = None
+    friction: NonNegative | None = None
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+    rolling: Switch | None = None
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _not_both(node)
+
+
+class Contact(Part):
+    """The contacts of a drive.
+
+    Attributes:
+        sprocket: rollers with sprockets.
+        guide: rollers with guide-bars; needed where there are guide-bars.
+    """
+
+    sprocket: SprocketContact
+    guide: GuideContact | None = None
+
+
+def merged(base: Any, overrides: Any) -> dict[str, Any]:
+    """The keys of a guide-bar's contact: its overrides, else the common values.
+
+    A stiffness in the overrides replaces the common materials, and a material replaces the common stiffness.
+    """
+    keys = GuideOverrides.model_fields
+    own = {key: get(overrides, key) for key in keys if get(overrides, key) is not None}
+    gone = {other for key in own for other in _STIFFNESS_OR_MATERIALS.get(key, ())}
+    common = {key: get(base, key) for key in keys if key not in gone and get(base, key) is not None}
+    return common | own

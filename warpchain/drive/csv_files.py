@@ -1,0 +1,96 @@
+"""CSV files that a drive file names: their numbers are taken in when it is read, so that a drive stays whole.
+
+`load_drive` reads the files that stand beside the drive file; what is written (saved drives, archives) has the numbers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from warpchain.drive.motion_table import csv_rows, read_csv, read_number
+from warpchain.drive.schema import elements, get
+from warpchain.drive.toml import value_text
+from warpchain.errors import DriveError, drive_error
+
+UNITS = {"x,y": 1.0, "x_mm,y_mm": 1e-3}
+"""Heads of a CSV file of points, and their unit in meters."""
+
+
+def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+    """A drive file's values with the CSV files that its tables and guides name read in.
+
+    Args:
+        folder: where relative file names begin.
+        source: what error lines call the drive file.
+
+    Raises:
+        DriveError: one line for each file that cannot be read or is not what it should be, with the file and the row.
+    """
+    problems = [*_tables(values, folder), *_profiles(values, folder)]
+    if problems:
+        raise drive_error(problems, source)
+    return values
+
+
+def _tables(values: dict[str, Any], folder: Path) -> list[str]:
+    problems: list[str] = []
+    for i, sprocket in enumerate(elements(values, "sprockets")):
+        for part in ("prescribed", "load"):
+            table = get(get(sprocket, part), "table")
+            if not isinstance(table, dict) or not isinstance(table.get("file"), str):
+                continue
+            where = f"sprockets.{_word(sprocket, i)}.{part}.table.file = {value_text(table['file'])}"
+            try:
+                columns = read_csv(folder / table["file"])
+            except DriveError as error:
+                problems += [f"{where}: {line}" for line in error.errors]
+                continue
+            for key in columns.keys() & table.keys():
+                problems.append(f"{where}: not together with {key}; the file has that column")
+            sprocket[part]["table"] = {key: value for key, value in table.items() if key != "file"} | columns
+    return problems
+
+
+def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
+    problems: list[str] = []
+    for i, guide in enumerate(elements(values, "guides")):
+        file = get(guide, "profile")
+        if isinstance(file, str):
+            try:
+                guide["profile"] = read_points(folder / file)
+            except DriveError as error:
+                where = f"guides.{_word(guide, i)}.profile = {value_text(file)}"
+                problems += [f"{where}: {line}" for line in error.errors]
+    return problems
+
+
+def _word(part: Any, i: int) -> str:
+    name = get(part, "name")
+    return name if isinstance(name, str) else str(i)
+
+
+def read_points(path: Path) -> list[list[float]]:
+    """The points of a CSV file [m]: a head, x,y or x_mm,y_mm, then numbers; blank lines and lines from # on pass.
+
+    Raises:
+        DriveError: in one line, with the row's number in the file.
+    """
+    rows = csv_rows(path)
+    if not rows:
+        raise DriveError("has no rows; the first must name the columns, " + " or ".join(UNITS))
+    number, head = rows[0]
+    unit = UNITS.get(",".join(head))
+    if unit is None:
+        text = f"{value_text(','.join(head))} is no head of two columns"
+        raise DriveError(f"row {number}: {text}; must be {' or '.join(UNITS)}")
+    points: list[list[float]] = []
+    for number, row in rows[1:]:
+        if len(row) != 2:
+            raise DriveError(f"row {number}: has {len(row)} cells; must have 2, separated by a comma")
+        points.append([unit * read_number(cell, number) for cell in row])
+        if len(points) > 1 and points[-1] == points[-2]:
+            raise DriveError(f"row {number}: {','.join(row)} must be another point than that of the row before")
+    if len(points) < 2:
+        raise DriveError(f"has {len(points)} rows of numbers; must have at least 2")
+    return points

@@ -1,0 +1,298 @@
+"""Rules that tie the parts of a drive together, and what this version cannot simulate yet.
+
+Each rule yields its problems. It takes the drive, or the mapping that should become one if a value somewhere is wrong:
+what a rule needs and does not find whole, it leaves to the error of that value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from warpchain.drive.arms import Arm
+from warpchain.drive.chain import Chain
+from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
+from warpchain.drive.guides import guide_profile
+from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
+from warpchain.drive.sprocket import SliderMount, Sprocket
+from warpchain.drive.stiffness import largest_load
+from warpchain.drive.tensioners import Tensioner
+from warpchain.drive.tooth_shape import iso606_tooth
+
+
+def sprocket_rules(drive: Any) -> Iterator[Problem]:
+    sprockets = elements(drive, "sprockets")
+    if get(drive, "sprockets") is not None and len(sprockets) < 2:
+        yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
+    if sprockets and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+        yield Problem(("sprockets",), None, "none is prescribed; at least one sprocket must be", BARE)
+
+
+def shaft_rules(drive: Any) -> Iterator[Problem]:
+    """Shafts that tables and harmonics refer to must be sprockets."""
+    sprockets = elements(drive, "sprockets")
+    names = [get(sprocket, "name") for sprocket in sprockets]
+    for s, sprocket in enumerate(sprockets):
+        for kind in ("prescribed", "load"):
+            motion = get(sprocket, kind)
+            parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), get(motion, "table"))]
+            parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(elements(motion, "harmonics"))]
+            for keys, part in parts:
+                shaft = get(part, "shaft")
+                if isinstance(shaft, str) and shaft not in names:
+                    text = f"must be the name of a sprocket; {nearest(shaft, filter(is_name, names))}"
+                    yield Problem(("sprockets", s, kind, *keys, "shaft"), shaft, text)
+
+
+def guide_rules(drive: Any) -> Iterator[Problem]:
+    guides = elements(drive, "guides")
+    common = get(get(drive, "contact"), "guide")
+    if guides and common is None and get(drive, "contact") is not None:
+        yield Problem(("contact", "guide"), None, "missing; must be a table; needed where there are guides", BARE)
+    for i, guide in enumerate(guides):
+        own = get(guide, "contact")
+        if own is not None and common is not None:
+            before = list(contact_rules(common))
+            for problem in contact_rules(merged(common, own)):
+                if problem not in before:
+                    yield problem.under("guides", i, "contact")
+
+
+def rolling_rules(drive: Any) -> Iterator[Problem]:
+    """A roller that rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None or chain.joint is not None:
+        return
+    text = "must be false without chain.joint, whose friction rolling rollers pass on"
+    places: list[tuple[tuple[str | int, ...], Any]] = [(("contact", "guide"), get(get(drive, "contact"), "guide"))]
+    places += [(("guides", i, "contact"), get(guide, "contact")) for i, guide in enumerate(elements(drive, "guides"))]
+    for keys, contact in places:
+        if get(contact, "rolling") is True:
+            yield Problem((*keys, "rolling"), True, text)
+
+
+def size_rules(drive: Any) -> Iterator[Problem]:
+    """Rules that hold the contacts against the chain's size."""
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None:
+        return
+    contact, radius = get(drive, "contact"), chain.roller_radius
+    sprocket = valid(SprocketContact, get(contact, "sprocket"))
+    if sprocket is not None and sprocket.clearance is not None:
+        room = chain.pitch / 2 - radius
+        if sprocket.clearance >= room:
+            text = f"must be below half the pitch less the roller radius, {room:g}"
+            yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
+        yield from _load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
+    elif sprocket is not None:
+        assert sprocket.gap is not None  # the contact's own rule
+        seat = iso606_tooth(sprocket.gap, radius, 9, chain.pitch).seat_radius  # the same for any number of teeth
+        yield from _load_rule(sprocket, radius, seat, "contact", "sprocket")
+    guide = valid(GuideContact, get(contact, "guide"))
+    if guide is None:
+        return
+    yield from _load_rule(guide, radius, math.inf, "contact", "guide")
+    for i, bar in enumerate(elements(drive, "guides")):
+        own = get(bar, "contact")
+        if all(get(own, key) is None for key in MATERIALS):
+            continue
+        law = valid(GuideContact, merged(guide, own))
+        if law is not None:
+            yield from _load_rule(law, radius, math.inf, "guides", i, "contact")
+
+
+def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str | int) -> Iterator[Problem]:
+    if law.stiffness is None:
+        limit = largest_load(law, radius, partner_radius)
+        if law.reference_load is not None and law.reference_load >= limit:
+            text = f"must be below {limit:g} N, beyond which the stiffness formula does not hold for these materials"
+            yield Problem((*keys, "reference_load"), law.reference_load, text)
+
+
+NAMED = ("sprockets", "guides", "arms", "tensioners", "probes")
+PLACES = {
+    "sprockets": ("center",),
+    "guides": ("start", "end"),
+    "arms": ("pivot", "center"),
+    "tensioners": ("at",),
+    "probes": ("at",),
+}
+LEAST_LEVER = 1e-3
+"""Share of a tensioner's distance from what it moves that must be lever, or of its direction that must be along."""
+
+
+def name_rules(drive: Any) -> Iterator[Problem]:
+    """No two parts share a name."""
+    seen: set[str] = set()
+    for kind in NAMED:
+        for i, part in enumerate(elements(drive, kind)):
+            name = get(part, "name")
+            if isinstance(name, str) and name in seen:
+                yield Problem((kind, i, "name"), name, "must be unique among sprockets, guides, arms and tensioners")
+            elif isinstance(name, str):
+                seen.add(name)
+
+
+def place_rules(drive: Any) -> Iterator[Problem]:
+    """No part stands beyond all reason."""
+    for kind, keys in PLACES.items():
+        for i, part in enumerate(elements(drive, kind)):
+            for key in keys:
+                for problem in too_far((key,), get(part, key)):
+                    yield problem.under(kind, i)
+
+
+def profile_rules(drive: Any) -> Iterator[Problem]:
+    """No face bends within a pitch: links cannot follow it."""
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None:
+        return
+    pitch = chain.pitch
+    for g, guide in enumerate(elements(drive, "guides")):
+        offset = get(guide, "offset")
+        if numbers(offset) and offset > pitch:
+            yield Problem(("guides", g, "offset"), offset, f"must be at most a pitch, {pitch:g}")
+        yield from (problem.under("guides", g) for problem in _tight(guide, pitch))
+
+
+def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
+    text = f"must be at least a pitch, {pitch:g}; links cannot follow a tighter face"
+    radius = get(guide, "radius")
+    if numbers(radius) and 0.0 < radius < pitch:
+        yield Problem(("radius",), radius, text)
+    for k, arc in enumerate(elements(guide, "arcs")):
+        radius = get(arc, "radius")
+        if numbers(radius) and 0.0 < radius < pitch:
+            yield Problem(("arcs", k, "radius"), radius, text)
+    profile = guide_profile(guide, pitch) if get(guide, "profile") is not None else None
+    if profile is not None:
+        worst = max(profile.face, key=lambda piece: abs(piece.curvature))
+        if abs(worst.curvature) * pitch > 1.0:
+            (x, y), radius = worst.at(0.5 * worst.length)[0], 1.0 / abs(worst.curvature)
+            bends = f"bends with a radius of {radius:.3g} m at [{x:.4g}, {y:.4g}]"
+            yield Problem(("profile",), None, f"{bends}; {text}", BARE)
+
+
+def arm_rules(drive: Any) -> Iterator[Problem]:
+    """Guides hang on arms that there are."""
+    names = [get(arm, "name") for arm in elements(drive, "arms")]
+    for g, guide in enumerate(elements(drive, "guides")):
+        arm = get(guide, "arm")
+        if isinstance(arm, str) and arm not in names:
+            hint = nearest(arm, filter(is_name, names)) if names else "there are none"
+            yield Problem(("guides", g, "arm"), arm, f"must be the name of an arm; {hint}")
+
+
+def tensioner_rules(drive: Any) -> Iterator[Problem]:
+    """Tensioners push what can give way, and towards the chain."""
+    if not elements(drive, "tensioners"):
+        return
+    arms, sprockets = (_by_name(elements(drive, kind)) for kind in ("arms", "sprockets"))
+    for t, node in enumerate(elements(drive, "tensioners")):
+        on = get(node, "on")
+        if not isinstance(on, str):
+            continue
+        found: Iterator[Problem] = iter(())
+        if on in arms:
+            found = _pushes_arm(drive, node, elements(drive, "arms")[arms[on]])
+        elif on in sprockets:
+            found = _pushes_sprocket(drive, node, sprockets[on])
+        else:
+            known = [name for name in (*arms, *_on_sliders(drive)) if is_name(name)]
+            hint = nearest(on, known) if known else "there are none"
+            found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
+        yield from (problem.under("tensioners", t) for problem in found)
+
+
+def _by_name(parts: Sequence[Any]) -> dict[str, int]:
+    """Indices of parts by their names, where those are text."""
+    return {name: i for i, part in enumerate(parts) if isinstance(name := get(part, "name"), str)}
+
+
+def _on_sliders(drive: Any) -> list[Any]:
+    sprockets = elements(drive, "sprockets")
+    return [get(part, "name") for part in sprockets if get(get(part, "mount"), "kind") == "slider"]
+
+
+def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
+    """The tensioner's moment must turn the arm's faces towards the chain.
+
+    A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean over its length in proportion to
+    |end - p|^2 - |start - p|^2.
+    """
+    arm, tensioner = valid(Arm, arm_node), valid(Tensioner, node)
+    if arm is None or tensioner is None:
+        return
+    (x, y), (px, py) = tensioner.unit_direction, arm.pivot
+    dx, dy = tensioner.at[0] - px, tensioner.at[1] - py
+    lever = dx * y - dy * x
+    if abs(lever) <= LEAST_LEVER * math.hypot(dx, dy):
+        text = f'points through the pivot of "{arm.name}" and cannot turn it'
+        yield Problem(("direction",), list(tensioner.direction), f"{text}; must point past it")
+        return
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None:
+        return
+    nodes = [guide for guide in elements(drive, "guides") if get(guide, "arm") == arm.name]
+    profiles = [profile for guide in nodes if (profile := guide_profile(guide, chain.pitch)) is not None]
+    ends = [(math.dist(p.face[-1].end, arm.pivot), math.dist(p.face[0].start, arm.pivot)) for p in profiles]
+    sense = sum(end * end - start * start for end, start in ends)
+    if sense * lever < 0.0 and abs(sense) > LEAST_LEVER * sum(end * end + start * start for end, start in ends):
+        names = " and ".join(f'"{get(guide, "name")}"' for guide in nodes)
+        sides = {"right" if get(guide, "side") == "right" else "left" for guide in nodes}
+        rides = f"which rides on the {' and '.join(sorted(sides))} of {names} from start to end"
+        text = f'turns "{arm.name}" away from the chain, {rides}; must push towards it'
+        yield Problem(("direction",), list(tensioner.direction), text)
+
+
+def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
+    """The tensioner must push along the slider, against the pull of the sprocket's two strands."""
+    kind = get(get(elements(drive, "sprockets")[s], "mount"), "kind") or "fixed"
+    if kind != "slider":
+        name = get(node, "on")
+        text = f'must be the name of an arm, or of a sprocket on a slider; the mount of "{name}" is of kind "{kind}"'
+        yield Problem(("on",), name, text)
+        return
+    sprockets = [valid(Sprocket, part) for part in elements(drive, "sprockets")]
+    tensioner, chain = valid(Tensioner, node), valid(Chain, get(drive, "chain"))
+    own = sprockets[s]
+    if own is None or tensioner is None or not isinstance(own.mount, SliderMount):
+        return
+    (x, y), length = own.mount.direction, math.hypot(*own.mount.direction)
+    along = (tensioner.unit_direction[0] * x + tensioner.unit_direction[1] * y) / length
+    if abs(along) <= LEAST_LEVER:
+        text = f'pushes across the slider of "{own.name}", whose direction is {list(own.mount.direction)}'
+        yield Problem(("direction",), list(tensioner.direction), f"{text}; must have a part along it")
+        return
+    if chain is None or len(sprockets) < 2 or any(sprocket is None for sprocket in sprockets):
+        return
+    pull = _pull([sprocket for sprocket in sprockets if sprocket is not None], s, chain.pitch)
+    if pull is not None and along * (pull[0] * x + pull[1] * y) / length > 0.1:
+        text = (
+            f'pushes "{own.name}" the way its strands pull it, ({pull[0]:.2f}, {pull[1]:.2f}); must push against them'
+        )
+        yield Problem(("direction",), list(tensioner.direction), text)
+
+
+def _pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
+    """Sum of the unit vectors along which the two strands of sprocket s pull it; None where no strands can run."""
+    before, own, after = sprockets[s - 1], sprockets[s], sprockets[(s + 1) % len(sprockets)]
+    away, home = _heading(own, after, pitch), _heading(before, own, pitch)
+    if away is None or home is None:
+        return None
+    return math.cos(away) - math.cos(home), math.sin(away) - math.sin(home)
+
+
+def _heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
+    """Heading [rad] of the straight strand from a sprocket to another.
+
+    It passes the centers at their radius, on the right of those that the chain turns about counter-clockwise:
+    (c_2 - c_1).n = s_2 R_2 - s_1 R_1, n the strand's left normal.
+    """
+    dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
+    first, second = (part.sign * pitch / (2.0 * math.sin(math.pi / part.teeth)) for part in (one, other))
+    distance = math.hypot(dx, dy)
+    if abs(second - first) >= distance:
+        return None
+    return math.atan2(dy, dx) - math.asin((second - first) / distance)

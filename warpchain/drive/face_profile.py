@@ -1,0 +1,343 @@
+r"""Faces of guides: chains of arcs and straight pieces with a continuous normal, and rounded ends.
+
+The chain rides on the left of the pieces' direction. With t the tangent where a piece begins, n = t turned left
+(towards the chain), curvature k (positive: the face bends towards the chain and is concave; negative: convex), u = q.t
+and w = q.n of a point q seen from there, the point's height over the face and its place along it are
+
+    d = g / (1 + sqrt(1 - k g)),   g = 2 w - k (u^2 + w^2),                                                (a)
+    s = atan2(k u, 1 - k w) / k,                                                                           (b)
+
+for arcs and, with k = 0, for straight pieces (d = w, s = u); nothing cancels however small k. The gradient of the
+height is (-k u, 1 - k w) / sqrt(1 - k g).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from warpchain.drive.batch_math import many, quick_cos, quick_sin, where
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Point = tuple[float, float]
+
+SHORTEST = 1e-9
+"""Pieces shorter than this are left out [m]: what rounding leaves of a straight between two arcs that meet."""
+JOINT_GAP = 1e-5
+"""Largest gap between the ends of two arcs that follow each other [m]: drawings round their numbers."""
+ALIGN = math.radians(0.05)
+"""By how much the headings of two arcs may differ where they meet [rad]."""
+
+
+class ProfileError(ValueError):
+    """A face that cannot be drawn.
+
+    Attributes:
+        index: of the point or arc with which it goes wrong.
+    """
+
+    def __init__(self, index: int, text: str) -> None:
+        super().__init__(text)
+        self.index = index
+
+
+def turn(angle: Any) -> Any:
+    """An angle [rad], or angles of a stack's variants, brought between -pi and pi."""
+    if not many(angle):
+        return math.remainder(angle, 2.0 * math.pi)
+    import numpy as np
+
+    return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
+
+
+def direction(heading: Any) -> tuple[Any, Any]:
+    """The unit vector of a heading [rad], or of those of a stack's variants."""
+    if type(heading) is float:
+        return math.cos(heading), math.sin(heading)
+    return quick_cos(heading), quick_sin(heading)
+
+
+def _sinc(angle: Any) -> Any:
+    """sin(x) / x."""
+    if not many(angle):
+        return math.sin(angle) / angle if angle else 1.0
+    safe = where(angle == 0.0, 1.0, angle)
+    return where(angle == 0.0, 1.0, quick_sin(safe) / safe)
+
+
+class Rise(NamedTuple):
+    """Points over a piece, (a), (b).
+
+    Attributes:
+        along, across: (K,) from its start, along its first tangent and towards the chain, u and w [m].
+        place: (K,) arc length from its start, s [m].
+        height: (K,) over it, d [m].
+        root: (K,) sqrt(1 - k g).
+    """
+
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    place: NDArray[np.float64]
+    height: NDArray[np.float64]
+    root: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """An arc or a straight line; of a stack's variants its numbers may be arrays (V,).
+
+    Attributes:
+        start: where it begins [m].
+        heading: of the tangent there [rad].
+        curvature: [1/m], positive turns left; 0 is straight.
+        length: [m].
+    """
+
+    start: Point
+    heading: float
+    curvature: float
+    length: float
+
+    @property
+    def end(self) -> Point:
+        """Where it ends [m]."""
+        return self.at(self.length)[0]
+
+    @property
+    def end_heading(self) -> float:
+        """Heading of the tangent where it ends [rad]."""
+        return self.heading + self.curvature * self.length
+
+    def at(self, s: float) -> tuple[Point, float]:
+        """The point [m] and the heading of the tangent [rad] at the arc length s [m] from the start."""
+        half = 0.5 * self.curvature * s
+        chord = s * _sinc(half)
+        x, y = direction(self.heading + half)
+        return (self.start[0] + chord * x, self.start[1] + chord * y), self.heading + 2.0 * half
+
+    def turned(self) -> Piece:
+        """The same piece run from its end to its start."""
+        return Piece(self.end, self.end_heading + math.pi, -self.curvature, self.length)
+
+    def seen(self, point: Sequence[float]) -> tuple[float, float]:
+        """A point [m] in the frame of the piece's start: along its tangent, and towards the chain [m]."""
+        (x, y), (tx, ty) = self.start, direction(self.heading)
+        dx, dy = point[0] - x, point[1] - y
+        return dx * tx + dy * ty, dy * tx - dx * ty
+
+    def rise(self, points: NDArray[np.float64]) -> Rise:
+        """Height of points (K, 2) over the piece, drawn out at both ends [m], (a), (b)."""
+        import numpy as np
+
+        t, k = np.array(direction(self.heading)), self.curvature
+        r = points - np.asarray(self.start)
+        u, w = r @ t, r @ np.array([-t[1], t[0]])
+        g = 2.0 * w - k * (u * u + w * w)
+        root = np.sqrt(np.maximum(1.0 - k * g, 0.0))
+        return Rise(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
+
+    def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
+        """Arc length from the start (b) and height over the piece, drawn out at both ends, (a) of a point [m]."""
+        (u, w), k = self.seen(point), self.curvature
+        g = 2.0 * w - k * (u * u + w * w)
+        height = g / (1.0 + math.sqrt(max(1.0 - k * g, 0.0)))
+        return (math.atan2(k * u, 1.0 - k * w) / k if k else u), height
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A face with its rounded ends; the chain rides on the left.
+
+    Places are arc lengths [m], 0 where the face begins; the first rounded end has negative ones.
+
+    Attributes:
+        pieces: continuous in place and heading; the first and the last are the convex quarter circles of the ends.
+        reversed: True if they run from the end that the drive file names last to the one that it names first.
+    """
+
+    pieces: tuple[Piece, ...]
+    reversed: bool = False
+
+    @property
+    def face(self) -> tuple[Piece, ...]:
+        """The pieces of the face, without the rounded ends; at least one."""
+        return self.pieces[1:-1]
+
+    @property
+    def straight(self) -> bool:
+        """True for a bar: a face of one straight piece."""
+        return len(self.pieces) == 3 and self.pieces[1].curvature == 0.0
+
+    @cached_property
+    def places(self) -> tuple[float, ...]:
+        """(P,) places at which the pieces begin [m]."""
+        begins = [-self.pieces[0].length]
+        for piece in self.pieces[:-1]:
+            begins.append(begins[-1] + piece.length if len(begins) > 1 else 0.0)
+        return tuple(begins)
+
+    @property
+    def face_length(self) -> float:
+        """Length of the face [m]."""
+        return self.places[-1]
+
+    @property
+    def end_radius(self) -> float:
+        """Radius of the rounded ends [m]."""
+        return -1.0 / self.pieces[0].curvature
+
+    def at(self, s: float) -> tuple[Point, float]:
+        """The point [m] and the heading [rad] at a place [m]."""
+        i = max(bisect_right(self.places, s) - 1, 0)
+        return self.pieces[i].at(s - self.places[i])
+
+    def locate(self, point: Sequence[float]) -> tuple[float, float] | None:
+        """Place along the face and height over it [m] of a point [m]; None beyond the rounded ends.
+
+        A piece covers what lies between the normals at its start and its end; of several the nearest counts.
+        """
+        found: list[tuple[float, float]] = []
+        last = self.pieces[-1]
+        ahead = [piece.seen(point)[0] for piece in (*self.pieces, Piece(last.end, last.end_heading, 0.0, 0.0))]
+        for i, (begin, piece) in enumerate(zip(self.places, self.pieces, strict=True)):
+            if ahead[i] >= 0.0 > ahead[i + 1]:
+                s, height = piece.place_and_height(point)
+                found.append((begin + s, height))
+        return min(found, key=lambda pair: abs(pair[1]), default=None)
+
+    def points(self, spacing: float, caps: bool = True) -> NDArray[np.float64]:
+        """(n, 2) points along the face [m], ends of pieces among them, at most `spacing` [m] apart.
+
+        Args:
+            spacing: [m].
+            caps: False leaves the rounded ends out.
+        """
+        return self.offset_points(0.0, spacing, caps)
+
+    def offset_points(self, offset: float, spacing: float, caps: bool = True) -> NDArray[np.float64]:
+        """(n, 2) points at the height `offset` over the face [m]: where rollers of that radius have their centers.
+
+        Args:
+            offset: [m].
+            spacing: of their feet on the face, at most [m].
+            caps: False leaves the rounded ends out.
+        """
+        import numpy as np
+
+        points = []
+        pieces = self.pieces if caps else self.face
+        for piece in pieces:
+            count = max(1, math.ceil(piece.length / spacing - 1e-9))
+            places = [piece.length * i / count for i in range(count + (piece is pieces[-1]))]
+            for (x, y), heading in map(piece.at, places):
+                tx, ty = direction(heading)
+                points.append((x - offset * ty, y + offset * tx))
+        return np.array(points)
+
+
+# ----------------------------------------------------------------------------------------------------------- make
+
+
+def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -> Profile:
+    """A face with its rounded ends.
+
+    Args:
+        face: pieces from the start to the end, continuous.
+        end_radius: of both ends [m].
+        side: of the way from start to end on which the chain rides, "left" or "right".
+    """
+    pieces = tuple(face)
+    if side == "right":
+        pieces = tuple(piece.turned() for piece in reversed(pieces))
+    quarter, bend = 0.5 * math.pi * end_radius, -1.0 / end_radius
+    first, last = pieces[0], pieces[-1]
+    before = Piece(first.start, first.heading + math.pi, -bend, quarter).turned()
+    after = Piece(last.end, last.end_heading, bend, quarter)
+    return Profile((before, *pieces, after), side == "right")
+
+
+def straight(start: Point, end: Point) -> tuple[Piece, ...]:
+    """The face of a bar from start to end [m]."""
+    x, y = end[0] - start[0], end[1] - start[1]
+    return (Piece((start[0], start[1]), math.atan2(y, x), 0.0, math.hypot(x, y)),)
+
+
+def rounded(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
+    """The face along a line through points [m], its corners rounded with arcs of a radius [m].
+
+    An arc that turns by b begins and ends R tan(b/2) from its corner.
+
+    Raises:
+        ProfileError: if two points that follow each other are one, or an arc finds no room at its corner.
+    """
+    sides: list[Piece] = []
+    for i, (a, b) in enumerate(pairwise(points), 1):
+        if math.dist(a, b) < SHORTEST:
+            raise ProfileError(i, "must be another point than the one before")
+        sides += straight(a, b)
+    turns = [turn(b.heading - a.heading) for a, b in pairwise(sides)]
+    cuts = [radius * math.tan(0.5 * min(abs(angle), math.pi - 1e-9)) for angle in turns]
+    for i, side in enumerate(sides):
+        used = [cuts[c] for c in (i - 1, i) if 0 <= c < len(cuts)]
+        if sum(used) > side.length * (1.0 + 1e-9):
+            worst = i if i < len(cuts) and (i == 0 or cuts[i] >= cuts[i - 1]) else i - 1
+            raise ProfileError(
+                worst + 1,
+                f"leaves no room for radius {radius:g}: its corner of {math.degrees(abs(turns[worst])):.3g} degrees "
+                f"and the next need {sum(used):.4g} m of the {side.length:.4g} m between points {i} and {i + 1}",
+            )
+    faces: list[Piece] = []
+    place = sides[0].start
+    for i, side in enumerate(sides):
+        before, after = (cuts[c] if 0 <= c < len(cuts) else 0.0 for c in (i - 1, i))
+        faces.append(Piece(place, side.heading, 0.0, max(side.length - before - after, 0.0)))
+        place = faces[-1].end
+        if i < len(turns) and turns[i]:
+            faces.append(Piece(place, side.heading, math.copysign(1.0 / radius, turns[i]), radius * abs(turns[i])))
+            place = faces[-1].end
+    return _worthy(faces)
+
+
+def arcs(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, ...]:
+    """The face along arcs, and along straight pieces between those whose ends are apart on their common tangent.
+
+    Args:
+        circles: center [m], radius [m] and the angles [rad] at which it is entered and left, as seen from the center;
+            the arc runs counter-clockwise if the second is the larger one.
+
+    Raises:
+        ProfileError: if an arc does not begin where and as the one before it ends, within `JOINT_GAP` and `ALIGN`.
+    """
+    faces: list[Piece] = []
+    for i, (center, radius, begin, end) in enumerate(circles):
+        sense = math.copysign(1.0, end - begin)
+        start = (center[0] + radius * math.cos(begin), center[1] + radius * math.sin(begin))
+        heading = begin + sense * 0.5 * math.pi
+        if faces:
+            last = faces[-1]
+            gap = (start[0] - last.end[0], start[1] - last.end[1])
+            ahead, aside = Piece(last.end, last.end_heading, 0.0, 1.0).seen(start)
+            bend = turn(heading - last.end_heading)
+            if abs(bend) > ALIGN:
+                text = f"turns by {math.degrees(bend):.3g} degrees against the end of the arc before"
+                raise ProfileError(i, f"{text}; both must head the same way, within {math.degrees(ALIGN):g} degrees")
+            if ahead < -JOINT_GAP or abs(aside) > max(JOINT_GAP, math.sin(ALIGN) * ahead):
+                text = f"begins {math.hypot(*gap):.3g} m from the end of the arc before"
+                raise ProfileError(i, f"{text}; it must begin there, or straight ahead of it, within {JOINT_GAP:g} m")
+            if ahead > JOINT_GAP:
+                faces.append(Piece(last.end, last.end_heading, 0.0, ahead))
+            start, heading = faces[-1].end, faces[-1].end_heading
+        faces.append(Piece(start, heading, sense / radius, radius * abs(end - begin)))
+    return _worthy(faces)
+
+
+def _worthy(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
+    return tuple(piece for piece in pieces if piece.length > SHORTEST)

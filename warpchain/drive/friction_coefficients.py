@@ -1,0 +1,84 @@
+"""Friction where rollers touch teeth and guide-bars: the coefficients of dry friction as the kernels take them.
+
+A roller that rolls on a guide-bar turns on its bush, and passes on no more than that friction: at most mu_b r_b / R_r
+of the normal force, mu_b of the joint and R_r the roller's radius. The bush's radius r_b is taken as the pin's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from warpchain.drive.batch_math import largest, power, smallest, some
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive, ImpactLaw
+    from warpchain.drive.chain import Chain
+
+JOINT_STOP = 0.375
+"""Part of a link's turning that joint friction may stop in a step, so that all joints at once still decay."""
+
+
+def joint_stop(chain: Chain) -> float:
+    """Largest moment of a joint's friction over its rate of turning, times the step [N m s^2]."""
+    return JOINT_STOP * chain.mass * power(chain.pitch, 2) / 6.0
+
+
+def full_friction_rate(chain: Chain, tension: float, step: float) -> float:
+    """Rate of turning above which a joint's friction acts in full [rad/s]: mu kappa r_p T h over `joint_stop`.
+
+    Slower joints are held by less, as by a damper: they creep.
+
+    Args:
+        tension: of the links at the joint [N].
+        step: h [s].
+    """
+    if chain.joint is None or chain.pin_radius is None:
+        return 0.0
+    return chain.joint.friction * chain.joint.factor * chain.pin_radius * max(tension, 0.0) * step / joint_stop(chain)
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """Coefficients of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).
+
+    Attributes:
+        dynamic, static: [-].
+        stribeck_speed: [m/s].
+    """
+
+    dynamic: float
+    static: float
+    stribeck_speed: float
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction."""
+        return some(largest(self.dynamic, self.static) > 0.0)
+
+
+def _rubbing(law: ImpactLaw, most: float = math.inf) -> Rubbing:
+    dynamic = 0.0 if law.friction is None else law.friction
+    static = dynamic if law.static_friction is None else law.static_friction
+    speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
+    return Rubbing(smallest(dynamic, most), smallest(static, most), speed)
+
+
+def tooth_rubbing(drive: Drive) -> Rubbing:
+    """Of rollers and teeth."""
+    return _rubbing(drive.contact.sprocket)
+
+
+def guide_rubbing(drive: Drive, g: int) -> Rubbing:
+    """Of rollers, or the chain's plates, and guide-bar g."""
+    law = drive.guide_contact(g)
+    return _rubbing(law, _rolling(drive) if law.rolling else math.inf)
+
+
+def _rolling(drive: Drive) -> float:
+    """The coefficient that a rolling roller transmits, mu_b r_b / R_r [-]; 0 where joints have no friction."""
+    joint, pin_radius = getattr(drive.chain, "joint", None), getattr(drive.chain, "pin_radius", None)
+    if joint is None or pin_radius is None:
+        return 0.0
+    return joint.friction * pin_radius / drive.chain.roller_radius

@@ -1,0 +1,120 @@
+"""Copies of a drive that differ in nothing but how they begin, as one run of a chaotic motion differs from another.
+
+By phase, a copy begins with the drive turned on by part of a tooth of the driver: the same machine, started at another
+moment. By perturbation, every roller is displaced by some 1e-9 pitches, which chaos makes large in
+time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from warpchain.drive.batch_math import some
+from warpchain.drive.drive import Drive
+from warpchain.drive.motion_table import Table
+from warpchain.drive.run_settings import RunSettings
+from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
+from warpchain.errors import SimulationError
+
+Motion = TypeVar("Motion", Prescribed, Load)
+
+WAYS = ("phase", "perturbation")
+"""In what copies can differ."""
+FORMER_WAYS = {"nudge": "perturbation"}
+"""Words of earlier versions, which study files may have."""
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Number of runs of each drive, and what they differ in.
+
+    Attributes:
+        count: copies of each, the drive as it is among them.
+        by: "phase" or "perturbation".
+
+    Raises:
+        SimulationError: a count below 1, or an unknown way.
+    """
+
+    count: int = 1
+    by: str = "phase"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
+            raise SimulationError(f"replicates = {self.count!r}: must be an integer of at least 1")
+        if self.by not in (*WAYS, *FORMER_WAYS):
+            raise SimulationError(f"replicate_by = {self.by!r}: allowed are {', '.join(WAYS)}")
+
+
+def phase_of(copy: int) -> float:
+    """Teeth by which a copy has turned on, from -0.5 to below 0.5: van der Corput's sequence 0, 1/2, 1/4, 3/4, ...
+
+    So 2, 4, 8, ... copies are equally spaced, and a further one does not move those before it.
+    """
+    share, part = 0.0, 0.5
+    while copy:
+        share += part * (copy & 1)
+        copy, part = copy >> 1, 0.5 * part
+    return share - 1.0 if share >= 0.5 else share
+
+
+def copies_of(drives: Sequence[Drive], numbers: Sequence[int], by: str = "phase") -> list[Drive]:
+    """The copy of this number of each drive; number 0 is the drive itself.
+
+    Copies of drives that share their run settings share theirs, so that what is alike in an ensemble stays alike.
+
+    Args:
+        by: "phase" or "perturbation".
+    """
+    known: dict[tuple[int, int], RunSettings] = {}
+    found = []
+    for drive, number in zip(drives, numbers, strict=True):
+        if number == 0:
+            found.append(drive)
+            continue
+        key = id(drive.run), number
+        if key not in known:
+            known[key] = _begun(drive.run, number, by)
+        found.append(drive.model_copy(update={"run": known[key]}))
+    return found
+
+
+def each_copy(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
+    """All copies of all drives, those of one drive one after the other."""
+    count = replicates.count
+    if count == 1:
+        return list(drives)
+    numbers = list(range(count)) * len(drives)
+    return copies_of([drive for drive in drives for _ in range(count)], numbers, replicates.by)
+
+
+def _begun(run: RunSettings, number: int, by: str) -> RunSettings:
+    """Run settings that begin another way."""
+    if FORMER_WAYS.get(by, by) == "perturbation":
+        return run.model_copy(update={"perturbation": (run.perturbation or 0) + number})
+    phase = (run.phase or 0.0) + phase_of(number)
+    return run.model_copy(update={"phase": phase - math.floor(phase + 0.5)})
+
+
+def turned_on(drive: Drive, sprocket: Sprocket, motion: Motion) -> Motion:
+    """A sprocket's motion or load as it goes on where the drive has turned on by `run.phase` teeth.
+
+    Every shaft of z teeth has then turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times
+    that, and tables over its angle move back by it.
+    """
+    phase = drive.run.phase
+    if phase is None or not some(phase):
+        return motion
+    teeth = {other.name: other.teeth for other in drive.sprockets}
+
+    def angle(part: Harmonic | Table) -> float:
+        return phase * 2.0 * math.pi / (sprocket.teeth if part.shaft is None else teeth[part.shaft])
+
+    moved = [h.model_copy(update={"phase": h.phase + h.order * angle(h)}) for h in motion.harmonics]
+    table = motion.table
+    if table is not None and table.angle is not None:
+        table = table.model_copy(update={"angle": tuple(x - angle(table) for x in table.angle)})
+    return motion.model_copy(update={"harmonics": tuple(moved), "table": table})

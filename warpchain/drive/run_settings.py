@@ -1,0 +1,75 @@
+"""Settings of a run: steps, sampling, initial state; and probes, places at which the passing chain is sensed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from warpchain.drive.schema import (
+    Name,
+    Pair,
+    Part,
+    Positive,
+    Problem,
+    Switch,
+    Value,
+    get,
+    numbers,
+)
+
+Integrator = Annotated[Literal["leapfrog", "rk4"], Value('must be "leapfrog" or "rk4"')]
+Phase = Annotated[float, Field(strict=True, ge=-0.5, le=0.5), Value("must be a number from -0.5 to 0.5 (teeth)")]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), Value("must be an integer of at least 0")]
+Step = Annotated[
+    Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] | Literal["auto"],
+    Value('must be a positive number or "auto"'),
+]
+
+
+class RunSettings(Part):
+    """Settings of a run.
+
+    Attributes:
+        settle: find the static equilibrium before the first step.
+        duration: simulated time [s].
+        step: time step [s], at most the duration; or "auto".
+        integrator: "leapfrog" or "rk4".
+        sample_rate: of trajectories [Hz]; the sampling interval is rounded to whole steps.
+        gravity: [m/s^2].
+        phase: how far the drive has turned on at the start, in teeth of the driver [-]; what goes by the angle of a
+            shaft (harmonics, tables over angle) goes with it.
+        perturbation: seed of a displacement of every roller by some 1e-9 pitches before the first step; None is none.
+    """
+
+    settle: Switch = True
+    duration: Positive
+    step: Step
+    integrator: Integrator = "leapfrog"
+    sample_rate: Positive
+    gravity: Pair = (0.0, -9.81)
+    phase: Phase | None = None
+    perturbation: Seed | None = None
+
+    _renamed: ClassVar[Mapping[str, str]] = {"nudge": "perturbation"}
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        step, duration = get(node, "step"), get(node, "duration")
+        if numbers(step, duration) and step > duration > 0:
+            yield Problem(("step",), step, f"must be at most the duration, {duration:g}")
+
+
+class Probe(Part):
+    """A place at which the chain that passes is looked at (`results.passing`); it changes nothing of the motion.
+
+    Attributes:
+        name: unique among all parts.
+        at: place [m].
+        radius: how near the chain must come to be seen [m]; None is a pitch.
+    """
+
+    name: Name
+    at: Pair
+    radius: Positive | None = None

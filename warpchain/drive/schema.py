@@ -1,0 +1,394 @@
+"""The base of every part of a drive: frozen values, checked one by one, and all errors reported at once.
+
+A part is a table of the drive file. Each of its values has a kind below, which carries the sentence that the user reads
+when the value is not allowed. Rules that tie several values of a part together go into the part's `_rules`; they run
+even where single values are wrong, so that one reading of a file finds every error.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
+
+from warpchain.drive.toml import value_text, word_text
+from warpchain.errors import drive_error
+
+# ---------------------------------------------------------------------------------------------------------- kinds
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """The sentence that says what a value may be; for a table or a list of tables, whose parts speak for themselves."""
+
+    text: str
+
+
+class Value(Allowed):
+    """The same for a single value: the sentence replaces whatever the validator would say."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.custom_error_schema(
+            handler(source), custom_error_type=WRONG, custom_error_message=self.text, custom_error_context={}
+        )
+
+
+WRONG, BARE = "wrong_value", "bare_key"
+"""Kinds of error: shown with the value that is wrong, or with the key path alone (something is missing)."""
+
+
+def plain_sequence(value: Any) -> Any:
+    """Lists and numpy arrays as tuples; a set has no order, so it stays what it is and is refused."""
+    if isinstance(value, list):
+        return tuple(value)
+    return tuple(value.tolist()) if getattr(value, "ndim", 0) == 1 else value
+
+
+def _some_direction(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] == 0.0 and value[1] == 0.0:
+        raise ValueError("no direction")
+    return value
+
+
+def is_name(value: object) -> bool:
+    """True for a text that can stand in key paths, column names and file names."""
+    return (
+        isinstance(value, str)
+        and value.isprintable()
+        and value == value.strip()
+        and value != ""
+        and not any(mark in value for mark in (".", "->", "=", "/", "\\"))
+        and not value.lstrip("+-").isdigit()
+    )
+
+
+def _check_name(value: str) -> str:
+    if not is_name(value):
+        raise ValueError("not a name")
+    return value
+
+
+def _check_text(value: str) -> str:
+    if not value.isprintable() or not value:
+        raise ValueError("not a text")
+    return value
+
+
+NAME_TEXT = (
+    'must be a text that is not empty and not a whole number, without ".", "->", "=", "/", "\\", control characters '
+    "or blanks at its ends"
+)
+
+_Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_RealPair = Annotated[tuple[_Real, _Real], Field(strict=True)]
+_NotNegative = Annotated[_Real, Field(ge=0)]
+_MoreThanZero = Annotated[_Real, Field(gt=0)]
+
+Finite = Annotated[_Real, Value("must be a finite number")]
+Positive = Annotated[_MoreThanZero, Value("must be a positive number")]
+NonNegative = Annotated[_NotNegative, Value("must be a number of at least 0")]
+Switch = Annotated[bool, Field(strict=True), Value("must be true or false")]
+Text = Annotated[str, Field(strict=True), AfterValidator(_check_text), Value("must be a text that is not empty")]
+Name = Annotated[str, Field(strict=True), AfterValidator(_check_name), Value(NAME_TEXT)]
+Pair = Annotated[_RealPair, BeforeValidator(plain_sequence), Value("must be two finite numbers [x, y]")]
+Direction = Annotated[
+    _RealPair,
+    AfterValidator(_some_direction),
+    BeforeValidator(plain_sequence),
+    Value("must be two finite numbers [x, y], not both 0"),
+]
+PositivePair = Annotated[
+    tuple[_MoreThanZero, _MoreThanZero],
+    Field(strict=True),
+    BeforeValidator(plain_sequence),
+    Value("must be two positive numbers [x, y]"),
+]
+NonNegativePair = Annotated[
+    tuple[_NotNegative, _NotNegative],
+    Field(strict=True),
+    BeforeValidator(plain_sequence),
+    Value("must be two numbers [x, y] of at least 0"),
+]
+Column = Annotated[
+    tuple[_Real, ...],
+    Field(strict=True, min_length=2),
+    BeforeValidator(plain_sequence),
+    Value("must be a list of at least 2 finite numbers"),
+]
+
+# ------------------------------------------------------------------------------------------------------- problems
+
+
+class Problem(NamedTuple):
+    """One error: where (keys and list indices), the value there, the sentence, and the kind of error."""
+
+    path: tuple[str | int, ...]
+    value: Any
+    text: str
+    kind: str = WRONG
+
+    def under(self, *keys: str | int) -> Problem:
+        """The same error, seen from a part that holds this one under `keys`."""
+        return self._replace(path=(*keys, *self.path))
+
+
+Rule = Callable[[Any], Iterable[Problem]]
+"""Errors of a part, or of the mapping that should become one."""
+
+
+def get(node: Any, key: str) -> Any:
+    """The value of a key in a part, or in a mapping that should become one; None where there is none."""
+    kind: Any = type(node)
+    part, mapping = _nature(kind)
+    if part:
+        return getattr(node, key, None)
+    return node.get(key) if mapping else None
+
+
+@cache
+def _nature(kind: type) -> tuple[bool, bool]:
+    """Whether values of a type are parts, or mappings; asked thousands of times of the same few types."""
+    return issubclass(kind, Part), issubclass(kind, Mapping)
+
+
+def elements(node: Any, key: str) -> Sequence[Any]:
+    """The list under a key, empty where there is none."""
+    value = get(node, key)
+    if type(value) is tuple:
+        return value
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
+
+
+_HUGE = 1e300
+
+
+def numbers(*values: Any) -> bool:
+    """True if all values are numbers that can be compared and calculated with."""
+    return all(
+        isinstance(value, (int, float)) and not isinstance(value, bool) and -_HUGE < value < _HUGE for value in values
+    )
+
+
+FARTHEST = 1e4
+"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+
+
+def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
+    """The rule of places, which lie within all reason."""
+    if not isinstance(point, (list, tuple)):
+        return
+    for x in point:
+        if isinstance(x, (int, float)) and abs(x) > FARTHEST:
+            yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
+            return
+
+
+def nearest(key: str, known: Iterable[str]) -> str:
+    """The end of a sentence about an unknown key: the one probably meant, else all there are."""
+    names = list(known)
+    close = difflib.get_close_matches(key, names, n=1)
+    return f"did you mean {close[0]}?" if close else "allowed are " + ", ".join(names)
+
+
+def at_most(node: Any, key: str, most: int) -> Iterator[Problem]:
+    """The rule of a number with an upper end."""
+    value = get(node, key)
+    if isinstance(value, int) and value > most:
+        yield Problem((key,), value, f"must be at most {most}")
+
+
+def exactly_one(node: Any, first: str, second: str, text: str = "must be a positive number") -> Iterator[Problem]:
+    """The rule of two keys that stand for each other."""
+    if get(node, first) is None and get(node, second) is None:
+        yield Problem((first,), None, f"missing; {text}, or give {second} instead", BARE)
+    if get(node, first) is not None and get(node, second) is not None:
+        yield Problem((second,), get(node, second), f"not together with {first}; give one of the two")
+
+
+# ---------------------------------------------------------------------------------------------------------- parts
+
+PartType = TypeVar("PartType", bound="Part")
+
+
+class Part(BaseModel):
+    """A table of the drive file: immutable, compared and hashed by value.
+
+    Raises:
+        DriveError: if a value is missing, unknown or not allowed; one line for each.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that give way when a key is set in `Drive.with_values`, because they stand for the same thing."""
+    _renamed: ClassVar[Mapping[str, str]] = {}
+    """Keys that earlier versions wrote, and the keys that they are now."""
+    _judged: ClassVar[frozenset[str] | None] = None
+    """Keys of the numbers whose size the rules depend on, not only whether they are given; None is any."""
+
+    if not TYPE_CHECKING:  # the type checker derives the signature from the fields
+
+        def __init__(self, /, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise drive_error(report(error, values), self._source()) from None
+
+        # pydantic calls a model's own __init__ for every nested part unless it is marked as not the user's: without
+        # this mark the first wrong part would hide the errors of the others
+        __init__.__pydantic_base_init__ = True
+
+    @classmethod
+    def _source(cls) -> str:
+        """The beginning of error lines of a part on its own."""
+        return cls.__name__
+
+    @classmethod
+    def _current(cls, values: Any) -> Any:
+        """The values, with keys that earlier versions wrote under their present names."""
+        if not isinstance(values, Mapping) or cls._renamed.keys().isdisjoint(values):
+            return values
+        now = {key: cls._renamed.get(key, key) for key in values}
+        return {key if now[key] != key and now[key] in values else now[key]: value for key, value in values.items()}
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        """The values, with those that others of them stand for."""
+        return values
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Errors that concern several values; `node` is the part, or a mapping if single values are wrong."""
+        return ()
+
+    @classmethod
+    def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Those of the rules that a part can break by other numbers in place of some that it has.
+
+        Args:
+            changed: under which keys they are, in parts and lists within by the keys and places there, and so on.
+        """
+        return (cls._rules,) if cls._judged is None or not cls._judged.isdisjoint(changed) else ()
+
+    @classmethod
+    def _missing(cls, key: str, node: Any) -> Problem:
+        """The error of a required key that is absent."""
+        return Problem((key,), None, f"missing; {allowed(cls, key)}", BARE)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if isinstance(values, cls):
+            return values
+        values = cls._completed(cls._current(values))
+        problems: list[Problem] = []
+        part = None
+        try:
+            part = handler(values)
+        except ValidationError as error:
+            details = error.errors(include_url=False, include_context=False)
+            problems = [cls._problem(detail, values) for detail in details]
+        if part is not None or isinstance(values, Mapping):
+            problems.extend(cls._rules(values if part is None else part))
+        if part is None or problems:
+            raise ValidationError.from_exception_data(
+                cls.__name__,
+                [
+                    InitErrorDetails(type=PydanticCustomError(p.kind, p.text), loc=p.path, input=p.value)
+                    for p in problems
+                ],
+            )
+        return part
+
+    @classmethod
+    def _problem(cls, detail: Any, values: Any) -> Problem:
+        """A validator's error in this part's own words; errors of parts inside are in words already."""
+        path, value, kind = detail["loc"], detail["input"], detail["type"]
+        if not path:
+            return Problem((), value, "must be a table")
+        key = path[0]
+        tagged = cls.model_fields[key].discriminator if key in cls.model_fields else None
+        if kind in (WRONG, BARE):
+            inside = path if tagged is None or len(path) < 2 else (key, *path[2:])  # without the union's tag
+            return Problem(inside, value, detail["msg"], kind)
+        if kind == "missing":
+            return cls._missing(key, values)
+        if kind == "extra_forbidden":
+            return Problem(path, value, f"unknown key; {nearest(str(key), cls.model_fields)}")
+        if tagged is not None and isinstance(value, Mapping):
+            given = value.get(str(tagged))
+            text = allowed(cls, key)
+            return Problem((key, str(tagged)), given, f"missing; {text}" if given is None else text, _kind_of(given))
+        return Problem(path, value, allowed(cls, key))
+
+
+def _kind_of(value: Any) -> str:
+    return BARE if value is None else WRONG
+
+
+@cache
+def allowed(cls: type[Part], key: str) -> str:
+    """Words for the values that a field allows."""
+
+    def search(source: Any) -> Iterator[str]:
+        for extra in (*getattr(source, "metadata", ()), *getattr(source, "__metadata__", ())):
+            if isinstance(extra, Allowed):
+                yield extra.text
+        for inner in get_args(getattr(source, "annotation", source)):
+            yield from search(inner)
+
+    return next(search(cls.model_fields[key]), "must be a table")
+
+
+def valid(cls: type[PartType], value: Any) -> PartType | None:
+    """The part, if the value is one or makes one without error."""
+    if isinstance(value, cls):
+        return value
+    try:
+        return cls.model_validate(value)
+    except ValidationError:
+        return None
+
+
+# --------------------------------------------------------------------------------------------------------- report
+
+
+def path_text(path: Sequence[str | int], values: Any) -> str:
+    """A key path as the user writes it: elements of a list by their name if that is usable, else by their index."""
+    words: list[str] = []
+    node = values
+    for key in path:
+        if isinstance(key, int) and isinstance(node, Sequence):
+            names = [get(element, "name") for element in node]
+            node = node[key] if key < len(node) else None
+            name = names[key] if key < len(names) else None
+            words.append(str(name) if is_name(name) and names.count(name) == 1 else str(key))
+        else:
+            node = get(node, str(key))
+            words.append(word_text(str(key)))
+    return ".".join(words)
+
+
+def report(error: ValidationError, values: Any) -> list[str]:
+    """The lines of a validation error: `key.path = value: what is allowed`."""
+    lines = []
+    for detail in error.errors(include_url=False, include_context=False):
+        where = path_text(detail["loc"], values)
+        shown = "" if detail["type"] == BARE else f" = {value_text(detail['input'])}"
+        lines.append(f"{where}{shown}: {detail['msg']}")
+    return lines

@@ -1,0 +1,237 @@
+"""Sprockets: teeth and place, prescribed motion or load, balance wheel, mount."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from warpchain.drive.motion_table import SpeedTable, TorqueTable
+from warpchain.drive.schema import (
+    BARE,
+    Allowed,
+    Direction,
+    Finite,
+    Name,
+    NonNegative,
+    NonNegativePair,
+    Pair,
+    Part,
+    Positive,
+    PositivePair,
+    Problem,
+    Value,
+    allowed,
+    at_most,
+    get,
+)
+
+Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
+Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
+MOST_TEETH = 1_000_000
+"""Largest number of teeth: beyond it a file is surely mistaken."""
+
+_HARMONICS = Allowed("must be a list of { order, amplitude, phase }")
+
+
+class Harmonic(Part):
+    """One harmonic of a motion or a load.
+
+    Attributes:
+        order: times per revolution of the sprocket itself [-], > 0; halves occur in four-stroke engines.
+        amplitude: relative to the mean speed [-] in a prescribed motion, a torque [N m] in a load.
+        phase: phase at the sprocket's initial angle [rad].
+        shaft: sprocket whose revolutions `order` counts, in the ratio of teeth (engine orders); None is the sprocket
+            itself.
+    """
+
+    order: Positive
+    amplitude: Finite
+    phase: Finite = 0.0
+    shaft: Name | None = None
+
+
+class Prescribed(Part):
+    """A motion that nothing disturbs: speed (1 + sum of a_h cos(h phi + psi_h)), after a smooth start.
+
+    Attributes:
+        speed: mean angular speed [rad/s], >= 0; its sense is the sprocket's `wrap`; or
+        table: speed over time or over the angle turned: run-up, coast-down, measured fluctuation.
+        ramp_time: time to reach that speed from rest [s]; 0 is at speed from the start; not with a table.
+        harmonics: speed fluctuation.
+    """
+
+    speed: NonNegative | None = None
+    table: SpeedTable | None = None
+    ramp_time: NonNegative = 0.0
+    harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {"speed": ("table",), "table": ("speed", "ramp_time")}
+    _judged: ClassVar[frozenset[str]] = frozenset({"ramp_time"})
+
+    @property
+    def top_speed(self) -> float:
+        """The speed [rad/s], or the highest of the table: what reports call the drive's speed."""
+        if self.speed is not None:
+            return self.speed
+        assert self.table is not None  # the rule below
+        return self.table.factor * max(self.table.speed)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        speed, table, ramp = get(node, "speed"), get(node, "table"), get(node, "ramp_time")
+        if speed is None and table is None:
+            yield Problem(("speed",), None, f"missing; {allowed(cls, 'speed')}, or give table instead", BARE)
+        if speed is not None and table is not None:
+            yield Problem(("speed",), speed, "not together with table; give one of the two")
+        if table is not None and ramp:
+            yield Problem(("ramp_time",), ramp, "not together with table")
+
+
+class Load(Part):
+    """A moment against forward rotation: torque + viscous |omega| + quadratic omega^2 + sum of T_h cos(h phi + psi_h).
+
+    Attributes:
+        torque: constant part [N m].
+        table: a torque over time or over the angle turned, which adds to the rest.
+        viscous: [N m s], >= 0.
+        quadratic: [N m s^2], >= 0, as of a propeller.
+        ramp_time: time over which the load comes on [s]; 0 is from the start.
+        harmonics: torque harmonics, as of cams and fuel pumps.
+    """
+
+    torque: Finite = 0.0
+    table: TorqueTable | None = None
+    viscous: NonNegative = 0.0
+    quadratic: NonNegative = 0.0
+    ramp_time: NonNegative = 0.0
+    harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
+
+    def steady(self, speed: float) -> float:
+        """The moment [N m] at an angular speed [rad/s], without table and harmonics."""
+        return self.torque + self.viscous * speed + self.quadratic * speed * speed
+
+
+class BalanceWheel(Part):
+    """An eccentric mass that turns with the sprocket.
+
+    Attributes:
+        mass: [kg], >= 0.
+        radius: distance from the sprocket's center [m], >= 0.
+        phase: angle in the sprocket's own frame [rad].
+    """
+
+    mass: NonNegative
+    radius: NonNegative
+    phase: Finite = 0.0
+
+
+class FixedMount(Part):
+    """The center does not move."""
+
+    kind: Literal["fixed"] = "fixed"
+
+
+class PrescribedMount(Part):
+    """The center moves on a line: center + direction (offset + amplitude sin(2 pi frequency t + phase)).
+
+    Attributes:
+        direction: direction of the line; only its sense counts, not its length.
+        offset, amplitude: [m].
+        frequency: [Hz], >= 0.
+        phase: [rad].
+    """
+
+    kind: Literal["prescribed"]
+    direction: Direction
+    offset: Finite = 0.0
+    amplitude: Finite = 0.0
+    frequency: NonNegative = 0.0
+    phase: Finite = 0.0
+
+
+class ElasticMount(Part):
+    """The center rests on a spring and a damper along each axis.
+
+    Attributes:
+        stiffness: along x and y [N/m], > 0.
+        damping: along x and y [N s/m], >= 0.
+        preload: constant force on the center [N].
+    """
+
+    kind: Literal["elastic"]
+    stiffness: PositivePair
+    damping: NonNegativePair
+    preload: Pair = (0.0, 0.0)
+
+
+class SliderMount(Part):
+    """The center moves on a line, pressed by a spring, a damper and a constant force: a tensioner.
+
+    Attributes:
+        direction: direction of the line and of the preload; only its sense counts, not its length.
+        stiffness: [N/m], >= 0.
+        damping: [N s/m], >= 0.
+        preload: force along `direction` [N].
+    """
+
+    kind: Literal["slider"]
+    direction: Direction
+    stiffness: NonNegative
+    damping: NonNegative
+    preload: Finite = 0.0
+
+
+Mount = Annotated[
+    FixedMount | PrescribedMount | ElasticMount | SliderMount,
+    Field(discriminator="kind"),
+    Allowed('must be "fixed", "prescribed", "elastic" or "slider"'),
+]
+
+
+class Sprocket(Part):
+    """A sprocket, at its place in the order in which the chain visits them.
+
+    Attributes:
+        name: unique among all parts.
+        teeth: z, >= 5.
+        center: [m].
+        wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
+        pitch: of its teeth, where worn [m]; None is the chain's.
+        mass: without the balance wheel [kg]; needed when the mount is elastic or a slider.
+        inertia: without the balance wheel [kg m^2]; needed unless prescribed.
+        prescribed: its motion, if that is given.
+        load: moment against forward rotation.
+        balance_wheel: eccentric mass that turns with it.
+        mount: how the center is held.
+    """
+
+    name: Name
+    teeth: Teeth
+    center: Pair
+    wrap: Wrap
+    pitch: Positive | None = None
+    mass: Positive | None = None
+    inertia: Positive | None = None
+    prescribed: Prescribed | None = None
+    load: Load | None = None
+    balance_wheel: BalanceWheel | None = None
+    mount: Mount = FixedMount()
+
+    _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
+
+    @property
+    def sign(self) -> int:
+        """+1 if forward rotation is counter-clockwise, else -1."""
+        return 1 if self.wrap == "ccw" else -1
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        positive = allowed(cls, "mass")
+        yield from at_most(node, "teeth", MOST_TEETH)
+        if get(node, "inertia") is None and get(node, "prescribed") is None:
+            yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
+        kind = get(get(node, "mount"), "kind")
+        if kind in ("elastic", "slider") and get(node, "mass") is None:
+            yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)

@@ -1,0 +1,296 @@
+r"""Modes of a drive: frequency, damping ratio, what takes part in each, and its shape.
+
+    (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
+
+K the stiffness, that of a running chain with the bending that its running takes off (`engine.static_equilibrium`, (a)),
+C the damping, and G what makes strands travel: a roller that hangs at a place of its own moves on to the next f times a
+second, so its acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the
+tension, m_l the mass of a length and v the speed the whole is a travelling string's m_l w'' + 2 v m_l D1 w' - (T - m_l
+v^2) D2 w at the chain's own spacing. On sprockets rollers keep their places.
+
+Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse, whose
+matrix is banded but for the bodies' columns. Coordinates without mass (oil in tensioners) have one finite eigenvalue
+each and one at infinity, which is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, eigs, splu
+
+from warpchain.drive import Drive
+from warpchain.engine.static_equilibrium import passing_rate
+from warpchain.errors import SimulationError
+from warpchain.modal.matrices import Array
+from warpchain.modal.system import VALVES, System, system, tension_of
+from warpchain.modal.tensioner_modes import plungers, stand
+
+WHOLE = 120
+"""Coordinates up to which a pencil is solved whole."""
+SHIFT = 1e-2
+"""Where eigenvalues are sought nearest to, of the unit of time; not at zero, which may be one of them."""
+INFINITE = 1e-9
+"""Its inverse is an eigenvalue, of the unit of time, that is none: rounding makes it of one at infinity."""
+
+
+def eigenpairs(
+    mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """The `wanted` eigenvalues nearest to zero with Im s >= 0, and more if they come, by size.
+
+    Args:
+        unit: a frequency of the size of those sought [rad/s]; it scales the time.
+
+    Returns:
+        (K,) s [1/s], and (n, K) their vectors.
+    """
+    n = mass.shape[0]
+    m, c, k = mass, damping / unit, stiffness / unit**2
+    if n <= WHOLE:
+        above = np.hstack([np.zeros((n, n)), np.eye(n)])
+        below = np.hstack([-k.toarray(), -c.toarray()])
+        right = scipy.linalg.block_diag(np.eye(n), m.toarray())
+        (top, bottom), vector = scipy.linalg.eig(np.vstack([above, below]), right, homogeneous_eigvals=True)
+        finite = np.abs(bottom) > INFINITE * np.abs(top)
+        value, vector = top[finite] / bottom[finite], vector[:, finite]
+    else:
+        value, vector = _nearest(m, c, k, min(2 * wanted + 8, n))
+    upper = np.flatnonzero(value.imag >= 0.0)
+    upper = upper[np.argsort(np.abs(value[upper]))]
+    return unit * value[upper], vector[:n, upper]
+
+
+def _nearest(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
+    """Eigenvalues of the linearized pencil nearest to the shift."""
+    n = m.shape[0]
+    factor = splu((k + SHIFT * c + SHIFT**2 * m).tocsc())
+    drag = (c + SHIFT * m).tocsr()
+
+    def apply(vector: Array) -> Array:
+        first, second = vector[:n], m @ vector[n:]
+        x = -factor.solve(second + drag @ first)
+        return np.concatenate([x, first + SHIFT * x])
+
+    inverse = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(2 * n)
+    value, vector = eigs(inverse, k=count, v0=start, ncv=min(2 * n - 1, max(3 * count, 60)), maxiter=2000)
+    return SHIFT + 1.0 / value, vector
+
+
+ZERO = 1e-5
+"""A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
+RESISTED = 1e-7
+"""Of a link's stiffness: more than what rounding gives to a motion that nothing restores."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, then arms) and T tensioners about a standing or
+    steadily running state.
+
+    Attributes:
+        drive: the drive.
+        speed: of the driver [rad/s]; 0 is at rest.
+        eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
+        names: (K,) the part that moves most, and the how manieth of its modes this is, such as "motor->conveyor 2".
+        parts: (P,) strands, sprockets (turning, with the rollers on them), mounts ("NAME.mount") that can move, arms
+            (without plungers), and tensioners (their plungers).
+        participation: (K, P) shares of the kinetic energy; they sum to 1.
+        across: (K,) share of the rollers' kinetic energy that is transverse to the chain.
+        shape: (K, N, 2) complex displacement of the rollers, of unit modal mass [m], the real part the larger.
+        bodies: (K, B, 3) complex displacement of the bodies (x, y, theta).
+        stroke: (K, T) complex extension of the tensioners [m].
+        pressure: (K, T) complex pressure of their oil [Pa]; 0 without oil.
+        stored: (K, T) share of the mode's stiffness x* K x that is in a tensioner: in spring, oil and stops.
+        lost: (K, T) share of the mode's damping x* C x that is in a tensioner: in dampers and in the plunger's gap.
+        position: (N, 2) where the rollers stand [m].
+        placed: (B, 3) where the bodies stand.
+        tension: (N,) of the links there [N].
+        zeros: how many independent motions have no restoring force; they are not among the K.
+        growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
+        creeping: (O,) decay rates of motions that come back without swinging [1/s].
+        standing: how arms and tensioners stand, a line each.
+    """
+
+    drive: Drive
+    speed: float
+    eigenvalue: NDArray[np.complex128]
+    names: tuple[str, ...]
+    parts: tuple[str, ...]
+    participation: Array
+    across: Array
+    shape: NDArray[np.complex128]
+    bodies: NDArray[np.complex128]
+    stroke: NDArray[np.complex128]
+    pressure: NDArray[np.complex128]
+    stored: Array
+    lost: Array
+    position: Array
+    placed: Array
+    tension: Array
+    zeros: int
+    growing: Array
+    creeping: Array
+    standing: tuple[str, ...]
+
+    @property
+    def frequency(self) -> Array:
+        """(K,) undamped natural frequencies omega / 2 pi [Hz]."""
+        return np.abs(self.eigenvalue) / (2.0 * np.pi)
+
+    @property
+    def damping_ratio(self) -> Array:
+        """(K,) zeta."""
+        return -self.eigenvalue.real / np.abs(self.eigenvalue)
+
+    def __len__(self) -> int:
+        return len(self.eigenvalue)
+
+    def first(self, count: int) -> Modes:
+        """The first of the modes."""
+        return self.chosen(np.arange(min(count, len(self))))
+
+    def chosen(self, which: NDArray[np.integer]) -> Modes:
+        """The modes of these indices."""
+        kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
+        return replace(self, **kept, names=tuple(self.names[k] for k in which))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays by name, with `frequency` and `damping_ratio`."""
+        others = ("parts", "position", "placed", "tension", "growing", "creeping")
+        tensioned = PER_MODE if self.drive.tensioners else MOVING
+        result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
+        return {**result, "frequency": self.frequency, "damping_ratio": self.damping_ratio}
+
+
+MOVING = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
+PER_MODE = (*MOVING, "stroke", "pressure", "stored", "lost")
+"""Fields of `Modes` that have a row for each mode."""
+
+
+def modes(drive: Drive, count: int = 20, speed: float = 0.0, valve: str = "shut") -> Modes:
+    """The lowest modes of a drive.
+
+    Args:
+        drive: the drive.
+        count: how many modes that swing, from the lowest frequency up.
+        speed: of the driver [rad/s]: 0 is at rest under the constant parts of the loads; else the chain runs steadily,
+            and loads are those at this speed.
+        valve: check valves of hydraulic tensioners "shut", as for motion that anyone sees, or "open" as they are at
+            rest, for motion that changes the pressure by some hundred pascals at most.
+
+    Raises:
+        DriveError: a chain that does not fit.
+        SimulationError: a drive that does not settle, or another word for `valve`; one line.
+    """
+    if valve not in VALVES:
+        raise SimulationError(f'valve = {valve!r}: allowed are "shut" and "open"')
+    return modes_of(system(drive, speed, valve=valve), count)
+
+
+def modes_of(found: System, count: int) -> Modes:
+    """The lowest modes of small motion."""
+    stiff = float(found.packed.chains["stiffness"][0]) / found.at.mass
+    unit, wanted = np.sqrt(stiff) / found.at.rollers, count
+    while True:
+        value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
+        real = np.abs(value.imag) < 1e-9 * np.abs(value)
+        zero = np.abs(value) < ZERO * np.sqrt(stiff)
+        zero[zero & real] &= ~_resisted(found, vector[:, zero & real])
+        swings = np.flatnonzero(~zero & ~real)
+        if len(swings) >= count or wanted >= found.at.count:
+            break
+        wanted = min(2 * wanted, found.at.count)
+    swings = swings[:count]
+    alone = value[~zero & real].real
+    vector = _normal(vector[:, swings], found.mass)
+    shape, bodies = found.at.split(vector.T)
+    parts, share, across = _participation(found, vector)
+    pushed = plungers(found, vector)
+    return Modes(
+        drive=found.drive,
+        speed=found.speed,
+        eigenvalue=value[swings],
+        names=_names(parts, share),
+        parts=parts,
+        participation=share,
+        across=across,
+        shape=shape,
+        bodies=bodies,
+        stroke=pushed.stroke,
+        pressure=pushed.pressure,
+        stored=pushed.stored,
+        lost=pushed.lost,
+        position=found.state.position[0],
+        placed=found.state.bodies[0],
+        tension=tension_of(found.packed, found.state, passing_rate(found.drive, found.speed)),
+        zeros=int(zero.sum() + 1) // 2,
+        growing=np.sort(alone[alone > 0.0]),
+        creeping=np.sort(-alone[alone < 0.0]),
+        standing=stand(found),
+    )
+
+
+def _resisted(found: System, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """(K,) whether motions are slow because oil must leak, not because nothing restores them: K does work on them."""
+    if not len(found.at.chambers):
+        return np.zeros(vector.shape[1], dtype=bool)
+    held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
+    return np.asarray(held > RESISTED * float(found.packed.chains["stiffness"][0]) * (np.abs(vector) ** 2).sum(axis=0))
+
+
+def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
+    """Vectors of unit modal mass x* M x, each turned in phase so that its real part is as large as can be."""
+    vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
+    square = np.einsum("ij,ij->j", vector, mass @ vector)
+    return vector * np.exp(-0.5j * np.angle(square))
+
+
+def _participation(found: System, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
+    """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
+    drive, at, places = found.drive, found.at, found.layout
+    own, plunger = 2 * at.rollers, plungers(found, vector).kinetic
+    energy = (vector.conj() * (found.mass @ vector)).real.T
+    roller = energy[:, :own].reshape(-1, at.rollers, 2).sum(axis=2)
+    parts, shares = [], []
+    for k, name in enumerate(drive.strand_names):
+        parts.append(name)
+        shares.append(roller[:, places.strand == k].sum(axis=1))
+    carried = np.zeros((len(energy), len(drive.sprockets) + len(drive.arms)))
+    for t in range(len(drive.tensioners)):
+        carried[:, drive.tensioner_body(t)] += plunger[:, t]
+    for s, sprocket in enumerate(drive.sprockets):
+        parts.append(sprocket.name)
+        turns = (at.owner == s) & at.turning
+        shares.append(roller[:, places.arc == s].sum(axis=1) + energy[:, own : at.solid][:, turns].sum(axis=1))
+        slides = (at.owner == s) & ~at.turning
+        if slides.any():
+            parts.append(f"{sprocket.name}.mount")
+            shares.append(energy[:, own : at.solid][:, slides].sum(axis=1) - carried[:, s])
+    for b, arm in enumerate(drive.arms, len(drive.sprockets)):
+        parts.append(arm.name)
+        shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1) - carried[:, b])
+    parts += [tensioner.name for tensioner in drive.tensioners]
+    shares += list(plunger.T)
+    place = found.state.position[0]
+    along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    shape = vector[:own].T.reshape(-1, at.rollers, 2)
+    off = np.abs(shape[..., 0] * along[:, 1] - shape[..., 1] * along[:, 0]) ** 2
+    across = at.mass * off.sum(axis=1) / np.maximum(roller.sum(axis=1), 1e-300)
+    return tuple(parts), np.stack(shares, axis=1), across
+
+
+def _names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
+    """Each mode by the part that moves most, numbered from the lowest."""
+    most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
+    for part in (parts[k] for k in most):
+        seen[part] += 1
+        names.append(f"{part} {seen[part]}")
+    return tuple(names)

@@ -1,0 +1,161 @@
+"""Figures of modes: shapes on the drive, and the Campbell diagram."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.scene import arm_outline, guide_outline, tensioner_outline, turned
+from warpchain.view.figures.style import LINES, arrowed, rpm
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from warpchain.drive import Drive
+    from warpchain.modal.campbell import Campbell
+    from warpchain.modal.eigenmodes import Modes
+    from warpchain.modal.matrices import Array
+
+
+def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
+    """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
+    each time."""
+    first, lines = len(drive.sprockets), []
+    for a, arm in enumerate(drive.arms):
+        own = arm_outline(drive, a) + [guide_outline(drive, g) for g in drive.guides_of(a)]
+        lines += [turned(line, arm.pivot, float(bodies[first + a, 2])) for line in own]
+    for t, tensioner in enumerate(drive.tensioners):
+        b, along = drive.tensioner_body(t), np.array(tensioner.unit_direction)
+        if b >= first:
+            point = turned(np.array(tensioner.at), drive.arms[b - first].pivot, float(bodies[b, 2]))
+            out = (point - tensioner.at) @ along
+        else:
+            out = (bodies[b, :2] - drive.sprockets[b].center) @ along
+        lines.append(tensioner_outline(drive, t)[1] + out * along)
+    return lines
+
+
+def still_lines(drive: Drive) -> list[Array]:
+    """Lines (P, 2) [m] of guides on the ground and of tensioners' housings."""
+    own = [guide_outline(drive, g) for g in range(len(drive.guides)) if drive.arm_of(g) is None]
+    return own + [tensioner_outline(drive, t)[0] for t in range(len(drive.tensioners))]
+
+
+SWING = 0.06
+"""Largest displacement drawn, of the drive's size."""
+COLUMNS, MOST = 4, 12
+"""Panels of the figure of shapes in a row, and at most."""
+
+
+def swing(modes: Modes, k: int, phase: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], as large as drawings take it."""
+    size = SWING * float(np.ptp(modes.position, axis=0).max())
+    scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
+    turn = scale * np.exp(1j * phase)
+    most = float(np.abs(modes.bodies[k, :, 2]).max(initial=0.0)) * scale
+    if most > 0.5:  # rather turned by half a radian at most
+        turn *= 0.5 / most
+    return modes.position + (turn * modes.shape[k]).real, modes.placed + (turn * modes.bodies[k]).real
+
+
+def shapes_figure(modes: Modes) -> Figure:
+    """The first modes, each at both ends of its swing, with how far each sprocket and arm turns."""
+    from matplotlib.figure import Figure
+
+    count = min(len(modes), MOST)
+    columns = min(count, COLUMNS)
+    lines = -(-count // columns)
+    span = np.ptp(modes.position, axis=0)
+    tall = float(np.clip(3.0 * span[1] / span[0], 1.4, 5.0))
+    figure = Figure(figsize=(3.1 * columns, (tall + 0.55) * lines + 0.6), layout="constrained")
+    for k, axis in enumerate(figure.subplots(lines, columns, squeeze=False).ravel()):
+        if k < count:
+            _draw_shape(axis, modes, k)
+        axis.set_aspect("equal")
+        axis.axis("off")
+    state = "at rest" if modes.speed == 0.0 else f"driver at {rpm(modes.speed):.4g} rpm"
+    figure.suptitle(
+        f"Modes, {state}: the chain at both ends of its swing, spokes as far as sprockets turn", fontsize=11
+    )
+    return figure
+
+
+def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
+    drive = modes.drive
+    for line in still_lines(modes.drive):
+        axis.plot(*line.T, color="peru", lw=1.2)
+    ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
+    closed = np.append(np.arange(len(modes.position)), 0)
+    axis.plot(*modes.position[closed].T, color="0.75", lw=0.8)
+    for phase, color in ((np.pi, LINES[0]), (0.0, LINES[1])):
+        rollers, bodies = swing(modes, k, phase)
+        axis.plot(*rollers[closed].T, color=color, lw=1.1)
+        for s in range(len(drive.sprockets)):
+            x, y, _ = bodies[s]
+            radius, angle = 0.82 * drive.pitch_radius(s), bodies[s, 2] - modes.placed[s, 2]
+            if phase == 0.0:
+                axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
+            axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
+        for line in moved_lines(modes.drive, bodies):
+            axis.plot(*line.T, color=color, lw=0.8)
+    ratio = 100.0 * modes.damping_ratio[k]
+    axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{arrowed(modes.names[k])}", fontsize=8)
+
+
+def campbell_figure(found: Campbell) -> Figure:
+    """Frequencies of the modes over the driver's speed, with the orders that excite the drive and the tongues."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    axis = figure.subplots()
+    speed = rpm(1.0) * found.speed
+    top = 1.08 * float(np.nanmax(found.frequency))
+    ends = []
+    for k in range(len(found.names)):
+        axis.plot(speed, found.frequency[:, k], color=LINES[k % len(LINES)], lw=1.4)
+        ends.append(found.frequency[np.flatnonzero(np.isfinite(found.frequency[:, k]))[-1], k])
+    for k, place in enumerate(_apart(np.array(ends), 0.022 * top)):
+        words, color = f"{k + 1}  {arrowed(found.names[k])}", LINES[k % len(LINES)]
+        axis.annotate(words, (speed[-1], place), (4, 0), textcoords="offset points", fontsize=7, va="center",
+                      color=color, annotation_clip=False)  # fmt: skip
+    for order in found.orders:
+        _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top)
+    for crossing in found.crossings():
+        axis.plot(rpm(crossing.speed), crossing.frequency, "o", ms=3.0, color="black")
+    for tongue in found.tongues():
+        axis.plot(rpm(tongue.speed), tongue.frequency, "D", ms=4.0, mfc="white", mec="tab:red", zorder=4)
+    axis.plot([], [], "o", ms=3.0, color="black", label="an order meets a mode")
+    axis.plot([], [], "D", ms=4.0, mfc="white", mec="tab:red", label="tooth frequency is twice the mode's")
+    axis.set_xlim(speed[0], speed[-1])
+    axis.set_ylim(0.0, top)
+    axis.grid(alpha=0.3)
+    axis.set_xlabel(f"speed of {found.drive.sprockets[found.drive.driver].name} [rpm]")
+    axis.set_ylabel("frequency [Hz]")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    figure.suptitle("Campbell diagram of the modes; orders of the driver's revolution dashed", fontsize=11)
+    return figure
+
+
+def _apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Places moved up, where need be, to lie at least so far apart."""
+    result = places.copy()
+    rank = np.argsort(places)
+    for below, above in itertools.pairwise(rank):
+        result[above] = max(result[above], result[below] + least)
+    return result
+
+
+def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> None:
+    """A line of an order, with its name where it leaves the diagram."""
+    at = min(end, 60.0 * top / order)
+    axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
+    short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5}
+    style = {"textcoords": "offset points", "fontsize": 6.5, "color": "0.35", "bbox": box}
+    if at < end:
+        axis.annotate(short, (at, top), (0, 3), rotation=35, va="bottom", annotation_clip=False, **style)
+    elif order * at / 60.0 > 0.02 * top:
+        axis.annotate(short, (at, order * at / 60.0), (-3, 2), ha="right", va="bottom", **style)

@@ -1,0 +1,173 @@
+"""Modes as lines of text, and as one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.modal.mode_figures import campbell_figure, shapes_figure
+from warpchain.view.figures.style import rpm
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from warpchain.modal.campbell import Campbell
+    from warpchain.modal.eigenmodes import Modes
+
+SHOWN = 0.005
+"""Shares of the kinetic energy below this are not listed."""
+MOST = 4
+"""Parts listed for a mode at most, by their shares."""
+
+
+def lines(modes: Modes) -> list[str]:
+    """The mode table, and what else there is to say of the state, line by line."""
+    state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
+    tension = modes.tension
+    result = [
+        f"{len(modes)} modes about the standing drive ({state}); link tension "
+        f"{tension.min():.4g} to {tension.max():.4g} N",
+        "",
+    ]
+    width = max([4, *map(len, modes.names)])
+    result.append(f"{'':>3}  {'mode':<{width}}  {'Hz':>9}  {'damping':>8}  {'across':>6}  share of the kinetic energy")
+    rows = zip(modes.names, modes.frequency, modes.damping_ratio, modes.across, modes.participation, strict=True)
+    for k, (name, frequency, ratio, across, share) in enumerate(rows, 1):
+        result.append(
+            f"{k:>3}  {name:<{width}}  {frequency:>9.4g}  {100.0 * ratio:>7.2g}%  {across:>6.0%}  "
+            + ", ".join(f"{modes.parts[p]} {share[p]:.0%}" for p in np.argsort(-share)[:MOST] if share[p] >= SHOWN)
+            + "".join(f"; {words}" for words in pushed(modes, k - 1))
+        )
+    return [*result, *remarks(modes)]
+
+
+def pushed(modes: Modes, k: int) -> list[str]:
+    """Shares of mode k's stiffness and damping of each tensioner that holds any of it worth mentioning."""
+    return [
+        f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
+        for t, tensioner in enumerate(modes.drive.tensioners)
+        if modes.stored[k, t] >= SHOWN
+    ]
+
+
+def remarks(modes: Modes) -> list[str]:
+    """Lines on the states of arms and tensioners, and on motions that are no modes, where there are any."""
+    result = list(modes.standing)
+    if modes.zeros:
+        result.append(
+            f"{modes.zeros} motions have no restoring force (rollers without contact or tension, a sprocket that turns "
+            "freely): left out"
+        )
+    if len(modes.growing):
+        result.append(f"{len(modes.growing)} motions run away, the fastest at {modes.growing[-1]:.3g} 1/s: left out")
+    if len(modes.creeping):
+        slow = 1.0 / modes.creeping[0]
+        result.append(
+            f"{len(modes.creeping)} motions come back without swinging, the slowest in {slow:.3g} s: left out"
+        )
+    return result
+
+
+def campbell_lines(found: Campbell) -> list[str]:
+    """Crossings of orders and modes, and where the tooth frequency is twice that of a mode, line by line."""
+    width = max(4, *map(len, found.names))
+    result = ["", f"{'meets':<{width}}  {'rad/s':>8}  {'Hz':>8}  {'damping':>8}  {'order':>8}  cause"]
+    for c in found.crossings():
+        result.append(
+            f"{c.mode:<{width}}  {c.speed:>8.4g}  {c.frequency:>8.4g}  {100.0 * c.damping_ratio:>7.2g}%  "
+            f"{c.order.value:>8.4g}  {c.order.cause}"
+        )
+    result += ["", f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  runs away from e = 4 zeta ="]
+    for t in found.tongues():
+        result.append(f"{t.mode:<{width}}  {t.speed:>8.4g}  {t.frequency:>8.4g}  {t.threshold:.2g}")
+    return result
+
+
+STYLE = (
+    "body{font:15px/1.45 system-ui,sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}"
+    "table{border-collapse:collapse;font-variant-numeric:tabular-nums}"
+    "td,th{padding:.15em .7em;border-bottom:1px solid #ddd;text-align:right}"
+    "td:first-child,th:first-child,td.words{text-align:left}img{max-width:100%}"
+)
+
+
+def page(modes: Modes, found: Campbell | None = None) -> str:
+    """The page's text."""
+    drive = modes.drive
+    where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm(modes.speed):.4g} rpm"
+    links = f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm"
+    tension = f"link tension {modes.tension.min():.4g} to {modes.tension.max():.4g} N"
+    body = [
+        f"<h1>Modes {escape(where)}</h1>",
+        f"<p>{links}; {tension}. Shares are of the mode's kinetic energy; across is what of the rollers' is "
+        "transverse to the chain.</p>",
+        _modes_table(modes),
+        *(f"<p>{escape(line)}</p>" for line in remarks(modes)),
+        _picture(shapes_figure(modes), "mode shapes"),
+    ]
+    if found is not None:
+        body += [
+            "<h2>Campbell diagram</h2>",
+            _picture(campbell_figure(found), "Campbell diagram"),
+            "<h2>Where orders meet modes</h2>",
+            _crossings_table(found),
+            "<h2>Where the tooth frequency is twice that of a mode</h2>",
+            "<p>A strand whose tension swings by the share e at the tooth frequency swings ever more there, once e "
+            "exceeds 4 zeta.</p>",
+            _tongues_table(found),
+        ]
+    inner = "\n".join(body)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>Modes</title>\n'
+        f"<style>{STYLE}</style>\n</head>\n<body>\n{inner}\n</body>\n</html>\n"
+    )
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    top = "".join(f"<th>{escape(word)}</th>" for word in head)
+    lines = ["<tr>" + "".join(f"<td>{escape(word)}</td>" for word in row) + "</tr>" for row in rows]
+    return f"<table><tr>{top}</tr>\n" + "\n".join(lines) + "\n</table>"
+
+
+def _modes_table(modes: Modes) -> str:
+    shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= 0.005]
+    head = ["mode", "Hz", "damping", "across", *(modes.parts[p] for p in shown)]
+    tensioned = bool(modes.drive.tensioners)
+    if tensioned:
+        head.append("of stiffness and damping")
+    rows = []
+    for k, name in enumerate(modes.names):
+        share = [f"{modes.participation[k, p]:.0%}" if modes.participation[k, p] >= 0.005 else "" for p in shown]
+        first = [f"{k + 1}: {name}", f"{modes.frequency[k]:.4g}", f"{100.0 * modes.damping_ratio[k]:.2g} %"]
+        held = ["; ".join(pushed(modes, k))] if tensioned else []
+        rows.append([*first, f"{modes.across[k]:.0%}", *share, *held])
+    return _table(head, rows)
+
+
+def _crossings_table(found: Campbell) -> str:
+    rows = [
+        [c.mode, f"{rpm(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}", f"{100.0 * c.damping_ratio:.2g} %",
+         f"{c.order.value:.4g}", c.order.cause]
+        for c in found.crossings()
+    ]  # fmt: skip
+    return _table(["mode", "rpm", "rad/s", "Hz", "damping", "order", "cause"], rows)
+
+
+def _tongues_table(found: Campbell) -> str:
+    rows = [
+        [t.mode, f"{rpm(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
+        for t in found.tongues()
+    ]
+    return _table(["mode", "rpm", "rad/s", "Hz of the mode", "e = 4 zeta"], rows)
+
+
+def _picture(figure: Figure, words: str) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<p><img src="data:image/png;base64,{data}" alt="{escape(words)}"></p>'

@@ -1,0 +1,111 @@
+"""Modes in Rerun: each swings in a tab and an entity of its own, large enough to be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.errors import ArchiveError
+from warpchain.files import refusals, whole_file
+from warpchain.modal.eigenmodes import Modes
+from warpchain.modal.mode_figures import moved_lines, still_lines, swing
+from warpchain.view.rerun.streams import flipped
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    from warpchain.modal.eigenmodes import Modes
+
+FRAMES = 48
+"""Of a cycle."""
+CYCLES = 4
+SECONDS = 2.0
+"""That a cycle takes, whatever the mode's frequency."""
+CHAIN, STEEL, RUBBER, REST = (90, 160, 255), (150, 155, 165), (190, 120, 60), (90, 90, 95)
+
+
+def save_recording(modes: Modes, path: str | Path) -> Path:
+    """Writes modes as a Rerun recording, which appears under its name only when whole.
+
+    Raises:
+        ArchiveError: a file that cannot be written.
+    """
+    import rerun as rr
+
+    target = Path(path)
+    stream = rr.RecordingStream("warpchain modes")
+    with refusals(target, ArchiveError), whole_file(target) as file:
+        stream.save(file.name)
+        stream.send_blueprint(blueprint(modes))
+        log_modes(stream, modes)
+        stream.flush()
+        stream.disconnect()
+    return target
+
+
+def entity(modes: Modes, k: int) -> str:
+    """Where mode k is logged."""
+    return f"modes/{k + 1:02d}"
+
+
+def title(modes: Modes, k: int) -> str:
+    """The title of mode k."""
+    return f"{k + 1}: {modes.frequency[k]:.4g} Hz {modes.names[k]}"
+
+
+def blueprint(modes: Modes) -> rrb.Blueprint:
+    """A tab for each mode."""
+    import rerun.blueprint as rrb
+
+    low, high = flipped(modes.position).min(axis=0), flipped(modes.position).max(axis=0)
+    margin = 0.12 * float((high - low).max())
+    bounds = rrb.VisualBounds2D(
+        x_range=[float(low[0]) - margin, float(high[0]) + margin],
+        y_range=[float(low[1]) - margin, float(high[1]) + margin],
+    )
+    tabs = [
+        rrb.Spatial2DView(
+            origin="/",
+            contents=["+ /drive/**", f"+ /{entity(modes, k)}/**"],
+            name=title(modes, k),
+            visual_bounds=bounds,
+        )
+        for k in range(len(modes))
+    ]
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs), rrb.TimePanel(state="collapsed", timeline="sim_time", loop_mode="all", play_state="playing")
+    )
+
+
+def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
+    """Logs the drive at rest, and each mode over some cycles."""
+    import rerun as rr
+
+    drive = modes.drive
+    width = 0.08 * drive.chain.pitch
+    closed = np.append(np.arange(len(modes.position)), 0)
+    rest = rr.LineStrips2D([flipped(modes.position[closed])], colors=[REST], radii=[0.5 * width])
+    stream.log("drive/chain", rest, static=True)
+    still = [flipped(line) for line in still_lines(modes.drive)]
+    if still:
+        stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
+    ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
+    for frame in range(CYCLES * FRAMES + 1):
+        stream.set_time("sim_time", duration=frame * SECONDS / FRAMES)
+        for k in range(len(modes)):
+            rollers, bodies = swing(modes, k, 2.0 * np.pi * frame / FRAMES)
+            strips = [flipped(rollers[closed])]
+            for s in range(len(drive.sprockets)):
+                x, y, angle = bodies[s]
+                radius = 0.82 * drive.pitch_radius(s)
+                turned = ring * np.exp(1j * (angle - modes.placed[s, 2]))
+                rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
+                strips += [flipped(rim), flipped(np.array([[x, y], rim[0]]))]
+            colors = [CHAIN] + [STEEL] * (len(strips) - 1)
+            carried = [flipped(line) for line in moved_lines(modes.drive, bodies)]
+            strips, colors = strips + carried, colors + [RUBBER] * len(carried)
+            radii = [width] + [0.6 * width] * (len(strips) - 1)
+            stream.log(entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))

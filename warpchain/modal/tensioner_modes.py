@@ -1,0 +1,145 @@
+"""Arms and tensioners in modes: their states, and the part of tensioners in a mode's stiffness and damping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from warpchain.modal.matrices import Array
+    from warpchain.modal.system import System
+
+FAINT = 1e-9
+"""A mode whose damping force is less than this part of its stiffness has no damping to share."""
+
+
+@dataclass(frozen=True)
+class Plungers:
+    """Motion and energy of the T tensioners of a drive in K modes of unit modal mass.
+
+    Attributes:
+        stroke: (K, T) complex extension [m].
+        pressure: (K, T) complex pressure of the oil [Pa]; 0 without oil.
+        kinetic: (K, T) kinetic energy of the plungers, of the mode's.
+        stored: (K, T) share of the mode's stiffness x* K x that spring, oil and stops of the tensioner hold.
+        lost: (K, T) share of the mode's damping x* C x that is in its dampers and in the gap of its plunger.
+    """
+
+    stroke: NDArray[np.complex128]
+    pressure: NDArray[np.complex128]
+    kinetic: Array
+    stored: Array
+    lost: Array
+
+
+@dataclass(frozen=True)
+class Elements:
+    """The linear elements of T tensioners where they stand.
+
+    Attributes:
+        force: (T,) with which each pushes [N].
+        stiffness: (T,) of the spring and of what it stands on beside the oil [N/m].
+        damping: (T,) [N s/m].
+        on_stop: (T,) whether the plunger stands on its ratchet or on the chamber's bottom.
+        oil: (T,) E A^2 / V [N/m]; 0 without oil.
+        gap: (T,) A^2 / G of gap and open valve [N s/m]; 0 without oil.
+    """
+
+    force: Array
+    stiffness: Array
+    damping: Array
+    on_stop: NDArray[np.bool_]
+    oil: Array
+    gap: Array
+
+
+def elements(found: System) -> Elements:
+    """The linear elements of the tensioners of a drive at rest."""
+    of, x = _tensioners(found), found.extension
+    push = of["preload"] - of["stiffness"] * x
+    pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tooth = of["ratchet_pitch"] * np.floor(x / of["ratchet_pitch"]) - of["backlash"]
+    depth = np.maximum(of["bottom"], np.where(of["ratchet_pitch"] > 0.0, tooth, -np.inf)) - x
+    on, works = depth > 0.0, pressing > 0.0
+    oil, gap = np.zeros(len(of)), np.zeros(len(of))
+    places = found.at.solid + np.arange(len(found.at.chambers))
+    oil[found.at.chambers] = found.stiffness.diagonal()[places]
+    gap[found.at.chambers] = found.damping.diagonal()[places]
+    return Elements(
+        force=np.maximum(pressing, 0.0) + np.where(on, of["stop_stiffness"] * depth, 0.0),
+        stiffness=np.where(works, of["stiffness"], 0.0) + np.where(on, of["stop_stiffness"], 0.0),
+        damping=np.where(works, of["damping"], 0.0) + np.where(on, of["stop_damping"], 0.0),
+        on_stop=on,
+        oil=oil,
+        gap=gap,
+    )
+
+
+def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
+    """Motion and energy of tensioners in modes.
+
+    Args:
+        vector: (n, K) of unit modal mass.
+    """
+    at, of, linear = found.at, _tensioners(found), elements(found)
+    stroke = (at.strokes @ vector).T
+    leaked = np.zeros_like(stroke)
+    leaked[:, at.chambers] = vector[at.solid :].T
+    area = np.where(of["hydraulic"] == 1, of["area"], 1.0)
+    stored = linear.stiffness * np.abs(stroke) ** 2 + linear.oil * np.abs(stroke + leaked) ** 2
+    through = linear.gap * (leaked - of["drag"] / area * stroke)
+    lost = linear.damping * np.abs(stroke) ** 2 + (leaked.conj() * through).real
+    _, bodies = at.split(vector.T)
+    kinetic = np.zeros(stroke.shape)
+    for t, tensioner in enumerate(found.drive.tensioners):
+        x, y, angle = np.abs(bodies[:, found.drive.tensioner_body(t)].T) ** 2
+        square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if _on_arm(found, t) else 0.0)
+        kinetic[:, t] = tensioner.plunger_mass * square
+    stiff = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real[:, None]
+    drag = np.einsum("ij,ij->j", vector.conj(), found.damping @ vector).real[:, None]
+    return Plungers(
+        stroke=stroke,
+        pressure=-linear.oil / area * (stroke + leaked),
+        kinetic=kinetic,
+        stored=stored / stiff,
+        lost=np.where(drag > FAINT * np.sqrt(np.abs(stiff)), lost / np.where(drag == 0.0, 1.0, drag), 0.0),
+    )
+
+
+def _on_arm(found: System, t: int) -> bool:
+    return found.drive.tensioner_body(t) >= len(found.drive.sprockets)
+
+
+def _tensioners(found: System) -> Any:
+    return found.packed.tensioners[: len(found.drive.tensioners)]
+
+
+def stand(found: System) -> tuple[str, ...]:
+    """States of arms and tensioners about which modes are, a line each."""
+    drive, said = found.drive, []
+    for a, arm in enumerate(drive.arms):
+        angle, row = found.state.bodies[0, len(drive.sprockets) + a, 2], found.packed.arms[a]
+        where = "lower" if angle < row["low"] else "upper" if angle > row["high"] else ""
+        on = f", on its {where} stop, whose stiffness holds it" if where else ""
+        said.append(f"{arm.name} stands at {np.degrees(angle):.3g} degrees{on}")
+    linear, of = elements(found), _tensioners(found)
+    for t, tensioner in enumerate(drive.tensioners):
+        line = f"{tensioner.name} stands at {1e3 * found.extension[t]:.3g} mm and pushes with {linear.force[t]:.4g} N"
+        if linear.force[t] == 0.0:
+            line = (
+                f"{tensioner.name} has come out too far to push ({1e3 * found.extension[t]:.3g} mm): it takes no part"
+            )
+        if linear.on_stop[t]:
+            line += ", on a stop"
+        if linear.oil[t] > 0.0:
+            rate = linear.oil[t] / linear.gap[t] / (2.0 * np.pi)
+            line += (
+                f"; oil at {1e-5 * of['rest'][t]:.3g} bar, check valve {found.valve}: {linear.oil[t]:.3g} N/m in "
+                f"series with {linear.gap[t]:.3g} N s/m, a spring above {rate:.3g} Hz and a damper below"
+            )
+        said.append(line)
+    return tuple(said)

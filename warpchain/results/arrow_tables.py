@@ -1,0 +1,71 @@
+"""Trajectories as tables and labelled arrays: pyarrow, xarray."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive import Drive
+from warpchain.errors import WarpchainError
+from warpchain.results.channels import AXES, CHANNEL, UNITS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import xarray as xr
+
+Array = NDArray[np.floating]
+
+
+def to_arrow(time: Array, channels: Mapping[str, Array]) -> pa.Table:
+    """A pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame.
+
+    `time` is a column of numbers, every channel one of lists of fixed size (lists of pairs for positions and the like).
+    The columns share the arrays' memory where the arrays are contiguous. Each field's metadata has its `unit`.
+    """
+    import pyarrow as pa
+
+    columns, fields = [], []
+    for name, values in {"time": time, **channels}.items():
+        column: Any = pa.array(np.ascontiguousarray(values).reshape(-1))
+        for size in reversed(values.shape[1:]):
+            column = pa.FixedSizeListArray.from_arrays(column, size)
+        columns.append(column)
+        fields.append(pa.field(name, column.type, metadata={"unit": UNITS[name]}))
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+
+
+def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
+    """An xarray dataset of a trajectory's time and channels, whose memory it shares.
+
+    Its dimensions are time, roller, link, sprocket and axis; its variables have `units`.
+
+    Raises:
+        WarpchainError: xarray is not installed.
+    """
+    try:
+        import xarray as xr
+    except ImportError:
+        raise WarpchainError("to_xarray: needs xarray; install it with: pip install 'warpchain[xarray]'") from None
+
+    variables = {name: (CHANNEL[name].dimensions, values, {"units": UNITS[name]}) for name, values in channels.items()}
+    labels: dict[str, Any] = {
+        "roller": np.arange(drive.chain.links),
+        "link": np.arange(drive.chain.links),
+        "sprocket": [sprocket.name for sprocket in drive.sprockets],
+        "axis": list(AXES),
+    }
+    used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}
+    held = {name: values for name, values in labels.items() if name in used}
+    return xr.Dataset(variables, {"time": ("time", time, {"units": UNITS["time"]}), **held})
+
+
+def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
+    """A table with other values, (rows,), in the column of a name; its place, type and facts stay."""
+    import pyarrow as pa
+
+    at = table.column_names.index(name)
+    field = table.schema.field(at)
+    return table.set_column(at, field, pa.array(values, field.type))

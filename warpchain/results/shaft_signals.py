@@ -1,0 +1,89 @@
+"""Force of the chain on every shaft, and phase error of driven shafts, from recorded frames.
+
+The frames hold the normal forces of the contacts; tooth friction, a few hundredths of them, is in the metrics
+`SPROCKET.hub_force_*` only, which the kernels add up at watched steps.
+
+    e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
+
+so that e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.rotation import CYCLE, order_amplitudes, rising, turns_of
+from warpchain.results.run import Trajectory, need
+from warpchain.results.scene import nearest_sprocket, sprocket_normals
+from warpchain.results.signals import ahead_of_driver
+
+Array = NDArray[np.float64]
+
+
+def hub_forces(trajectory: Trajectory) -> Array:
+    """Force of the chain on each sprocket (F, S, 2) [N], without tooth friction.
+
+    Raises:
+        SimulationError: recorded without positions, sprocket forces, angles or centers.
+    """
+    need(trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center")
+    assert trajectory.sprocket_force is not None
+    frames, sprockets = len(trajectory.time), len(trajectory.drive.sprockets)
+    near = nearest_sprocket(trajectory)
+    found = np.zeros((frames, sprockets, 2))
+    for s in range(sprockets):
+        frame, roller = np.nonzero((trajectory.sprocket_force > 0.0) & (near == s))
+        size = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
+        push = -size[:, None] * sprocket_normals(trajectory, s, frame, roller)
+        for k in range(2):
+            found[:, s, k] = np.bincount(frame, push[:, k], minlength=frames)
+    return found
+
+
+ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
+"""Orders of the driver that are listed, halves as in four-stroke engines."""
+
+
+def phase_error(trajectory: Trajectory, s: int) -> Array:
+    """Phase error of sprocket s (a), (F,) [rad of the driver].
+
+    Raises:
+        SimulationError: recorded without sprocket angles.
+    """
+    drive = trajectory.drive
+    gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
+    return gear * ahead_of_driver(trajectory, s)
+
+
+class Phase(NamedTuple):
+    """Phase error over a window.
+
+    Attributes:
+        shift: its mean [rad of the driver].
+        low, high: smallest and largest.
+        amplitude: (O,) by `orders` of the driver; None without a whole cycle.
+        orders: (O,).
+    """
+
+    shift: float
+    low: float
+    high: float
+    amplitude: Array | None
+    orders: tuple[float, ...]
+
+
+def phase_of(
+    trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
+) -> Phase:
+    """Mean shift, extremes and amplitudes by engine order of the phase error of sprocket s, in a window of frames.
+
+    Amplitudes are taken over its last whole cycles of `CYCLE` revolutions.
+    """
+    error, turns = phase_error(trajectory, s)[window], turns_of(trajectory)[window]
+    part = rising(turns)
+    found = order_amplitudes(turns[part], error[part], orders, CYCLE) if len(turns[part]) > 8 else None
+    return Phase(float(error.mean()), float(error.min()), float(error.max()), found, tuple(orders))

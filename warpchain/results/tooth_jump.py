@@ -1,0 +1,79 @@
+"""Margin to tooth jump: how far rollers in a sprocket's wrap stand below where the tips of the teeth let them go.
+
+A roller that is drawn out of its seat climbs the flank. It leaves it at the tip, where its center is R_r from the tip
+along the flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
+
+    margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
+
+1 in the seat, 0 where nothing holds the roller any more and the chain jumps. Only rollers well inside the wrap count,
+half a tooth from where the chain reaches and leaves the sprocket, or within half a tooth of its middle where that is
+more: at its ends they come and go over the tips anyway.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.assembly import assembled_path
+from warpchain.drive import Drive
+from warpchain.drive.tooth_shape import half_gap_outline
+from warpchain.results.run import Trajectory, need
+
+Array = NDArray[np.float64]
+
+
+class JumpMargin(NamedTuple):
+    """Margin of the chain to jumping over a sprocket, frame by frame; nan where no roller is inside the wrap.
+
+    Attributes:
+        margin: (F,) the least of all rollers (a) [m].
+        angle: (F,) where that roller is, past where the chain reaches the sprocket [rad].
+        height: that rollers climb from seat to tip, rho_top - R [m].
+    """
+
+    margin: Array
+    angle: Array
+    height: float
+
+
+def top_radius(drive: Drive, s: int) -> float:
+    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m] (a)."""
+    tooth, radius, points = drive.tooth(s), drive.pitch_radius(s), 9
+    tip = half_gap_outline(tooth, drive.sprockets[s].teeth, radius, points)[2 * points - 2]
+    half = 0.5 * tooth.seat_angle
+    normal = np.array([math.cos(half), -math.sin(half)])
+    if math.isfinite(tooth.flank_radius):
+        end = [radius, 0.0] + tooth.seat_radius * np.array([-math.cos(half), math.sin(half)])
+        normal = (tip - end) / tooth.flank_radius + normal
+    return float(np.hypot(*(tip + drive.chain.roller_radius * normal)))
+
+
+def jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
+    """Margin to tooth jump on sprocket s.
+
+    Raises:
+        SimulationError: recorded without positions or sprocket centers.
+    """
+    need(trajectory, "position", "sprocket_center")
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    drive, path = trajectory.drive, assembled_path(trajectory.drive)
+    top = top_radius(drive, s)
+    step, wrap = 2.0 * np.pi / drive.sprockets[s].teeth, float(path.wrap_angle[s])
+    r = np.asarray(trajectory.position, dtype=float) - trajectory.sprocket_center[:, None, s]
+    apart = np.hypot(r[..., 0], r[..., 1])
+    polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
+    from_middle = np.mod(polar - 0.5 * wrap + np.pi, 2.0 * np.pi) - np.pi
+    near = np.abs(apart - drive.pitch_radius(s)) < drive.engagement(s)
+    margin = np.where(near & (np.abs(from_middle) <= 0.5 * max(wrap - step, step)), top - apart, np.inf)
+    roller = margin.argmin(axis=1)
+    frame = np.arange(len(margin))
+    least, angle = margin[frame, roller], from_middle[frame, roller] + 0.5 * wrap
+    known = np.isfinite(least)
+    nothing = np.full(len(least), np.nan)
+    height = top - drive.pitch_radius(s)
+    return JumpMargin(np.where(known, least, nothing), np.where(known, angle, nothing), height)

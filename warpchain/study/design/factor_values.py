@@ -1,0 +1,294 @@
+"""Values of factors: from the unit interval and back, from coded units, a grid or other factors; quadrature nodes.
+
+A dimension of a design is a factor, or a group of factors that vary together. Coded units are -1 at the low end and +1
+at the high end, in the logarithm for a log-uniform factor; a normal factor has mean - std and mean + std there, a
+lognormal one likewise in the logarithm.
+
+Means over a factor's distribution are sums over its nodes: Gauss-Hermite nodes for normal and lognormal factors,
+Gauss-Legendre nodes for ranges, the values themselves for levels, choices and whole numbers of a uniform range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import StudyError
+from warpchain.study.spec.expression import parse
+
+if TYPE_CHECKING:
+    from warpchain.study.spec import Study
+    from warpchain.study.spec.factor import Factor
+
+    pass
+
+Array = NDArray[np.float64]
+NODES = 80
+MOST_WHOLE = 100_000
+"""Whole numbers that are taken one by one; a wider range counts as continuous."""
+FARTHEST = 12.0
+"""Standard deviations from the mean that a truncated normal distribution is followed to."""
+HALVINGS = 60
+"""Bisections that a place in the unit interval is found by."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """An independent dimension of a design.
+
+    Attributes:
+        name: of the factor, or of the group.
+        factors: those that vary along it.
+    """
+
+    name: str
+    factors: tuple[Factor, ...]
+
+    @property
+    def size(self) -> int | None:
+        """Number of grid points; None for a distribution without points."""
+        first = self.factors[0]
+        return len(first.values) if first.values is not None else first.points
+
+
+def dimensions(study: Study) -> tuple[Dimension, ...]:
+    """The dimensions of a study, in the order of its factors."""
+    groups: dict[str, list[Factor]] = {}
+    for factor in study.factors:
+        if factor.kind != "expression":
+            groups.setdefault(f"group {factor.group}" if factor.group else factor.name, []).append(factor)
+    return tuple(Dimension(name, tuple(factors)) for name, factors in groups.items())
+
+
+def from_unit(factor: Factor, u: Array) -> list[Any]:
+    """Values at cumulated probabilities u (R,) in [0, 1)."""
+    if factor.values is not None:
+        return [factor.values[i] for i in np.minimum((u * len(factor.values)).astype(int), len(factor.values) - 1)]
+    if factor.kind in ("normal", "truncated-normal"):
+        from scipy.stats import norm, truncnorm
+
+        assert factor.mean is not None and factor.std is not None  # the factor's own rule
+        inner = np.clip(u, 1e-12, 1.0 - 1e-12)  # the ends of the interval have no normal value
+        if factor.range is None:
+            return _whole(factor, norm.ppf(inner, factor.mean, factor.std))
+        low, high = ((end - factor.mean) / factor.std for end in factor.range)
+        return _whole(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
+    if factor.kind == "lognormal":
+        from scipy.stats import norm
+
+        center, width = log_moments(factor)
+        return _whole(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
+    assert factor.range is not None  # the factor's own rule
+    if factor.integer and factor.kind == "uniform":
+        first, last = math.ceil(factor.range[0]), math.floor(factor.range[1])
+        return [int(first + step) for step in np.floor(u * (last - first + 1))]
+    return from_coded(factor, 2.0 * u - 1.0)
+
+
+def from_coded(factor: Factor, x: Array) -> list[Any]:
+    """Values at coded units x (R,); of two levels or choices, the first below 0 and the second from there."""
+    if factor.values is not None:
+        return [factor.values[int(place >= 0.0)] for place in x]
+    if factor.kind == "normal":
+        assert factor.mean is not None and factor.std is not None  # the factor's own rule
+        return _whole(factor, factor.mean + factor.std * x)
+    if factor.kind == "lognormal":
+        center, width = log_moments(factor)
+        return _whole(factor, np.exp(center + width * x))
+    assert factor.range is not None  # the factor's own rule
+    low, high = factor.range
+    share = 0.5 * (1.0 + x)
+    if factor.kind == "log-uniform":
+        return _whole(factor, low ** (1.0 - share) * high**share)
+    return _whole(factor, low * (1.0 - share) + high * share)
+
+
+def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
+    """Values at grid points i (R,) of `size`."""
+    if factor.values is not None:
+        return [factor.values[k] for k in i]
+    return from_coded(factor, 2.0 * i / (size - 1) - 1.0)
+
+
+def log_moments(factor: Factor) -> tuple[float, float]:
+    """Mean and standard deviation of the logarithm of a lognormal factor."""
+    assert factor.mean is not None and factor.std is not None  # the factor's own rule
+    square = math.log1p((factor.std / factor.mean) ** 2)
+    return math.log(factor.mean) - 0.5 * square, math.sqrt(square)
+
+
+def _whole(factor: Factor, values: Array) -> list[Any]:
+    return [round(value) for value in values.tolist()] if factor.integer else values.tolist()
+
+
+def tied(study: Study) -> tuple[Factor, ...]:
+    """The factors with an expression, each behind those that it needs."""
+    waiting = {factor.name: factor for factor in study.factors if factor.kind == "expression"}
+    ordered: list[Factor] = []
+    while waiting:
+        for name, factor in list(waiting.items()):
+            assert factor.expression is not None  # its kind
+            if not any(other in waiting for other in parse(factor.expression).names):
+                ordered.append(waiting.pop(name))
+    return tuple(ordered)
+
+
+def complete(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
+    """Adds the tied factors to a row, and checks it by the constraints.
+
+    Returns:
+        Why the row is infeasible, or None.
+    """
+    reason = None
+    for factor in order:
+        try:
+            row[factor.name] = _tied_value(factor, row)
+        except StudyError as error:
+            row[factor.name] = None
+            reason = reason or f"{factor.name} = {factor.expression}: {error}"
+    for constraint in study.constraints:
+        try:
+            met = reason is not None or bool(evaluate(constraint.require, row))
+        except StudyError as error:
+            return f"constraint {constraint.require}: {error}"
+        if not met:
+            return f"constraint {constraint.require} is not met"
+    return reason
+
+
+def evaluate(text: str, row: Mapping[str, Any]) -> Any:
+    """An expression's value in a row.
+
+    Raises:
+        StudyError: it has none.
+    """
+    return parse(text).value(row)
+
+
+def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
+    assert factor.expression is not None  # its kind
+    missing = [name for name in parse(factor.expression).names if row.get(name) is None]
+    if missing:
+        raise StudyError(f"{missing[0]} has no value")
+    value = evaluate(factor.expression, row)
+    if isinstance(value, (int, float)) and not math.isfinite(value):
+        raise StudyError(f"{value} is not finite")
+    return round(value) if factor.integer and isinstance(value, float) else value
+
+
+def nodes(factor: Factor) -> tuple[Array, Array] | None:
+    """Values and weights (Q,), (Q,), the weights adding up to 1; None for what is no distribution of numbers."""
+    if factor.values is not None:
+        if any(isinstance(value, (str, bool)) for value in factor.values):
+            return None
+        return np.array(factor.values, dtype=float), np.full(len(factor.values), 1.0 / len(factor.values))
+    if factor.kind in ("normal", "lognormal"):
+        z, weight = np.polynomial.hermite_e.hermegauss(NODES)
+        assert factor.mean is not None and factor.std is not None  # the factor's own rule
+        weight = weight / weight.sum()
+        if factor.kind == "normal":
+            return factor.mean + factor.std * z, weight
+        center, width = log_moments(factor)
+        return np.exp(center + width * z), weight
+    if factor.range is None:
+        return None
+    low, high = factor.range
+    if factor.kind == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
+        whole = np.arange(math.ceil(low), math.floor(high) + 1, dtype=float)
+        return whole, np.full(len(whole), 1.0 / len(whole))
+    if factor.kind == "truncated-normal":
+        assert factor.mean is not None and factor.std is not None  # the factor's own rule
+        near = [factor.mean - FARTHEST * factor.std, factor.mean + FARTHEST * factor.std]
+        inner = max(low, near[0]), min(high, near[1])
+        if inner[0] < inner[1]:
+            low, high = inner
+    x, weight = np.polynomial.legendre.leggauss(NODES)
+    share = 0.5 * (1.0 + x)
+    if factor.kind == "log-uniform":
+        return low ** (1.0 - share) * high**share, 0.5 * weight
+    value = low * (1.0 - share) + high * share
+    if factor.kind == "truncated-normal":
+        assert factor.mean is not None and factor.std is not None
+        z = (value - factor.mean) / factor.std
+        weight = weight * np.exp(-0.5 * (z * z - (z * z).min()))
+    return value, weight / weight.sum()
+
+
+class Cube:
+    """The unit cube of a study's dimensions: one coordinate a factor without expression, or a group of them.
+
+    Raises:
+        StudyError: the values of a factor are in a table, or all factors are expressions.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.axes: tuple[Dimension, ...] = dimensions(study)
+        for factor in study.factors:
+            if factor.kind is None:
+                raise StudyError(f"factors.{factor.name}: has neither range nor values to choose from")
+        if not self.axes:
+            raise StudyError("factors: all are expressions; at least one must vary by itself")
+
+    def rows(self, points: Array) -> list[dict[str, Any]]:
+        """Values by factor of points (R, D) in [0, 1)."""
+        inner = np.clip(points, 0.0, 1.0 - 1e-12)
+        columns = {f.name: from_unit(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors}
+        return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+    def points(self, rows: Sequence[Mapping[str, Any]]) -> Array:
+        """Points (R, D) of rows; of a whole number or a choice, the middle of its part."""
+        return np.stack(
+            [_places(axis.factors[0], [row[axis.factors[0].name] for row in rows]) for axis in self.axes], 1
+        )
+
+    def snapped(self, points: Array) -> Array:
+        """Points (R, D) as the study's values make them: of whole numbers and choices, the middle of their part."""
+        found = np.clip(points, 0.0, 1.0 - 1e-12)
+        for k, axis in enumerate(self.axes):
+            factor = axis.factors[0]
+            if factor.values is not None or factor.integer:
+                found[:, k] = _places(factor, from_unit(factor, found[:, k]))
+        return found
+
+    def coordinates(self, points: Array) -> Array:
+        """Points (R, D) for a model of distances: each choice without an order has coordinates of its own."""
+        parts = []
+        for k, axis in enumerate(self.axes):
+            choice = axis.factors[0].choice
+            if choice is None:
+                parts.append(points[:, [k]])
+            else:
+                index = np.minimum((points[:, k] * len(choice)).astype(int), len(choice) - 1)
+                parts.append(np.eye(len(choice))[index])
+        return np.hstack(parts)
+
+    def feasible(self, points: Array) -> np.ndarray:
+        """Whether points (R,) satisfy the study's constraints."""
+        if not self.study.constraints and not tied(self.study):
+            return np.ones(len(points), dtype=bool)
+        order = tied(self.study)
+        return np.array([complete(self.study, order, row) is None for row in self.rows(points)], dtype=bool)
+
+
+def _places(factor: Factor, values: Sequence[Any]) -> Array:
+    """Places of a factor's values in the unit interval (R,)."""
+    if factor.values is not None:
+        count = len(factor.values)
+        return np.array([(factor.values.index(value) + 0.5) / count for value in values])
+    wanted = np.asarray(values, dtype=float)
+    ends = []
+    for at_least in (True, False):  # where values begin to be as large, and larger
+        low, high = np.zeros(len(wanted)), np.ones(len(wanted))
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            there = np.asarray(from_unit(factor, np.minimum(middle, 1.0 - 1e-12)), dtype=float)
+            above = there >= wanted if at_least else there > wanted
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        ends.append(high)
+    return np.clip(0.5 * (ends[0] + ends[1]), 0.0, 1.0 - 1e-12)

@@ -1,0 +1,155 @@
+"""Ask and observe: the next rows to run, from the rows that were run.
+
+The same study, seed and results give the same rows again, bit by bit: random draws of a round follow from the seed and
+the number of rows known, linear algebra runs on one thread, and a population is led through its generations anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.errors import StudyError
+from warpchain.study.analysis.pareto import Measured, goals_of
+from warpchain.study.design import make_design
+from warpchain.study.design.factor_values import Cube
+from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.optimize.bayes import propose
+from warpchain.study.results import Array, read_results
+from warpchain.study.spec import Study
+from warpchain.study.spec.study_tables import Search
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+LOST = 1e3
+"""Excess of a row that gave no metrics, in spreads: worse than any that did."""
+
+
+class Population:
+    """NSGA-II, generation by generation.
+
+    Args:
+        first: (N, D) the first generation.
+        objectives, limits: how many there are.
+        size: rows of a generation.
+        seed: of everything that is drawn.
+
+    Raises:
+        StudyError: pymoo is not installed.
+    """
+
+    def __init__(self, first: Array, objectives: int, limits: int, size: int, seed: int) -> None:
+        try:
+            from pymoo.algorithms.moo.nsga2 import NSGA2
+            from pymoo.core.problem import Problem
+        except ImportError:
+            raise StudyError(
+                "optimize.engine = \"population\" needs pymoo: pip install 'warpchain[optimize]'"
+            ) from None
+        problem = Problem(n_var=first.shape[1], n_obj=objectives, n_ieq_constr=limits + 1, xl=0.0, xu=1.0 - 1e-12)
+        self._algorithm: Any = NSGA2(pop_size=size, sampling=first)
+        self._algorithm.setup(problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
+        self._asked: Any = None
+
+    def ask(self) -> Array:
+        """The next generation (N, D)."""
+        if self._asked is None:
+            self._asked = self._algorithm.ask()
+        return np.asarray(self._asked.get("X"), dtype=float)
+
+    def observe(self, measured: Measured) -> None:
+        """Takes the results of the generation that was asked for last."""
+        self.ask()
+        ok = measured.ok
+        costs = np.where(ok[:, None], measured.costs, LOST)
+        excess = np.where(ok[:, None], measured.excess, LOST)
+        lost = np.where(ok, 0.0, LOST)[:, None]
+        self._asked.set("F", costs)
+        self._asked.set("G", np.hstack([excess, lost]))
+        self._asked.set("evaluated", [{"F", "G", "H"} for _ in range(len(costs))])
+        for individual in self._asked:
+            individual.evaluated.update({"F", "G", "H"})
+        self._algorithm.tell(infills=self._asked)
+        self._asked = None
+
+
+class Optimizer:
+    """A search for a study's objectives within its limits.
+
+    Args:
+        study: the study; its design is what is asked for first.
+        source: the study file, which errors name.
+
+    Raises:
+        StudyError: a study without objectives, or with factors that have no range.
+    """
+
+    def __init__(self, study: Study, source: str = "study") -> None:
+        self.study = study
+        self.settings = study.optimize or Search()
+        self.goals = goals_of(study)
+        self.cube = Cube(study)
+        self._source = source
+        self._factors = [factor.name for factor in study.factors]
+        self._tables: list[pa.Table] = []
+        self._points: list[Array] = []
+        self._population: Population | None = None
+
+    @property
+    def observed(self) -> int:
+        """Number of rows whose results are known."""
+        return sum(table.num_rows for table in self._tables)
+
+    def ask(self, count: int | None = None) -> list[dict[str, Any]]:
+        """The next rows, values by factor: the study's design first, then what the engine proposes.
+
+        Args:
+            count: how many; None takes `optimize.batch`. Of the design, and of a population's generations, all.
+        """
+        if not self._tables:
+            return make_design(self.study, self._source).select(self._factors).to_pylist()
+        if self.settings.engine == "population":
+            return self.cube.rows(self._engine().ask())
+        import pyarrow as pa
+
+        measured = self._measured(pa.concat_tables(self._tables, promote_options="permissive"))
+        points = np.vstack(self._points)
+        seed = int(np.random.SeedSequence([self.settings.seed, self.observed]).generate_state(1)[0])
+        return self.cube.rows(propose(self.cube, measured, points, count or self.settings.batch, seed))
+
+    def observe(self, table: pa.Table) -> None:
+        """Takes results of rows: factors, the goals' metrics, `METRIC_se` where known, `status` where not all are ok.
+
+        Raises:
+            StudyError: a column is missing, or other rows than a population has asked for.
+        """
+        rows, measured = table.to_pylist(), self._measured(table)
+        points = self.cube.points(rows)
+        if self._tables and self.settings.engine == "population":
+            self._follow(rows, measured)
+        self._tables.append(table)
+        self._points.append(points)
+
+    def _measured(self, table: pa.Table) -> Measured:
+        return self.goals.measured(read_results(table, self._factors, ()))
+
+    def _engine(self) -> Population:
+        """The population, led through the results so far."""
+        if self._population is None:
+            sizes = len(self.goals.objectives), len(self.goals.bounds), self.settings.batch
+            self._population = Population(np.vstack(self._points), *sizes, self.settings.seed)
+            self._population.observe(self._measured(self._tables[0]))
+        return self._population
+
+    def _follow(self, rows: Sequence[dict[str, Any]], measured: Measured) -> None:
+        """Gives the population the results of its generation."""
+        asked = table_of_rows(self.study, self.cube.rows(self._engine().ask())).to_pylist()
+        if [[row[n] for n in self._factors] for row in asked] != [[row[n] for n in self._factors] for row in rows]:
+            raise StudyError(
+                "observe: other rows than the population asked for; rows of an earlier run are of another version "
+                "of pymoo"
+            )
+        self._engine().observe(measured)

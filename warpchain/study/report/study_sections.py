@@ -1,0 +1,373 @@
+"""A study's report: one HTML page that needs nothing beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.errors import StudyError
+from warpchain.results.units import quantity
+from warpchain.study.analysis import Effect, correlation, main_effects
+from warpchain.study.analysis.effects import median_effects
+from warpchain.study.analysis.pure_error import pure_error, repeats, scatter_share
+from warpchain.study.analysis.sensitivity import Indices, best_indices
+from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.report import panels
+from warpchain.study.report.decisions import (
+    Wanted,
+    designs_section,
+    ends_section,
+    front_section,
+    rows_data,
+    rows_table,
+    wanted_of,
+)
+from warpchain.study.results import STATUSES, Results, read_results
+from warpchain.study.store import write_text
+from warpchain.study.surrogate import Surrogate, fit_surrogate
+from warpchain.view import html
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+TELLING = (
+    "tension_max",
+    "peak_factor",
+    "damage_per_hour_max",
+    "tension_equivalent_range",
+    "*.transmission_error_rms",
+    "contact_energy_per_revolution",
+    "*.impact_impulse",
+    "*.displacement_std",
+    "*.displacement_rms",
+    "*.force_max",
+    "tension_mean",
+    "tension_std",
+)
+"""Metrics that a report shows where none are named, the first ones first."""
+SHOWN = 6
+"""Most metrics that a report shows in figures where none are named."""
+EXTREMES = 3
+"""Variants listed at each end of a metric."""
+PROCESS_ROWS = 300
+"""Most variants that figures are drawn from a Gaussian process for: of more, a quadratic surface will do."""
+
+
+def telling_metrics(results: Results) -> tuple[str, ...]:
+    """The metrics to show: what `TELLING` names, then the others, of those that vary and most variants have."""
+    enough = results.ok.sum() / 2
+    varying = [m for m in results.varying_metrics() if results.rows_for(m).sum() > enough]
+    ordered = [m for pattern in TELLING for m in varying if fnmatch(m, pattern)] + list(varying)
+    return tuple(dict.fromkeys(ordered))[:SHOWN]
+
+
+def report_html(
+    results: Results,
+    title: str = "Study",
+    metrics: tuple[str, ...] = (),
+    objectives: Mapping[str, str] | None = None,
+    notes: Mapping[str, str] | None = None,
+    wanted: Wanted | None = None,
+) -> str:
+    """The page.
+
+    Args:
+        results: the study's results.
+        title: heading of the page.
+        metrics: those to show; none takes the objectives and the telling ones.
+        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
+            metrics, both low.
+        notes: further lines about the study, by name: its design, its drive, its seed.
+        wanted: objectives and limits of the study file, and its folder for the commands that play variants.
+
+    Raises:
+        StudyError: an unknown metric or sense, or a table without a variant.
+    """
+    if not results.table.num_rows:
+        raise StudyError("the study has no variant yet: nothing to report")
+    for metric in metrics:
+        results.values(metric)
+    wanted = wanted_of(results, objectives, wanted)
+    named = tuple(metric for metric in wanted.goals.metrics if metric not in results.factors)
+    shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
+    chosen = wanted.goals.senses or {metric: "min" for metric in shown[:2]}
+    enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
+    effects = {metric: main_effects(results, metric) for metric in enough}
+    ends = ends_section(results)
+    if not enough:
+        few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
+        return panels.report_page(title, [_summary(results, effects, notes or {}), _inputs(results), ends, few])
+    designs, recommended = designs_section(results, wanted)
+    sections = [
+        _summary(results, effects, notes or {}),
+        designs,
+        front_section(results, chosen, not wanted.goals.senses),
+        html.section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
+        _inputs(results),
+        ends,
+        html.section(
+            "distributions",
+            "How the metrics are distributed",
+            panels.chart(panels.distributions(results, enough), "histograms of the metrics"),
+            _spread(results, enough),
+        ),
+        _effects(results, effects),
+        _correlation(results, shown),
+        _surfaces(results, enough),
+        _sobol(results, enough),
+        _extremes(results, enough),
+    ]
+    data = rows_data(results, shown, _telling_factors(effects), chosen, wanted, recommended)
+    return panels.report_page(title, [section for section in sections if section], data)
+
+
+EXPLORE = (
+    "Draw along an axis to keep a range, click it to let it go; draw a box in the scatter matrix to keep it in both "
+    "of its columns. Point at a dot to see its variant and the command that plays it; click it to mark it. Red dots "
+    "are on the Pareto front of those that are kept. The study's limits are set at first."
+)
+
+
+def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
+    """Factors by the most that they explain of any metric."""
+    weight: dict[str, float] = {}
+    for found in effects.values():
+        for effect in found:
+            weight[effect.factor] = max(weight.get(effect.factor, 0.0), effect.explained)
+    return sorted(weight, key=lambda name: -weight[name])
+
+
+def _summary(results: Results, effects: Mapping[str, list[Effect]], notes: Mapping[str, str]) -> html.Section:
+    status = results.status
+    boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
+        f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in STATUSES
+    )
+    lines = [_verdict(results, metric, found) for metric, found in effects.items()]
+    noted = html.table(("about the study", ""), list(notes.items())) if notes else ""
+    return html.section("summary", "In short", boxes + "</div>", html.bullets(lines) if lines else "", noted)
+
+
+def _verdict(results: Results, metric: str, effects: list[Effect]) -> str:
+    """One line on a metric: its range, and the factor that matters most."""
+    rows = np.flatnonzero(results.rows_for(metric))
+    values, unit = results.values(metric)[rows], results.unit(metric)
+    low, high = int(values.argmin()), int(values.argmax())
+    line = (
+        f"{metric}: from {quantity(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
+        f"to {quantity(float(values[high]), unit)} (variant {results.variants[rows[high]]})"
+    )
+    telling = [e for e in effects if e.explained > 3.0 * (len(e.counts) - 1) / max(len(rows) - 1, 1)]
+    if not telling:
+        return f"{line}; no factor stands out of the scatter."
+    best = max(telling, key=lambda effect: effect.explained)
+    axis = panels.Axis(results, best.factor) if results.numeric(best.factor) else None
+    least, most = (
+        f"{quantity(float(best.means[g]), unit)} ({best.labels[g] if axis is None else axis.words(best.labels[g])})"
+        for g in (int(best.means.argmin()), int(best.means.argmax()))
+    )
+    return (
+        f"{line}. {best.factor} matters most, with {100 * best.explained:.0f} % of the variance: "
+        f"the mean goes from {least} to {most}."
+    )
+
+
+def _inputs(results: Results) -> html.Section:
+    rows, tied = [], results.ties()
+    for factor in results.factors:
+        words = results.labels(factor)
+        distinct, unit = len(set(words)), ""
+        if not results.numeric(factor):
+            span = ", ".join(sorted(set(words))[:8])
+        else:
+            values = results.values(factor)
+            axis = panels.Axis(results, factor)
+            ends = [html.number(axis.factor * float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            unit = axis.unit
+            span = ends[0] if distinct == 1 else " to ".join(ends)
+        note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
+        rows.append((factor, unit, span, distinct, note))
+    return html.section("inputs", "What was varied", html.table(("factor", "unit", "range", "values", ""), rows))
+
+
+def _spread(results: Results, metrics: tuple[str, ...]) -> str:
+    rows = []
+    for metric in metrics:
+        values = results.values(metric)[results.rows_for(metric)]
+        axis = panels.Axis(results, metric)
+        parts = (axis.factor * np.percentile(values, (0, 5, 50, 95, 100))).tolist()
+        rows.append((metric, axis.unit, *parts, len(values)))
+    return html.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
+
+
+def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> html.Section:
+    shown = {metric: found for metric, found in effects.items() if found}
+    shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in shown.values()]
+    several = repeats(results)
+    chances = [scatter_share(results, metric) for metric in shown]
+    parts = [
+        html.text(
+            "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
+            "few wild values do not move; the gray line is the mean of all. A factor explains the part of the variance "
+            "that lies between its groups; without interactions the parts add up to one, less what is scatter.",
+            muted=True,
+        ),
+        html.heading("Scatter against effect"),
+        panels.chart(
+            panels.scatter_shares(list(shown), shares, chances),
+            "parts of the variance",
+        ),
+        html.bullets(_error_line(results, metric) for metric in shown) if several else html.text(ALONE),
+    ]
+    for metric, found in shown.items():
+        parts.append(html.heading(metric))
+        means = panels.effects(results, metric, found, median_effects(results, metric))
+        parts.append(panels.chart(means, f"main effects on {metric}"))
+        parts.append(panels.chart(panels.interactions(results, metric, found), f"interactions in {metric}"))
+    return html.section("effects", "Effects and interactions", *parts)
+
+
+ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
+
+
+def _beyond_chance(effect: Effect) -> float:
+    """Part of the variance between an effect's groups, less what as many groups have by chance (Ezekiel 1930)."""
+    rows, groups = int(effect.counts.sum()), len(effect.counts)
+    return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
+
+
+def _error_line(results: Results, metric: str) -> str:
+    try:
+        error = pure_error(results, metric)
+    except StudyError as refused:
+        return str(refused)
+    scatter = quantity(error.deviation, results.unit(metric))
+    return f"{error}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
+
+
+def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> html.Section | None:
+    names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
+    usable = tuple(m for m in names if results.rows_for(m).sum() >= 3)
+    if not results.numeric_factors() or not usable:
+        return None
+    both = correlation(results, usable[:most])
+    return html.section(
+        "correlation",
+        "Correlation",
+        html.text(
+            f"Rank correlation: +1 where the metric always rises with the factor, -1 where it always falls. Values "
+            f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
+            muted=True,
+        ),
+        panels.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
+        html.text(f"The first {most} of {len(usable)} metrics are shown.") if len(usable) > most else "",
+    )
+
+
+def _surfaces(results: Results, metrics: tuple[str, ...]) -> html.Section:
+    parts, refused = [], []
+    for metric in metrics:
+        try:
+            found = _surrogate(results, metric)
+        except StudyError as error:
+            refused.append(str(error))
+            continue
+        checked = found.cross_validated()
+        words = {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[found.kind]
+        parts.append(html.heading(f"{metric}: {words} of {found.rows} variants"))
+        parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
+        if checked.q2 < TRUSTED:
+            parts.append(html.text(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
+    return html.section(
+        "surface",
+        "Between the variants",
+        html.text(
+            "Surrogates of the metrics, cut along each factor with the others midway between their ends. The inner "
+            "band is where the metric is with 95 %, the outer one where a single run would come out. Q\u00b2 tells how "
+            "well variants left out one at a time are met: 1 is perfect, 0 no better than the mean.",
+            muted=True,
+        ),
+        *parts,
+        html.bullets(refused) if refused else "",
+    )
+
+
+def _surrogate(results: Results, metric: str) -> Surrogate:
+    """A Gaussian process where it is installed and quick, else a quadratic surface.
+
+    Raises:
+        StudyError: neither can be had.
+    """
+    if results.rows_for(metric).sum() <= PROCESS_ROWS:
+        try:
+            return fit_surrogate(results, metric)
+        except StudyError:
+            pass  # few rows, or no scikit-learn: a surface may do
+    return fit_surrogate(results, metric, "quadratic")
+
+
+def _sobol(results: Results, metrics: tuple[str, ...]) -> html.Section:
+    found: list[Indices] = []
+    lines = []
+    for metric in metrics:
+        try:
+            indices, words = best_indices(results, metric)
+        except StudyError as error:
+            lines.append(str(error))
+            continue
+        found.append(indices)
+        lines.append(f"{metric}: {words}.")
+    return html.section(
+        "sobol",
+        "Sobol' indices",
+        html.text(
+            "The part of a metric's variance that each factor causes: alone, and together with its interactions. Where "
+            "both bars are alike, the factor acts on its own.",
+            muted=True,
+        ),
+        panels.chart(panels.indices(found) if found else [], "Sobol' indices of the metrics"),
+        html.bullets(lines),
+    )
+
+
+def _extremes(results: Results, metrics: tuple[str, ...]) -> html.Section:
+    parts = []
+    for metric in metrics:
+        rows = np.flatnonzero(results.rows_for(metric))
+        order = rows[np.argsort(results.values(metric)[rows], kind="stable")]
+        ends = dict.fromkeys([*order[:EXTREMES].tolist(), *order[-EXTREMES:].tolist()])
+        parts += [html.heading(metric), rows_table(results, list(ends), (metric, *results.factors))]
+    return html.section("extremes", "Lowest and highest variants", *parts)
+
+
+def write_report(
+    source: pa.Table | Results | str | Path,
+    output: str | Path,
+    title: str | None = None,
+    factors: tuple[str, ...] = (),
+    metrics: tuple[str, ...] = (),
+    objectives: Mapping[str, str] | None = None,
+    notes: Mapping[str, str] | None = None,
+    wanted: Wanted | None = None,
+) -> Path:
+    """Writes the report of a study; it appears under its name only when whole.
+
+    Args:
+        source: results, a table, or the path of a Parquet or CSV file.
+        output: the HTML file.
+        title: heading; None takes the table's file name.
+        factors: columns that were varied; none takes those that the table marks.
+        metrics, objectives, notes, wanted: see `report_html`.
+
+    Raises:
+        StudyError: a table that cannot be read or lacks a column, or a folder that cannot be written.
+    """
+    results = source if isinstance(source, Results) else read_results(source, factors or None)
+    heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")
+    text = report_html(results, heading, metrics, objectives, notes, wanted)
+    target = Path(output)
+    write_text(target, text)
+    return target

@@ -1,0 +1,338 @@
+"""The study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
+
+A study never changes. Its tables are checked like a drive's (`warpchain.drive.schema`): all errors at once, one line
+each, with file, key and value; rules that tie its tables together take the study, or the mapping that should become one
+if a value somewhere is wrong. The keys are documented in `docs/studies.md`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any
+
+from warpchain.drive import Drive
+from warpchain.drive import toml as drive_toml
+from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements, get
+from warpchain.errors import DriveError, StudyError
+from warpchain.files import read_text
+from warpchain.results.judgement import Limits
+from warpchain.results.replicate_metrics import COPY, COUNT
+from warpchain.study.spec.expression import Expression, parse
+from warpchain.study.spec.factor import NEEDS, Factor, kind_of
+from warpchain.study.spec.study_tables import (
+    Adjust,
+    Bound,
+    Constraint,
+    Design,
+    Fatigue,
+    Keep,
+    Objective,
+    Recording,
+    RunOptions,
+    Search,
+    as_written,
+    joined_limits,
+    objective_rules,
+    split_limits,
+)
+
+
+def _targets(factor: Any) -> list[str]:
+    paths = get(factor, "paths")
+    found = [get(factor, "path"), *(paths if isinstance(paths, (list, tuple)) else ())]
+    return [path for path in found if isinstance(path, str)]
+
+
+def fatigue_rules(node: Any) -> Iterator[Problem]:
+    """Fatigue takes recorded tensions."""
+    record = get(node, "record")
+    if get(node, "fatigue") is None:
+        return
+    if not any(get(record, key) for key in ("variants", "every", "worst")):
+        yield Problem(("fatigue",), None, "needs record.variants, record.every or record.worst", BARE)
+    channels = get(record, "channels")
+    if isinstance(channels, (list, tuple)) and "tension" not in channels:
+        yield Problem(("record", "channels"), channels, 'must hold "tension", which fatigue counts')
+
+
+def name_rules(node: Any) -> Iterator[Problem]:
+    """Names are unique, no two factors set the same value, and every factor has a use."""
+    factors = elements(node, "factors")
+    if get(node, "factors") is not None and not factors:
+        yield Problem(("factors",), get(node, "factors"), "must be a list of at least 1 factor")
+    names: set[str] = set()
+    taken: dict[str, Any] = {}
+    used = {name for _, expression in _expressions(node) for name in expression.names}
+    for i, factor in enumerate(factors):
+        name = get(factor, "name")
+        if not isinstance(name, str):
+            continue  # its own rule says so
+        if name in names:
+            yield Problem(("factors", i, "name"), name, "must be unique among factors")
+        if name in (COPY, COUNT) and get(get(node, "design"), "replicates") is not None:
+            yield Problem(("factors", i, "name"), name, "is a column of studies with design.replicates")
+        names.add(name)
+        for path in _targets(factor):
+            if path in taken:
+                yield Problem(("factors", i, "path"), path, f'is set by factor "{taken[path]}" already')
+            taken[path] = name
+        if not _targets(factor) and get(factor, "shift") is None and name not in used:
+            text = (
+                "missing; must be a key path into the drive; needed unless an expression or constraint uses the factor"
+            )
+            yield Problem(("factors", i, "path"), None, text, BARE)
+
+
+def _texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Key path and text of every expression."""
+    for i, factor in enumerate(elements(node, "factors")):
+        yield ("factors", i, "expression"), get(factor, "expression")
+    for i, constraint in enumerate(elements(node, "constraints")):
+        yield ("constraints", i, "require"), get(constraint, "require")
+    for key in ("strain", "preload"):
+        yield ("adjust", key), get(get(node, "adjust"), key)
+
+
+def _expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
+    """Every expression that parses."""
+    for path, text in _texts(node):
+        if isinstance(text, str):
+            try:
+                yield path, parse(text)
+            except StudyError:
+                continue
+
+
+def expression_rules(node: Any) -> Iterator[Problem]:
+    """Expressions are arithmetic of known factors, and none needs itself."""
+    factors = [str(get(factor, "name")) for factor in elements(node, "factors")]
+    for path, text in _texts(node):
+        if not isinstance(text, str):
+            continue
+        try:
+            unknown = [name for name in parse(text).names if name not in factors]
+        except StudyError as error:
+            yield Problem(path, text, str(error))
+            continue
+        if unknown:
+            known = ", ".join(str(name) for name in factors)
+            yield Problem(path, text, f"{unknown[0]} is not a factor; factors are {known}")
+    needs = {factors[int(i)]: found.names for (head, i, *_), found in _expressions(node) if head == "factors"}
+    for i, (name, factor) in enumerate(zip(factors, elements(node, "factors"), strict=True)):
+        if name in needs and name in _reached(name, needs):
+            yield Problem(("factors", i, "expression"), get(factor, "expression"), "needs itself")
+
+
+def _reached(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
+    """All names that an expression depends on."""
+    reached: set[str] = set()
+    front = list(needs[name])
+    while front:
+        following = front.pop()
+        if following not in reached:
+            reached.add(following)
+            front.extend(needs.get(following, ()))
+    return reached
+
+
+def design_rules(node: Any) -> Iterator[Problem]:
+    """The factors' values are such as the design takes, and factors of a group agree."""
+    kind = get(get(node, "design"), "kind")
+    factors = elements(node, "factors")
+    for i, factor in enumerate(factors):
+        given = kind_of(factor)
+        if given == "expression":
+            continue
+        if kind == "table":
+            if get(factor, "points") is not None:
+                yield Problem(("factors", i, "points"), get(factor, "points"), "only in a factorial design")
+            continue
+        if given is None:
+            text = "missing; give range, a distribution, levels, choice or expression"
+            yield Problem(("factors", i, "range"), None, text, BARE)
+        yield from _grid_rules(i, factor, given, kind)
+    yield from _group_rules(factors)
+
+
+def _grid_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
+    values = get(factor, str(given)) if given in ("levels", "choice") else None
+    if values is not None and not isinstance(values, (list, tuple)):
+        return  # its own rule says so
+    points = get(factor, "points")
+    if kind == "factorial" and given in NEEDS and points is None:
+        text = "missing; must be an integer of at least 2; needed in a factorial design"
+        yield Problem(("factors", i, "points"), None, text, BARE)
+    if kind != "factorial" and points is not None:
+        yield Problem(("factors", i, "points"), points, "only in a factorial design")
+    if kind == "central-composite" and values is not None:
+        yield Problem(("factors", i, str(given)), values, "a central composite design takes ranges or distributions")
+    if kind == "plackett-burman" and values is not None and len(values) != 2:
+        yield Problem(("factors", i, str(given)), values, "a Plackett-Burman design takes two values")
+
+
+def _size(factor: Any) -> Any:
+    values = get(factor, "levels") or get(factor, "choice")
+    return len(values) if isinstance(values, (list, tuple)) else get(factor, "points")
+
+
+def _group_rules(factors: Any) -> Iterator[Problem]:
+    groups = [get(factor, "group") for factor in factors]
+    members = Counter(group for group in groups if isinstance(group, str))
+    sizes: dict[str, Any] = {}
+    for i, (factor, group) in enumerate(zip(factors, groups, strict=True)):
+        if not isinstance(group, str):
+            continue  # none, or its own rule says so
+        if members[group] < 2:
+            yield Problem(("factors", i, "group"), group, "has no other factor")
+        size = _size(factor)
+        if size is not None and sizes.setdefault(group, size) != size:
+            text = "factors of a group must have equally many levels, choices or points"
+            yield Problem(("factors", i, "group"), group, text)
+
+
+class Subject(Part):
+    """The subject of a study.
+
+    Attributes:
+        drive: file of the base drive, relative to the study file, or the name of an example drive.
+        name: heading of reports.
+    """
+
+    drive: Text
+    name: Text | None = None
+
+
+class Study(Part):
+    """A whole study: immutable, compared by value.
+
+    Attributes:
+        study: the base drive and the study's name.
+        design: how rows are chosen.
+        factors: what varies; at least one.
+        constraints: conditions on factors that a row must satisfy.
+        adjust: what keeps the drive assembled.
+        run: run settings.
+        metrics: which metrics are kept.
+        record: which variants are recorded in full.
+        fatigue: of a link; with it, recorded variants have the objectives of `results.objectives` in the table.
+        limits: what a variant may come to and still be ok.
+        objectives: what should be small or large.
+        bounds: limits on metrics, the entries of a list `limits` that name one.
+        optimize: settings of the search for designs.
+
+    Raises:
+        DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
+    """
+
+    study: Subject
+    design: Design
+    factors: Annotated[tuple[Factor, ...], Allowed("must be a list of at least 1 factor")]
+    constraints: Annotated[tuple[Constraint, ...], Allowed("must be a list of constraints")] = ()
+    adjust: Adjust | None = None
+    run: RunOptions = RunOptions()
+    metrics: Keep = Keep()
+    record: Recording = Recording()
+    fatigue: Fatigue | None = None
+    limits: Limits = Limits()
+    objectives: Annotated[tuple[Objective, ...], Allowed("must be a list of objectives")] = ()
+    bounds: Annotated[tuple[Bound, ...], Allowed("must be a list of limits on metrics")] = ()
+    optimize: Search | None = None
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """The metrics and factors that objectives and limits name."""
+        return tuple(dict.fromkeys([*(o.metric for o in self.objectives), *(b.metric for b in self.bounds)]))
+
+    @classmethod
+    def _source(cls) -> str:
+        return ""
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        return split_limits(values)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from name_rules(node)
+        yield from expression_rules(node)
+        yield from design_rules(node)
+        yield from fatigue_rules(node)
+        yield from objective_rules(node)
+
+
+def loads_study(text: str, source: str = "<text>") -> Study:
+    """Reads a study from TOML text.
+
+    Raises:
+        StudyError: with one line for each error of the text, all of them.
+    """
+    try:
+        values = drive_toml.parse(text, source)
+    except DriveError as error:
+        raise StudyError(str(error)) from None
+    try:
+        return Study(**values)
+    except DriveError as error:
+        raise StudyError("\n".join(f"{source}: {as_written(line, values)}" for line in error.errors)) from None
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """Reads a study file (TOML, UTF-8).
+
+    Raises:
+        StudyError: if it cannot be read, in one line, or with one line for each of its errors.
+    """
+    return loads_study(read_text(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
+
+
+def dumps_study(study: Study) -> str:
+    """A study as TOML text, which `loads_study` reads back equal."""
+    return drive_toml.dumps(joined_limits(_given(study)))
+
+
+def _given(value: Any) -> Any:
+    """A part as plain values, without empty tables, and without empty lists where they are the default."""
+    if isinstance(value, Part):
+        fields = type(value).model_fields
+        inner = {name: _given(getattr(value, name)) for name in fields}
+        said = {name for name, field in fields.items() if field.default != () and inner[name] == []}
+        return {name: part for name, part in inner.items() if name in said or part not in (None, [], {})}
+    return [_given(part) for part in value] if isinstance(value, tuple) else value
+
+
+def check_drive(study: Study, drive: Drive, source: str) -> None:
+    """Checks what a study says of its base drive: what factors set, and the sprocket that `adjust` moves.
+
+    Raises:
+        StudyError: one line for each error.
+    """
+    lines = []
+    for factor in study.factors:
+        for key, path in [*factor.targets(), *([("shift", factor.shift)] if factor.shift else [])]:
+            try:
+                own = drive.get_value(path)
+            except DriveError as error:
+                reason = str(error).partition(": ")[2]
+                lines.append(f"factors.{factor.name}.{key} = {drive_toml.value_text(path)}: {reason}")
+                continue
+            if (factor.relative or factor.offset) and (isinstance(own, bool) or not isinstance(own, (int, float))):
+                word = "relative" if factor.relative else "offset"
+                shown = "nothing" if own is None else drive_toml.value_text(own)
+                lines.append(
+                    f"factors.{factor.name}.{word} = true: needs a number at {path}, which is {shown} in the drive"
+                )
+            given = getattr(study.run, path.removeprefix("run.")) if path in ("run.step", "run.duration") else None
+            if given is not None:
+                lines.append(
+                    f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'
+                )
+    names = [sprocket.name for sprocket in drive.sprockets]
+    if study.adjust is not None and study.adjust.sprocket is not None and study.adjust.sprocket not in names:
+        lines.append(
+            f"adjust.sprocket = {drive_toml.value_text(study.adjust.sprocket)}: must be a sprocket of the drive: "
+            + ", ".join(names)
+        )
+    if lines:
+        raise StudyError("\n".join(f"{source}: {line}" for line in lines))

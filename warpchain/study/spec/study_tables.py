@@ -1,0 +1,359 @@
+"""The smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
+
+A study file's `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are
+limits on metrics (`Study.bounds`), the others together are that table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.replicates import FORMER_WAYS, WAYS
+from warpchain.drive.run_settings import Step
+from warpchain.drive.schema import (
+    BARE,
+    Direction,
+    Finite,
+    Part,
+    Positive,
+    Problem,
+    Text,
+    Value,
+    allowed,
+    elements,
+    get,
+    numbers,
+)
+from warpchain.results.channels import DEFAULT, NAMES
+from warpchain.study.spec.factor import Switch, Texts, _plain
+
+SAMPLED = ("latin-hypercube", "sobol", "halton")
+KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
+_KINDS_TEXT = "must be " + ", ".join(f'"{kind}"' for kind in KINDS[:-1]) + f' or "{KINDS[-1]}"'
+
+MOST = 100_000_000
+Count = Annotated[
+    int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
+]
+Copies = Annotated[int, Field(strict=True, ge=1, le=10_000), Value("must be an integer from 1 to 10000")]
+Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+Wholes = Annotated[
+    tuple[Annotated[int, Field(strict=True, ge=0)], ...],
+    BeforeValidator(_plain),
+    Value("must be a list of integers of at least 0"),
+]
+ReplicateBy = Annotated[Literal[*WAYS, *FORMER_WAYS], Value('must be "phase" or "perturbation"')]  # type: ignore[valid-type]
+Window = Annotated[
+    tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(gt=0, allow_inf_nan=False)]],
+    BeforeValidator(_plain),
+    Value("must be two times [start, end], 0 <= start < end"),
+]
+Wanted = Annotated[
+    Annotated[float, Field(strict=True, allow_inf_nan=False)] | Annotated[str, Field(strict=True, min_length=1)],
+    Value("must be a finite number, or an expression of factors"),
+]
+ENGINES = ("bayes", "population")
+_Few = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("must be an integer from 1 to 1000000")]
+
+
+class Design(Part):
+    """Choice of rows.
+
+    Attributes:
+        kind: "factorial" (every combination), "latin-hypercube", "sobol", "halton", "central-composite",
+            "plackett-burman" or "table".
+        count: number of rows, of the three that sample.
+        seed: of the sampling.
+        file: the table, CSV or Parquet, relative to the study file; a column for each factor without expression.
+        axial: where a central composite design has its axial points: "face" on the ends of the ranges, "inscribed"
+            with the corners drawn in, "circumscribed" beyond the ends.
+        center: number of center rows of a central composite or Plackett-Burman design.
+        replicates: how often each row is run, begun in different ways; None is once.
+        replicate_by: "phase" or "perturbation" (`warpchain.drive.replicates`); None is by phase.
+    """
+
+    kind: Annotated[Literal[*KINDS], Value(_KINDS_TEXT)]  # type: ignore[valid-type]
+    count: Count | None = None
+    seed: Whole | None = None
+    file: Text | None = None
+    axial: (
+        Annotated[
+            Literal["face", "inscribed", "circumscribed"], Value('must be "face", "inscribed" or "circumscribed"')
+        ]
+        | None
+    ) = None
+    center: Whole | None = None
+    replicates: Copies | None = None
+    replicate_by: ReplicateBy | None = None
+
+    @property
+    def copies(self) -> int:
+        """Number of runs of each row."""
+        return self.replicates or 1
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "replicate_by") is not None and get(node, "replicates") is None:
+            yield Problem(("replicate_by",), get(node, "replicate_by"), "only together with replicates")
+        kind = get(node, "kind")
+        if kind not in KINDS:
+            return
+        takes = {
+            "count": SAMPLED,
+            "seed": SAMPLED,
+            "file": ("table",),
+            "axial": ("central-composite",),
+            "center": ("central-composite", "plackett-burman"),
+        }
+        for key, kinds in takes.items():
+            given = get(node, key)
+            if given is not None and kind not in kinds:
+                yield Problem((key,), given, f'not with kind "{kind}"')
+            elif given is None and kind in kinds and key in ("count", "file"):
+                yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with kind "{kind}"', BARE)
+
+
+class Constraint(Part):
+    """A condition that a row must satisfy; others are kept as infeasible.
+
+    Attributes:
+        require: a condition on factors, such as "teeth_2 > teeth_1".
+    """
+
+    require: Text
+
+
+class Adjust(Part):
+    """Adjustment of a sprocket, the links, or both, that keeps the drive assembled, for a strain or preload.
+
+    Attributes:
+        sprocket: name of the sprocket that moves along a line.
+        direction: of that line.
+        travel: farthest that it moves either way [m]; None is four pitches.
+        links: "even" or "any": the number of links is chosen first, the nearest that fits.
+        strain: wanted strain at assembly [-]; or
+        preload: wanted tension at assembly [N]; a number, or an expression of factors.
+    """
+
+    sprocket: Text | None = None
+    direction: Direction | None = None
+    travel: Positive | None = None
+    links: Annotated[Literal["even", "any"], Value('must be "even" or "any"')] | None = None
+    strain: Wanted | None = None
+    preload: Wanted | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        sprocket = get(node, "sprocket")
+        if sprocket is None and get(node, "links") is None:
+            yield Problem(("sprocket",), None, "missing; give the sprocket that moves, or links, or both", BARE)
+        for key in ("direction", "travel"):
+            if get(node, key) is not None and sprocket is None:
+                yield Problem((key,), get(node, key), "only together with sprocket")
+        if sprocket is not None and get(node, "direction") is None:
+            yield Problem(("direction",), None, f"missing; {allowed(cls, 'direction')}", BARE)
+        strain, preload = get(node, "strain"), get(node, "preload")
+        if strain is None and preload is None:
+            yield Problem(("preload",), None, f"missing; {allowed(cls, 'preload')}, or give strain instead", BARE)
+        if strain is not None and preload is not None:
+            yield Problem(("strain",), strain, "not together with preload; give one of the two")
+        if numbers(preload) and preload < 0:
+            yield Problem(("preload",), preload, "must be at least 0 N")
+
+
+class RunOptions(Part):
+    """Run settings of variants; those not given are each drive's own.
+
+    Attributes:
+        duration: simulated time [s].
+        step: time step [s], or "auto".
+        precision: "float64" or "float32".
+        device: as in `simulate`; None is what is estimated to finish first.
+        window: (start, end) over which metrics are taken [s].
+        shard: number of variants in a shard; None sizes shards to memory and device.
+        keep_states: keep the state of each run at its window's end, so that a longer one goes on from it.
+    """
+
+    duration: Positive | None = None
+    step: Step | None = None
+    precision: Annotated[Literal["float64", "float32"], Value('must be "float64" or "float32"')] = "float64"
+    device: Text | None = None
+    window: Window | None = None
+    shard: Count | None = None
+    keep_states: Switch = False
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        window = get(node, "window")
+        if isinstance(window, (list, tuple)) and len(window) == 2 and numbers(*window) and window[0] >= window[1]:
+            yield Problem(("window",), window, "must be two times [start, end], 0 <= start < end")
+
+
+class Keep(Part):
+    """Which metrics are kept.
+
+    Attributes:
+        keep: names of metrics; `*` and `?` match any letters, one letter.
+        modes: how many modes of the base drive at rest are followed, the lowest ones; None is none.
+    """
+
+    keep: Annotated[Texts, Field(min_length=1)] = ("*",)
+    modes: Count | None = None
+
+
+class Worst(Part):
+    """The variants with the most extreme value of a metric.
+
+    Attributes:
+        metric: its name.
+        count: how many variants.
+        side: "largest" or "smallest".
+    """
+
+    metric: Text
+    count: Count
+    side: Annotated[Literal["largest", "smallest"], Value('must be "largest" or "smallest"')] = "largest"
+
+
+class Recording(Part):
+    """Which variants are recorded in full, in archives.
+
+    Attributes:
+        variants: their numbers.
+        every: every k-th, from 0.
+        worst: those with the most extreme value of a metric, simulated a second time when all are known.
+        rate: samples a second of simulated time [Hz]; None is each drive's own.
+        channels: of `warpchain.results.channels.NAMES`; those on request only where they are named.
+    """
+
+    variants: Wholes = ()
+    every: Count | None = None
+    worst: Worst | None = None
+    rate: Positive | None = None
+    channels: Texts = DEFAULT
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        for i, channel in enumerate(elements(node, "channels")):
+            if channel not in NAMES:
+                yield Problem(("channels", i), channel, f"must be one of {', '.join(NAMES)}")
+
+
+class Fatigue(Part):
+    """The Woehler curve of a link (`warpchain.results.fatigue.Woehler`), for the fatigue of recorded variants.
+
+    Attributes:
+        exponent: of the curve.
+        range: range of tension that a link endures for `cycles` [N].
+        cycles: to failure at that range.
+    """
+
+    exponent: Positive
+    range: Positive
+    cycles: Positive = 1e6
+
+
+class Objective(Part):
+    """An objective: a metric or factor that should be small or large.
+
+    Attributes:
+        metric: a metric, or a factor.
+        sense: "min" or "max".
+    """
+
+    metric: Text
+    sense: Annotated[Literal["min", "max"], Value('must be "min" or "max"')] = "min"
+
+
+class Bound(Part):
+    """A limit on a metric; at least one of both ends.
+
+    Attributes:
+        metric: a metric.
+        min, max: in its unit.
+    """
+
+    metric: Text
+    min: Finite | None = None
+    max: Finite | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        low, high = get(node, "min"), get(node, "max")
+        if low is None and high is None:
+            yield Problem(("max",), None, "missing; must be a finite number; give max, min or both", BARE)
+        if numbers(low, high) and low >= high:
+            yield Problem(("max",), high, f"must be above min, which is {low:g}")
+
+
+class Search(Part):
+    """Settings of the search of `warpchain optimize`.
+
+    Attributes:
+        engine: "bayes", few costly runs, or "population", many at once.
+        count: rows in all, those of the design among them; the last round is run whole.
+        batch: rows of a round, or of a generation.
+        seed: of everything that is drawn.
+        recommend: most designs that are recommended.
+    """
+
+    engine: Annotated[Literal[*ENGINES], Value('must be "bayes" or "population"')] = "bayes"  # type: ignore[valid-type]
+    count: _Few = 64
+    batch: _Few = 8
+    seed: Whole = 0
+    recommend: _Few = 4
+
+
+_OF_BOUNDS = ("metric", "min", "max")
+
+
+def _is_bound(entry: Any) -> bool:
+    return not isinstance(entry, Mapping) or any(key in entry for key in _OF_BOUNDS)
+
+
+def split_limits(values: Any) -> Any:
+    """A study's values with a list of limits as `bounds` and, of what is left, the table `limits`."""
+    limits = values.get("limits") if isinstance(values, Mapping) else None
+    if not isinstance(limits, (list, tuple)):
+        return values
+    judged: dict[str, Any] = {}
+    for entry in limits:
+        if not _is_bound(entry):
+            judged |= entry
+    return {**values, "bounds": tuple(entry for entry in limits if _is_bound(entry)), "limits": judged}
+
+
+def joined_limits(values: dict[str, Any]) -> dict[str, Any]:
+    """The other way round, for a file."""
+    if not values.get("bounds"):
+        return values
+    rest = {key: value for key, value in values.items() if key != "bounds"}
+    judged = values.get("limits") or {}
+    return rest | {"limits": (*values["bounds"], *((judged,) if judged else ()))}
+
+
+def as_written(line: str, values: Any) -> str:
+    """An error line about `bounds.K` as one about the entry of the file's list `limits`."""
+    limits = values.get("limits") if isinstance(values, Mapping) else None
+    if isinstance(limits, list) and line.startswith("bounds."):
+        number, dot, rest = line.removeprefix("bounds.").partition(".")
+        places = [i for i, entry in enumerate(limits) if _is_bound(entry)]
+        if number.isdecimal() and int(number) < len(places):
+            return f"limits.{places[int(number)]}{dot}{rest}"
+    return line
+
+
+def objective_rules(node: Any) -> Iterator[Problem]:
+    """No metric is wanted twice, and limits and a search need something that is wanted."""
+    for key in ("objectives", "bounds"):
+        names: set[Any] = set()
+        for i, entry in enumerate(elements(node, key)):
+            name = get(entry, "metric")
+            if name in names and isinstance(name, str):
+                yield Problem((key, i, "metric"), name, f"must be unique among {key}")
+            names.add(name)
+    if get(node, "optimize") is not None and not elements(node, "objectives"):
+        yield Problem(("optimize",), None, "needs at least one entry of objectives", BARE)

@@ -1,0 +1,349 @@
+"""Figures of the chain: those after the paper's Figures 8 to 12, all links' tension, order spectra, contact angles."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.results.run import Trajectory
+from warpchain.results.scene import (
+    arm_outline,
+    contact_arrows,
+    guide_outline,
+    nearest_sprocket,
+    strand_displacement,
+    tensioner_outline,
+    tooth_outline,
+    turned,
+)
+from warpchain.results.signals import (
+    SPECTRUM_FLOOR,
+    TOOTH_PASSINGS,
+    contact_angles,
+    guide_forces,
+    last_round,
+    order_spectra,
+    peaks_over_time,
+)
+from warpchain.results.units import display_unit, shown
+from warpchain.view.chosen import part_of
+from warpchain.view.figures.style import LINES, PARTS, about, arrowed, curve, key, mark_teeth, panels
+from warpchain.view.palette import scale_top, tension_colormap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ROWS = 1200
+"""Spells of time that the waterfall is drawn in."""
+BIN = 1.0
+"""Width of the bins of contact angles [degrees]."""
+DOTS = 20_000
+"""Most dots of one sprocket."""
+
+
+def telling_roller(trajectory: Trajectory) -> int:
+    """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    part = last_round(trajectory)
+    by_guides = trajectory.guide_force[part].max(axis=0)
+    return int(np.argmax(by_guides if by_guides.max() > 0.0 else trajectory.sprocket_force[part].max(axis=0)))
+
+
+def displacement_figure(trajectory: Trajectory) -> Figure:
+    """Transverse displacement of every strand at mid-span over time (the paper's Figures 9 and 10)."""
+    names = trajectory.drive.strand_names
+    title = "Transverse displacement of each strand at mid-span"
+    figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory.drive)
+    for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        values = strand_displacement(trajectory, k)
+        unit, factor = shown("m", values)
+        mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+        curve(axis, trajectory.time, factor * values, color="tab:blue")
+        axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
+        axis.set_ylabel(f"displacement [{unit}]\n(left of travel +)")
+        axis.set_title(arrowed(name), loc="left", fontsize=10)
+        key(axis)
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def guide_figure(trajectory: Trajectory) -> Figure:
+    """Force of every guide-bar on the chain over time, and how many rollers it presses."""
+    drive, forces = trajectory.drive, guide_forces(trajectory)
+    figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", drive)
+    for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
+        above, below = axes[2 * g : 2 * g + 2]
+        unit, factor = shown("N", force)
+        curve(above, trajectory.time, factor * force, color="tab:red")
+        mean = factor * float(force.mean())
+        above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
+        above.set_ylabel(f"sum over rollers [{unit}]")
+        above.set_title(guide.name, loc="left", fontsize=10)
+        key(above)
+        curve(below, trajectory.time, rollers, color="0.4")
+        below.set_ylabel("rollers pressed [1]")
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def tension_figure(trajectory: Trajectory, link: int) -> Figure:
+    """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
+    trajectory = part_of(trajectory, last_round(trajectory))
+    assert trajectory.tension is not None
+    figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
+    unit, factor = shown("N", trajectory.tension[:, link])
+    curve(axis, trajectory.time, factor * trajectory.tension[:, link], color="tab:blue")
+    axis.axhline(0.0, color="black", lw=0.6)
+    _shade(axis, trajectory, link)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel(f"link tension [{unit}]")
+    return figure
+
+
+def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
+    """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
+    trajectory = part_of(trajectory, last_round(trajectory))
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    figure, (above, below) = panels(
+        2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
+    )
+    of_sprockets = above, trajectory.sprocket_force, "sprockets", "tab:blue"
+    for axis, forces, word, color in (of_sprockets, (below, trajectory.guide_force, "guide-bars", "tab:red")):
+        unit, factor = shown("N", forces[:, roller])
+        curve(axis, trajectory.time, factor * forces[:, roller], color=color)
+        axis.set_ylabel(f"contact with {word} [{unit}]")
+    _shade(above, trajectory, roller)
+    below.set_xlabel("time [s]")
+    return figure
+
+
+def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
+    """Shades the spells that a roller is on each sprocket, with a legend."""
+    on = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
+    named: set[int] = set()
+    frame = 0
+    for s, spell in groupby(on.tolist()):
+        length = len(list(spell))
+        if s >= 0:
+            label = None if s in named else f"on {trajectory.drive.sprockets[s].name}"
+            named.add(s)
+            last = min(frame + length, len(trajectory.time) - 1)
+            span = trajectory.time[frame], trajectory.time[last]
+            axis.axvspan(*span, color=PARTS[s % len(PARTS)], alpha=0.15, lw=0, label=label)
+        frame += length
+    key(axis)
+
+
+def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | None = None) -> Figure:
+    """The drive at one instant, the chain colored by tension, with the contact forces on it (Figure 8).
+
+    Args:
+        frame: which; None is three quarters through.
+        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    assert trajectory.position is not None
+    assert trajectory.tension is not None
+    drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
+    x = trajectory.position[f]
+    arrows, largest, reach = _arrows(trajectory, f)
+    low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
+    span = high - low
+    unit, factor = shown("m", span)
+    figure = Figure(figsize=_size(float(span[1] / span[0])), layout="constrained")
+    axis = figure.subplots()
+    _draw_parts(axis, trajectory, f, factor)
+    top = scale_top([trajectory]) if top is None else top
+    newton, scale = display_unit("N", top)
+    links = factor * np.stack([x, np.roll(x, -1, axis=0)], axis=1)
+    chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
+    chain.set_array(scale * trajectory.tension[f])
+    axis.add_collection(chain)
+    figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
+    kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
+    for force, (color, label) in zip(arrows, kinds, strict=True):
+        pressed = force.any(axis=1)
+        straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002}
+        if pressed.any():
+            tips = (factor * reach * force[pressed]).T
+            axis.quiver(*factor * x[pressed].T, *tips, **straight, color=color, zorder=4)
+            axis.plot([], [], color=color, lw=1.5, label=label)
+    word, share = display_unit("N", largest)
+    axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
+    axis.set_aspect("equal")
+    axis.set_xlim(factor * low[0], factor * high[0])
+    axis.set_ylim(factor * low[1], factor * high[1])
+    figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
+    axis.set_xlabel(f"x [{unit}]")
+    axis.set_ylabel(f"y [{unit}]")
+    axis.set_title(f"Forces on the chain at {trajectory.time[f]:.4g} s\n{about(drive)}", fontsize=11)
+    return figure
+
+
+def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
+    """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
+    assert trajectory.position is not None
+    arrows = [force[0] for force in contact_arrows(part_of(trajectory, slice(f, f + 1)))]
+    largest = max(float(np.hypot(*force.T).max()) for force in arrows)
+    span = float(np.ptp(trajectory.position[f], axis=0).max())
+    return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0
+
+
+def _extent(trajectory: Trajectory, f: int, tips: list[Any]) -> tuple[Any, Any]:
+    """Lower left and upper right corner [m] of all that the drawing of a frame shows, with room around."""
+    drive = trajectory.drive
+    held = [*tips, *(guide_outline(drive, g) for g in range(len(drive.guides)))]
+    assert trajectory.sprocket_center is not None
+    for s, center in enumerate(trajectory.sprocket_center[f]):
+        held += [center + drive.tip_radius(s) * np.array([[-1.0, -1.0], [1.0, 1.0]])]
+    points = np.concatenate(held)
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.04 * float((high - low).max())
+    return low - room, high + room
+
+
+def _size(tall: float) -> tuple[float, float]:
+    """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
+    wide = float(np.clip(8.5 / max(tall, 1e-9), 3.2, 9.0))
+    return wide + 1.7, min(wide * tall, 9.5) + (1.9 if tall > 1.0 else 1.4)
+
+
+def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> None:
+    """Sprockets and guide-bars as they are at a frame, in the unit of that many to a meter."""
+    from matplotlib.patheffects import withStroke
+
+    assert trajectory.sprocket_angle is not None
+    assert trajectory.sprocket_center is not None
+    drive = trajectory.drive
+    halo = [withStroke(linewidth=2.0, foreground="white")]
+    for s, sprocket in enumerate(drive.sprockets):
+        c, d = np.cos(trajectory.sprocket_angle[f, s]), np.sin(trajectory.sprocket_angle[f, s])
+        outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + trajectory.sprocket_center[f, s]
+        outline = factor * outline
+        axis.fill(*outline.T, color="0.88", zorder=0)
+        axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
+        middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
+        axis.annotate(sprocket.name, factor * trajectory.sprocket_center[f, s], fontsize=9, **middle)
+    angles = np.zeros(len(drive.arms)) if trajectory.arm_angle is None else trajectory.arm_angle[f]
+    for g, guide in enumerate(drive.guides):
+        outline, arm = guide_outline(drive, g), drive.arm_of(g)
+        if arm is not None:
+            outline = turned(outline, drive.arms[arm].pivot, float(angles[arm]))
+        outline = factor * outline
+        axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)
+        end = min(outline[[0, -1]], key=lambda end: end[1])
+        side = "left" if end[0] < np.mean([s.center[0] for s in drive.sprockets]) * factor else "right"  # inward
+        below = {"xytext": (0, -4), "textcoords": "offset points", "ha": side, "va": "top"}
+        axis.annotate(guide.name, end, fontsize=8, color="tab:brown", **below)
+    _draw_arms(axis, trajectory, f, angles, factor)
+
+
+def _draw_arms(axis: Any, trajectory: Trajectory, f: int, angles: Any, factor: float) -> None:
+    """Arms turned by `angles` (A,) [rad] and tensioners pushed out as they are at a frame, so many units to a meter."""
+    drive = trajectory.drive
+    for a, arm in enumerate(drive.arms):
+        for line in arm_outline(drive, a):
+            axis.plot(*(factor * turned(line, arm.pivot, float(angles[a]))).T, color="0.45", lw=1.0, zorder=0)
+        axis.plot(*np.multiply(factor, arm.pivot), "o", color="0.45", ms=4, zorder=1)
+    for k, tensioner in enumerate(drive.tensioners):
+        housing, plunger = tensioner_outline(drive, k)
+        out = 0.0 if trajectory.tensioner_extension is None else float(trajectory.tensioner_extension[f, k])
+        moved = factor * (plunger + out * np.asarray(tensioner.direction) / np.hypot(*tensioner.direction))
+        housing = factor * housing
+        axis.fill(*moved.T, color="0.75", zorder=0)
+        axis.fill(*housing.T, color="0.88", zorder=0)
+        axis.plot(*housing.T, color="0.45", lw=0.7, zorder=1)
+
+
+def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
+    """Tension of every link over time, time running down: each row the largest tension of its spell.
+
+    Args:
+        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+    """
+    assert trajectory.tension is not None
+    figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
+    _, rows = peaks_over_time(trajectory.tension, ROWS)
+    top = scale_top([trajectory]) if top is None else top
+    unit, factor = display_unit("N", top)
+    extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
+    colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
+    image = axis.imshow(factor * rows, aspect="auto", extent=extent, interpolation="nearest", **colors)
+    axis.grid(False)
+    axis.set_xlabel("link number")
+    axis.set_ylabel("time [s]")
+    figure.colorbar(image, ax=axis, label=f"link tension, largest of each spell [{unit}]", extend="both")
+    return figure
+
+
+def spectrum_figure(trajectory: Trajectory) -> Figure | None:
+    """Order spectra of strand tensions and transmission errors, tooth-passing orders marked; None where none can be."""
+    groups = order_spectra(trajectory)
+    if not groups:
+        return None
+    drive = trajectory.drive
+    driver = drive.sprockets[drive.driver]
+    title = "Order spectra, latter half of the run"
+    figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, drive)
+    for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
+        for k, one in enumerate(spectra):
+            color = LINES[k % len(LINES)]
+            axis.semilogy(one.orders, one.amplitude, lw=0.8, color=color, label=arrowed(one.name))
+        mark_teeth(axis, driver.teeth)
+        peak = max(float(one.amplitude.max()) for one in spectra)
+        if peak > 0.0:
+            axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
+        axis.set_xlim(0.0, (TOOTH_PASSINGS + 0.5) * driver.teeth)
+        axis.set_ylabel(f"amplitude of\n{label}")
+        key(axis)
+    axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
+    return figure
+
+
+def angle_figure(trajectory: Trajectory) -> Figure:
+    """Contact force on the rollers against the angle since they reached each sprocket, latter half of the run."""
+    drive = trajectory.drive
+    count = len(drive.sprockets)
+    title = "Contact force against angle on the sprocket, latter half of the run"
+    figure, axes = panels(count, 2.5 * count + 0.9, title, drive, share=False)
+    every = [contact_angles(trajectory, s) for s in range(count)]
+    unit, factor = display_unit("N", max(float(found.force.max(initial=0.0)) for found in every))
+    for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
+        found = every[s]
+        angle, force = np.degrees(found.angle), factor * found.force
+        thin = slice(None, None, max(len(angle) // DOTS, 1))
+        axis.plot(
+            angle[thin],
+            force[thin],
+            ".",
+            ms=1.5,
+            color="0.7",
+            rasterized=True,
+            label="rollers at single frames, thinned out",
+        )
+        low, high = -1.5 * np.degrees(found.pitch), np.degrees(found.wrap + 1.5 * found.pitch)
+        edges = np.arange(low, high + BIN, BIN)
+        at = np.digitize(angle, edges) - 1
+        centers = 0.5 * (edges[:-1] + edges[1:])
+        top = 0.0
+        for label, share, color in (("median", 0.5, "tab:blue"), ("99 % below", 0.99, "tab:red")):
+            held = [np.quantile(force[at == k], share) if (at == k).any() else np.nan for k in range(len(centers))]
+            axis.plot(centers, held, lw=1.2, color=color, label=label)
+            top = max(top, float(np.nanmax(held)) if len(angle) else 0.0)
+        for edge, name in ((0.0, "chain reaches the sprocket"), (np.degrees(found.wrap), "chain leaves it")):
+            axis.axvline(edge, color="black", lw=0.8, ls="--" if edge == 0.0 else ":", label=name)
+        axis.set_xlim(low, high)
+        axis.set_ylim(0.0, 1.05 * top or 1.0)
+        axis.set_ylabel(f"contact force [{unit}]")
+        axis.set_title(f"{sprocket.name}, {sprocket.teeth} teeth", loc="left", fontsize=10)
+    key(axes[0])
+    axes[-1].set_xlabel("angle since the roller reached the sprocket, in the direction of travel [degrees]")
+    return figure

@@ -1,0 +1,126 @@
+"""Figures of a run as files: one variant's after the paper and beyond, and sweeps over speed of several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.errors import SimulationError
+from warpchain.results.run import Run, Trajectory
+from warpchain.view.chosen import recorded
+from warpchain.view.figures.chain_figures import (
+    angle_figure,
+    contact_figure,
+    displacement_figure,
+    drive_figure,
+    guide_figure,
+    spectrum_figure,
+    telling_roller,
+    tension_figure,
+    waterfall_figure,
+)
+from warpchain.view.figures.style import save_figures
+from warpchain.view.figures.sweep import SIGNALS, campbell_figure, sweeps
+from warpchain.view.palette import Scale, scale_top
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
+    "drive": lambda t, _, top: drive_figure(t, top=top),
+    "strand-displacement": lambda t, *_: displacement_figure(t),
+    "link-tension": lambda t, roller, _: tension_figure(t, roller),
+    "contact-forces": lambda t, roller, _: contact_figure(t, roller),
+    "guide-force": lambda t, *_: guide_figure(t) if t.drive.guides else None,
+    "tension-waterfall": lambda t, _, top: waterfall_figure(t, top),
+    "order-spectrum": lambda t, *_: spectrum_figure(t),
+    "contact-angle": lambda t, *_: angle_figure(t),
+}
+"""Figures of a variant, a roller and the tension at the colors' red end [N], by name; None where there is nothing to
+draw: no guide-bar, or too short a run for orders."""
+
+RESONANCES = 8.0
+"""Multiple of the highest first transverse frequency up to which resonances are shown."""
+
+
+def draw_figures(
+    source: Run | str | Path,
+    variant: int | None = None,
+    only: Sequence[str] = (),
+    roller: int | None = None,
+    scale: Scale = None,
+) -> dict[str, Figure]:
+    """The figures of one variant by name, as notebooks show them; arguments and errors are those of `plot_figures`."""
+    for name in only:
+        if name not in FIGURES:
+            raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
+    trajectory = recorded(source, variant).trajectory
+    if roller is None:
+        roller = telling_roller(trajectory)
+    if not 0 <= roller < trajectory.drive.chain.links:
+        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
+    top = scale_top([trajectory], scale)
+    drawn = {name: FIGURES[name](trajectory, roller, top) for name in only or FIGURES}
+    return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def plot_figures(
+    source: Run | str | Path,
+    folder: str | Path,
+    variant: int | None = None,
+    kind: str | Sequence[str] = "png",
+    only: Sequence[str] = (),
+    roller: int | None = None,
+    scale: Scale = None,
+) -> list[Path]:
+    """Draws the figures of one variant.
+
+    Args:
+        source: a run, or an archive's path.
+        folder: where they go; made if need be.
+        variant: which variant; None is the first recorded.
+        kind: file ending, "png" or "svg", or both.
+        only: names of `FIGURES` to draw; () is all.
+        roller: whose contact forces and link's tension are drawn; None takes the one that guide-bars press hardest, or
+            else sprockets.
+        scale: link tension at the red end of the color scale, as `warpchain.view.rerun.view` takes it.
+
+    Returns:
+        The files.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
+        SimulationError: a variant or channel that was not recorded, an unknown figure, format or roller.
+    """
+    return save_figures(draw_figures(source, variant, only, roller, scale), folder, kind)
+
+
+def plot_sweep(
+    sources: Sequence[Run | str | Path], folder: str | Path, kind: str | Sequence[str] = "png"
+) -> list[Path]:
+    """Writes the figures of `draw_sweep`; returns the files.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
+        SimulationError: as `draw_sweep`.
+    """
+    return save_figures(draw_sweep(sources), folder, kind)
+
+
+def draw_sweep(sources: Sequence[Run | str | Path]) -> dict[str, Figure]:
+    """Draws Campbell diagrams over all recorded variants of runs or archives: strand displacement, once more up to
+    `RESONANCES` times the first transverse frequency, and strand tension.
+
+    Raises:
+        ArchiveError: an archive that cannot be read.
+        SimulationError: fewer than two speeds, drives of unlike topology, or a channel that was not recorded.
+    """
+    figures = {}
+    for signal in SIGNALS:
+        found = sweeps(sources, signal)
+        figures[f"campbell-{signal}"] = campbell_figure(found)
+        natural = max(float(sweep.natural.max()) for sweep in found if sweep.natural is not None)
+        if signal == "displacement" and natural > 0.0:
+            figures["campbell-resonance"] = campbell_figure(found, RESONANCES * natural)
+    return figures

@@ -1,0 +1,287 @@
+"""Playback in Rerun: the drive in motion, tension along the chain, contact forces, speeds, spectra, the ensemble.
+
+docs/playback.md describes what is shown and how long recordings are thinned out. Rerun's 2D views have y pointing
+down; everything is logged with its y turned around, so that pictures have y up as engineers draw. Rerun's usage
+analytics are Rerun's own setting (`rerun analytics disable`); nothing here turns them on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.run import Run, Trajectory
+from warpchain.results.signals import TENSION, forward
+from warpchain.view.chosen import NEEDED, Recorded, to_compare
+from warpchain.view.palette import CURVES, Color, Scale, scale_top, thing_colors
+from warpchain.view.rerun.chart import BACKGROUND, Chart
+from warpchain.view.rerun.drive_scene import log_drive, log_outline, shown_frames
+from warpchain.view.rerun.ensemble import log_ensemble
+from warpchain.view.rerun.series import (
+    GROUPS,
+    Line,
+    axis_range,
+    log_curves,
+    log_measured,
+    log_spectra,
+    log_tension_image,
+    spectra,
+)
+from warpchain.view.rerun.streams import TIMELINE, entity, saved
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    from warpchain.results.measured import Comparison
+
+TURN = 2.0
+"""Seconds in which playback shows a revolution of the driver."""
+LEAST, MOST = 5.0, 30.0
+"""Seconds that playback takes at least and at most."""
+FRAMES = 1000
+"""Frames that a recording is shown with, unless another number is given."""
+
+
+def blueprint(
+    shown: Sequence[Recorded],
+    images: Sequence[Chart],
+    spectra: Sequence[Chart],
+    ensemble: tuple[Sequence[Chart], int],
+    top: float,
+    tab: str | None = None,
+) -> rrb.Blueprint:
+    """Tabs for the drive, the tension along the chain, contact, speeds, spectrum and the ensemble.
+
+    Several variants are side by side on the first tab and over each other on the second.
+
+    Args:
+        images: each variant's tension along the chain.
+        ensemble: scatters row by row, and the number of columns.
+        top: tension at which the color scale ends [N].
+        tab: which tab is open at first, by its name or how it begins; None is the first.
+
+    Raises:
+        SimulationError: a tab that is not there.
+    """
+    import rerun.blueprint as rrb
+
+    roots = [one.label for one in shown]
+    scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
+
+    def curves(*groups: str) -> list[rrb.TimeSeriesView]:
+        return [
+            rrb.TimeSeriesView(
+                name=GROUPS[group],
+                origin="/",
+                contents=[f"+ {entity(root, 'curves', group)}/**" for root in roots],
+                axis_y=_axis(shown, group),
+            )
+            for group in groups
+        ]
+
+    bounds = _bounds(shown)
+    drives = [
+        rrb.Spatial2DView(
+            origin=entity(root, "drive"),
+            name=f"{root}: link tension {scale}",
+            visual_bounds=bounds,
+            background=BACKGROUND,
+        )
+        for root in roots
+    ]
+    beside = rrb.Vertical(*curves("tension", "contact", "displacement"))
+    tabs: list[rrb.Container | rrb.View] = []
+    if len(roots) == 1:
+        tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
+    else:
+        tabs.append(rrb.Horizontal(*drives, name="side by side"))
+        overlay = rrb.Spatial2DView(
+            origin="/",
+            contents=["+ /overlaid/**", f"+ {entity(roots[0], 'drive', 'sprockets')}/**"],
+            name="chains overlaid (zoom in to tell them apart)",
+            visual_bounds=bounds,
+        )
+        tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
+    pictures = [chart.view(f"{root}: link tension {scale}") for chart, root in zip(images, roots, strict=True)]
+    tabs.append(rrb.Vertical(*pictures, *curves("strand tension"), name="tension along the chain"))
+    rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
+    tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
+    tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
+    if spectra:
+        tabs.append(rrb.Vertical(*(chart.view(f"spectrum of {chart.path[-1]}") for chart in spectra), name="spectrum"))
+    charts, columns = ensemble
+    if charts:
+        views = [chart.view(chart.path[-1]) for chart in charts]
+        tabs.append(rrb.Grid(*views, grid_columns=columns, name="ensemble"))
+    names = [str(part.name) for part in tabs]
+    opened = next((k for k, name in enumerate(names) if name.startswith(tab or "")), None)
+    if opened is None:
+        raise SimulationError(f"tab {tab!r}: allowed are {', '.join(names)}")
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=opened),
+        time_panel([one.trajectory for one in shown]),
+        auto_views=False,
+        collapse_panels=True,
+    )
+
+
+def watched(trajectory: Trajectory) -> float:
+    """Seconds in which a recording is played: `TURN` for every revolution of the driver, within `LEAST` and `MOST`."""
+    turns = 0.0
+    if trajectory.sprocket_angle is not None:
+        angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+        turns = float(np.abs(np.diff(angle)).sum()) / (2.0 * np.pi)
+    return float(np.clip(TURN * turns, LEAST, MOST)) if np.isfinite(turns) else LEAST
+
+
+def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
+    """Plays all of the longest recording, over and over, at a speed at which the driver can be seen to turn."""
+    import rerun.blueprint as rrb
+
+    longest = max(shown, key=lambda trajectory: float(trajectory.time[-1]))
+    speed = float(f"{float(longest.time[-1]) / watched(longest):.2g}")
+    return rrb.TimePanel(
+        state="collapsed", timeline=TIMELINE, playback_speed=speed, loop_mode="all", play_state="playing"
+    )
+
+
+def _axis(shown: Sequence[Recorded], group: str) -> rrb.ScalarAxis | None:
+    """The vertical axis of a group of curves."""
+    import rerun.blueprint as rrb
+
+    ends = axis_range([one.trajectory for one in shown], group)
+    return None if ends is None else rrb.ScalarAxis(range=ends)
+
+
+def _bounds(shown: Sequence[Recorded]) -> rrb.VisualBounds2D:
+    """Bounds of every variant's sprockets and chain, y turned around."""
+    import rerun.blueprint as rrb
+
+    corners = []
+    for one in shown:
+        drive, position = one.trajectory.drive, one.trajectory.position
+        assert position is not None
+        corners += [position[:: max(len(position) // 100, 1)].reshape(-1, 2)]
+        corners += [
+            np.add(s.center, drive.tip_radius(k) * np.array([[-1], [1]])) for k, s in enumerate(drive.sprockets)
+        ]
+    points = np.concatenate(corners)
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    return rrb.VisualBounds2D(
+        x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
+    )
+
+
+def view(
+    source: Run | str | Path,
+    variant: int | None = None,
+    save: str | Path | None = None,
+    spawn: bool = True,
+    compare: Sequence[str | int | Run | Path] = (),
+    frames: int = FRAMES,
+    web: bool = False,
+    bind: str = "127.0.0.1",
+    tab: str | None = None,
+    scale: Scale = None,
+    measured: Sequence[Comparison] = (),
+) -> None:
+    """Shows recorded variants in Rerun: in its viewer, in a browser, or saved as a Rerun recording.
+
+    Args:
+        source: a run, or an archive's path.
+        variant: which variant; None is the first recorded.
+        save: file (.rrd) to write instead of opening a viewer; it appears under this name only when whole.
+        spawn: open the viewer on this machine; False only builds the recording.
+        compare: further variants to lay beside it and over it: numbers in `source`, other runs or archives (their
+            first recorded variant), or "ARCHIVE:NUMBER".
+        frames: budget of frames to draw; longer recordings are thinned out without losing peaks (docs/playback.md).
+        web: serve the web viewer until interrupted, instead of the native one.
+        bind: address that the viewer listens at.
+        tab: the tab that is open at first, by its name or the beginning of it; None is the first.
+        scale: link tension at the red end of the color scale [N], or "breaking", the chain's breaking load; None takes
+            99.9 % of the tensions in the latter half of the recording.
+        measured: signals from a rig (`warpchain.results.measured`) that are drawn over the first variant's curves.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or a recording that cannot be written.
+        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab or scale,
+            no viewer.
+    """
+    if frames < 2:
+        raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")
+    shown = to_compare(source, variant, compare, (*NEEDED, "sprocket_speed"))
+    if save is not None:
+        stream = _stream()
+        with saved(stream, Path(save), ArchiveError):
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
+    elif spawn:
+        from warpchain.view.rerun.viewer import Viewer
+
+        with Viewer(bind, "web" if web else "native") as viewer:
+            stream = _stream()
+            viewer.connect(stream)
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
+            stream.flush()
+            stream.disconnect()
+    else:
+        log_recording(_stream(), shown, frames, tab, scale, measured)
+
+
+def log_recording(
+    stream: rr.RecordingStream,
+    shown: Sequence[Recorded],
+    frames: int = FRAMES,
+    tab: str | None = None,
+    scale: Scale = None,
+    measured: Sequence[Comparison] = (),
+) -> rrb.Blueprint:
+    """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
+    several = len(shown) > 1
+    top = scale_top([one.trajectory for one in shown], scale)
+    images, lines = [], dict[str, list[Line]]()
+    for k, one in enumerate(shown):
+        color = CURVES[k % len(CURVES)]
+        images.append(log_variant(stream, one, frames, top, color if several else None))
+        colors = thing_colors(one.trajectory.drive, color if several else None)
+        for title, found in spectra(one.trajectory, colors).items():
+            named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
+            lines.setdefault(title, []).extend(named)
+        if several:
+            outline = shown_frames(one.trajectory, frames)
+            log_outline(stream, entity("overlaid", one.label), outline, color)
+    for line in log_measured(stream, shown[0].label, measured, frames):
+        lines.setdefault(TENSION, []).append(line)
+    teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
+    run = shown[0].run
+    scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
+    return blueprint(shown, images, log_spectra(stream, lines, teeth), scatters, top, tab)
+
+
+def log_variant(
+    stream: rr.RecordingStream, one: Recorded, frames: int, top: float, color: Color | None = None
+) -> Chart:
+    """Logs one variant below its label: drive, curves and tension image, whose chart is returned.
+
+    Args:
+        frames: the budget.
+        top: tension at which the color scale ends [N].
+        color: the variant's among others, None if it is alone.
+    """
+    drawn = shown_frames(one.trajectory, frames)
+    colors = thing_colors(one.trajectory.drive, color)
+    log_drive(stream, one.label, drawn, top, colors)
+    log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
+    return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
+
+
+def _stream() -> rr.RecordingStream:
+    import rerun as rr
+
+    return rr.RecordingStream("warpchain", recording_id=None)

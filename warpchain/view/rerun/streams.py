@@ -1,0 +1,114 @@
+"""Rerun streams: columns from numpy arrays without a loop over frames, and recordings as whole files (.rrd).
+
+Rerun's archetypes build the same Arrow arrays through conversions of every element; these take numpy arrays as is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.files import refusals, whole_file
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import rerun as rr
+
+TIMELINE = "sim_time"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One component's values at every time of `send_columns`."""
+
+    descriptor: Any
+    array: pa.Array
+
+    def component_descriptor(self) -> Any:
+        """The component that this is, as Rerun asks for it."""
+        return self.descriptor
+
+    def as_arrow_array(self) -> pa.Array:
+        """A list of the component's elements for every time, as Rerun asks for it."""
+        return self.array
+
+
+def flipped(points: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Points (..., 2) [m] with y turned around for Rerun's 2D views, whose y points down."""
+    out = np.empty(points.shape, dtype=np.float32)
+    out[..., 0] = points[..., 0]
+    np.negative(points[..., 1], out=out[..., 1], casting="same_kind")
+    return out
+
+
+def rows(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
+    """Elements as lists, one for each of `count` times: of one length, or of a length each."""
+    import pyarrow as pa
+
+    if isinstance(lengths, int):
+        assert count is not None
+        offsets = np.arange(count + 1, dtype=np.int32) * lengths
+    else:
+        offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), elements)
+
+
+def vectors(values: NDArray[np.float32]) -> pa.Array:
+    """(..., D) floats as an Arrow array of vectors of D."""
+    import pyarrow as pa
+
+    kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values, np.float32).ravel()), type=kind)
+
+
+def strips(points: NDArray[np.float32]) -> pa.Array:
+    """(..., P, 2) points as an Arrow array of line strips of P points."""
+    import pyarrow as pa
+
+    inner = vectors(points)
+    count, length = points.size // (2 * points.shape[-2]), points.shape[-2]
+    kind = pa.list_(pa.field("item", inner.type, nullable=False))
+    offsets = pa.array(np.arange(count + 1, dtype=np.int32) * length, pa.int32())
+    return pa.ListArray.from_arrays(offsets, inner, type=kind)
+
+
+def send(
+    stream: rr.RecordingStream, path: str, time: NDArray[np.floating], columns: Sequence[Column | rr.ComponentColumn]
+) -> None:
+    """Sends columns at simulated times [s]."""
+    import rerun as rr
+
+    held: Any = list(columns)
+    stream.send_columns(path, [rr.TimeColumn(TIMELINE, duration=np.asarray(time, dtype=float))], held, strict=True)
+
+
+def entity(*parts: str) -> str:
+    """An entity's path; names may hold blanks."""
+    import rerun as rr
+
+    return rr.new_entity_path(list(parts))
+
+
+@contextmanager
+def saved(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> Iterator[None]:
+    """Writes what is logged to a stream in a `with` block.
+
+    Rerun's own writer reports a full disk to the log only; so the recording's bytes are written here.
+
+    Raises:
+        error: another writer, or a folder or disk that refuses, in one line.
+    """
+    import rerun as rr
+
+    with refusals(target, error), whole_file(target) as file:
+        sink = rr.binary_stream(stream)
+        yield
+        stream.flush()
+        file.write(sink.read() or b"")
+        stream.disconnect()
