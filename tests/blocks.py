@@ -11,8 +11,7 @@ from drives import timing, two_sprockets
 from warpchain import Drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.block_shape import block_shape, room_for
-from warpchain.engine.buckets import curved, led
+from warpchain.engine.buckets import block_shape, curved, led, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel

@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 
 from warpchain.assembly.assemble_batch import Assemblies
+from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 

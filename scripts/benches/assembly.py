@@ -15,15 +15,13 @@ from common.timing import cpu_time_of
 
 from warpchain import Record, load_drive, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.assemble_batch import assemble_all
+from warpchain.assembly.assemble_batch import assemble_all, layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
 from warpchain.drive.replace import Changes
 from warpchain.engine import pack as packing
-from warpchain.engine import share, simulation
-from warpchain.engine.outcomes import layouts_of
-from warpchain.engine.start import start_warp
+from warpchain.engine import share, simulation, start_warp
 from warpchain.errors import DriveError
 from warpchain.study.run.row_drives import adjusted_all
 from warpchain.study.spec.study_tables import Adjust

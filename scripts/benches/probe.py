@@ -33,7 +33,11 @@ def first(*names: str) -> Any:
 def schedule(drive: Any, metrics: bool) -> Any:
     """A run without end, without frames; the window is either all of it or far away."""
     step = first("warpchain.assembly.timestep:resolve_step")(drive)
-    longest_apart = first("warpchain.engine.sampling:longest_apart", "warpchain.engine.looks:longest_apart")
+    longest_apart = first(
+        "warpchain.engine.simulation:longest_apart",
+        "warpchain.engine.sampling:longest_apart",
+        "warpchain.engine.looks:longest_apart",
+    )
     looks = int(longest_apart(drive, step))  # as far apart as in a long window
     begin = 0 if metrics else FOREVER - 1
     return first("warpchain.results.schedule:Schedule")(step, FOREVER, begin, FOREVER, 0, looks)

@@ -12,7 +12,7 @@ from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
 from warpchain import Drive
 from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.block_shape import BlockShape, block_shape, room_for
+from warpchain.engine.buckets import BlockShape, block_shape, room_for
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic

@@ -20,7 +20,7 @@ from warpchain.drive import load_drive
 from warpchain.drive.batch import picked, stacks_of
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import dtype_of
-from warpchain.engine.fill_tensioner import fill_element
+from warpchain.engine.fill_bodies import fill_element
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.kernels import structs

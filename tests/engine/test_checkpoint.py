@@ -6,8 +6,8 @@ from drives import timing, two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.batches import note_steps
 from warpchain.engine.checkpoint import STOPS, Kept, States, notes_from, stop_of, stops_of, takes_sums
+from warpchain.engine.outcomes import note_steps
 from warpchain.errors import SimulationError
 from warpchain.results.schedule import Schedule
 

@@ -13,7 +13,7 @@ from drives import two_sprockets
 from warpchain import Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import (
+from warpchain.engine.buckets import (
     BODY_WARP,
     LONGER_ROW,
     MANY,
@@ -21,14 +21,19 @@ from warpchain.engine.block_shape import (
     ROW,
     VARIANTS_PER_BLOCK,
     BlockShape,
+    Bucket,
+    _distinct,
     block_shape,
+    kernel_kind,
+    kernel_shape,
+    of_shape,
     room_for,
     row_of,
+    rows_apart,
 )
-from warpchain.engine.buckets import Bucket, _distinct, kernel_kind, kernel_shape, of_shape, refusal, rows_apart
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
-from warpchain.engine.gpu import GpuEngine, launch_steps
+from warpchain.engine.gpu import GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.kind import DECLARED, BlockKind

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from warpchain.engine.progress import interruptible, look_for_stop
+from warpchain.progress import interruptible, look_for_stop
 
 
 @pytest.fixture(autouse=True)

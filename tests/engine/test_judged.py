@@ -11,8 +11,9 @@ from warpchain import Limits, Record, read_archive, simulate
 from warpchain.drive import Drive
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
-from warpchain.engine.outcomes import engaged, net_force
+from warpchain.engine.outcomes import engaged
 from warpchain.engine.pack import pack
+from warpchain.engine.settling import net_force
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import LayoutWarning, SuspectWarning
 from warpchain.results.objectives import add_objectives

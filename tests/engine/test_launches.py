@@ -2,7 +2,7 @@
 
 import pytest
 
-from warpchain.engine.launches import PARTS, cut, groups
+from warpchain.engine.gpu import PARTS, cut, groups
 
 
 @pytest.mark.parametrize("count", [1, 1584, 1585, 16_896, 10_001])

@@ -10,7 +10,7 @@ from tensioner_rig import TEXT, engine, looked, moved, tensioner
 import warpchain
 from warpchain import bench_tensioner, loads_drive
 from warpchain.drive import oil
-from warpchain.engine.fill_tensioner import fill_tensioner
+from warpchain.engine.fill_bodies import fill_tensioner
 from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner

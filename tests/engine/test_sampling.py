@@ -9,9 +9,8 @@ from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
-from warpchain.engine.batches import batch_durations, note_steps, watched_in_batches
-from warpchain.engine.sampling import longest_apart, look_every
-from warpchain.engine.sums import watched_time
+from warpchain.engine.outcomes import batch_durations, note_steps, watched_in_batches, watched_time
+from warpchain.engine.simulation import longest_apart, look_every
 from warpchain.kernels.structs import Drive
 from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
 from warpchain.results.schedule import LOOK_EVERY

@@ -73,7 +73,7 @@ def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
     """Steps with frames of every channel by the block kernel, its blocks' threads as fibers."""
     import blocks
 
-    from warpchain.engine.block_shape import block_shape, room_for
+    from warpchain.engine.buckets import block_shape, room_for
 
     packed, values = ensemble_of(drives)
     packed = packed.at_precision(precision)
@@ -152,7 +152,7 @@ def cases():
     """What is run, by name."""
     import blocks as of
 
-    from warpchain.engine.block_shape import BlockShape
+    from warpchain.engine.buckets import BlockShape
 
     every = (of.marine, of.equal_sprockets, of.moving_sprockets, of.unusual_contacts, of.rk4, of.rubbing, of.bending)
     every += (of.rubbing_on_moving_sprockets, of.uneven, of.bending_rk4)

@@ -23,7 +23,7 @@ from blocks import (
     ways,
 )
 
-from warpchain.engine.block_shape import BlockShape
+from warpchain.engine.buckets import BlockShape
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.kind import BlockKind

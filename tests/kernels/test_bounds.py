@@ -8,7 +8,7 @@ from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import BlockShape
+from warpchain.engine.buckets import BlockShape
 from warpchain.engine.pack import pack
 from warpchain.kernels.physics.table import table_at
 from warpchain.kernels.physics.tooth import nearest_seat

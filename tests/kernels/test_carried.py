@@ -13,9 +13,9 @@ from grown import grown, recipe, recipe_code, run_in
 
 from warpchain import dumps_drive, load_drive, simulate
 from warpchain.engine.arrays import empty_sums
-from warpchain.engine.buckets import refusal
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import FORMS
+from warpchain.engine.gpu import refusal
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels import relaxation, structs

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.engine.batches import batch_durations
+from warpchain.engine.outcomes import batch_durations
 from warpchain.kernels.batches import NOTES, notes_due
 from warpchain.kernels.slip import follow_slip
 from warpchain.kernels.structs import Drive

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warpchain.engine.sums import tension_edges
+from warpchain.engine.outcomes import tension_edges
 from warpchain.kernels.tension_bins import BINS
 from warpchain.results.batch_means import drift, quantile, standard_error, steady
 

@@ -10,8 +10,7 @@ from drives import errors_of, marine_values, two_sprockets
 from pyarrow import csv, parquet
 from study_helpers import write_study
 
-from warpchain import Record, simulate
-from warpchain.engine import progress
+from warpchain import Record, progress, simulate
 from warpchain.errors import StudyError
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study

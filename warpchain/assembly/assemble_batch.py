@@ -1,4 +1,4 @@
-"""The initial states of many drives: a stack of a kind at once, and what differs in no place once."""
+"""The initial states and layouts of many drives: a stack of a kind at once, and what differs in no place once."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble_stack
+from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, arrays_of, first_of, first_refused, picked, size_of
+from warpchain.drive.batch import Stack, arrays_of, first_of, first_refused, picked, size_of, stacks_of
 from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
@@ -151,3 +152,38 @@ def _layout_key(drive: Drive) -> dict[str, Any]:
         "sprockets": [some(sprocket, *places) for sprocket in drive.sprockets],
         "run": some(drive.run, "gravity", "phase"),
     }
+
+
+def layouts_of(
+    drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
+) -> list[tuple[str, ...]]:
+    """What is wrong with each drive's layout; drives that share their state and guide-bars are looked at once.
+
+    Args:
+        drives: the drives.
+        assemblies: their initial states.
+        stacks: the drives sorted into kinds, where they are.
+    """
+    found: list[tuple[str, ...]] = [()] * len(drives)
+    known: dict[tuple[int, ...], tuple[str, ...]] = {}
+    for stack in stacks_of(drives) if stacks is None else stacks:
+        for places, assembly in assemblies.among(stack.members):
+            members = stack.members[places]
+            for v in members[suspects(picked(stack.drive, places), assembly.path)].tolist():
+                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
+                if key not in known:
+                    known[key] = findings(drives[v], assemblies[v].path)
+                found[v] = known[key]
+    return found
+
+
+def layout_line(layouts: Sequence[Sequence[str]]) -> str | None:
+    """What to tell of the layouts in one line, None where nothing is wrong."""
+    wrong = [v for v, found in enumerate(layouts) if found]
+    if not wrong:
+        return None
+    first = "; ".join(layouts[wrong[0]])
+    if len(layouts) == 1:
+        return first
+    more = f", and of {len(wrong) - 1} further variants alike" if len(wrong) > 1 else ""
+    return f"variant {wrong[0]}{more}: {first}"

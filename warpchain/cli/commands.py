@@ -60,10 +60,10 @@ def chains(_: argparse.Namespace) -> int:
 
 
 def devices(arguments: argparse.Namespace) -> int:
+    from warpchain.engine import start_warp
     from warpchain.engine.device_choice import lines, measured
     from warpchain.engine.devices import usable_gpus
     from warpchain.engine.simulation import available_cores
-    from warpchain.engine.start import start_warp
 
     start_warp(precompiled=False)
     gpus, cores = usable_gpus(), available_cores()
@@ -85,7 +85,7 @@ def fit(arguments: argparse.Namespace) -> int:
 
 def modes(arguments: argparse.Namespace) -> int:
     from warpchain.cli.modes_command import mode_lines
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
     for line in mode_lines(_load(arguments), arguments):
@@ -95,7 +95,7 @@ def modes(arguments: argparse.Namespace) -> int:
 
 def tensioner(arguments: argparse.Namespace) -> int:
     from warpchain.cli.tensioner_command import tensioner_lines
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
     for line in tensioner_lines(_load(arguments), arguments):
@@ -105,8 +105,8 @@ def tensioner(arguments: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine import start_warp
     from warpchain.engine.simulation import simulate
-    from warpchain.engine.start import start_warp
     from warpchain.results.run import Record
 
     options = ArchiveOptions(

@@ -83,7 +83,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
     from warpchain.study.run import run_study
 
     start_warp(precompiled=False)
@@ -120,7 +120,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
     from warpchain.study.plan import plan_lines, plan_study
 
     start_warp(precompiled=False)
@@ -148,7 +148,7 @@ def _status(arguments: argparse.Namespace) -> int:
 
 
 def _merge(arguments: argparse.Namespace) -> int:
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
     from warpchain.study.run import join_studies, merge_study
 
     folders, output = arguments.folder, arguments.output
@@ -348,7 +348,7 @@ def add_play_command(commands: Any) -> None:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
     from warpchain.study.run.recordings import recording_of
     from warpchain.view.rerun.run_playback import view
 
@@ -379,7 +379,7 @@ def add_optimize(commands: Any) -> None:
 
 
 def _optimize(arguments: argparse.Namespace) -> int:
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
     from warpchain.study.optimize import optimize
 
     start_warp(precompiled=False)

@@ -1,1 +1,37 @@
 """Runs ensembles of drives on CPUs and GPUs; the only users of Warp beside the kernels."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def start_warp(precompiled: bool = True) -> None:
+    """Starts Warp, once. Its messages on devices, caches and modules are left out: bars and summaries speak.
+
+    A program that wants them starts Warp itself (`warp.init()`) or sets `warp.config.log_level` before its first run.
+
+    Args:
+        precompiled: False does without precompiled headers, of which the CUDA compiler warns where they do not match.
+    """
+    import warp as wp
+    from warp._src import context
+
+    if context.runtime is not None:
+        return
+    if wp.config.log_level == wp.LOG_INFO:
+        wp.config.log_level = wp.LOG_ERROR
+    if not precompiled:
+        wp.config.use_precompiled_headers = False
+    if wp.config.log_level < wp.LOG_ERROR:
+        wp.init()
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

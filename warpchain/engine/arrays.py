@@ -16,11 +16,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.fill import INTEGRATORS
 from warpchain.kernels import structs, sum_structs
 from warpchain.kernels.batches import NOTES
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.kernels.tension_bins import BINS
+
+INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 
 SPARE_LENGTHS = 4096
 """Lengths after the last: the block kernels' threads that have no roller read them."""

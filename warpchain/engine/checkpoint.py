@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.engine.arrays import TABLE, starts
-from warpchain.engine.batches import has_batches, note_steps
+from warpchain.engine.outcomes import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels.batches import NOTES

@@ -208,7 +208,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
     """What measured numbers hold for: the processor, its cores, the GPUs, and the versions."""
     import warp as wp
 
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
 
     start_warp()
     names = [wp.get_device(gpu).name for gpu in gpus]
@@ -234,7 +234,7 @@ def store() -> Path:
     """Where measured numbers are kept: where Warp keeps its kernels."""
     import warp as wp
 
-    from warpchain.engine.start import start_warp
+    from warpchain.engine import start_warp
 
     start_warp()
     return Path(str(wp.config.kernel_cache_dir)) / FILE

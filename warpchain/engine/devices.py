@@ -10,10 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.engine import start_warp
 from warpchain.engine.arrays import TABLE, starts
 from warpchain.engine.device_choice import Choice, quickest
 from warpchain.engine.packed import Packed
-from warpchain.engine.start import start_warp
 from warpchain.errors import SimulationError
 
 
@@ -56,8 +56,7 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     names = _gpus()
     if device is None and not names:
         return ("cpu",)
-    from warpchain.engine.buckets import refusal
-    from warpchain.engine.gpu import OLDEST
+    from warpchain.engine.gpu import OLDEST, refusal
 
     reason = refusal(packed)
     if device is None:

@@ -31,12 +31,12 @@ from warpchain.drive.mounts import (
 )
 from warpchain.drive.replicates import turned_on
 from warpchain.drive.stiffness import contact_damping
+from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.fill_bodies import piece_count
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
-INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
 ESCAPE_PITCHES = 10.0
 """A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""

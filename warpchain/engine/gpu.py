@@ -2,6 +2,12 @@
 
 Variants with like numbers of rollers and sprockets go into one launch. Frames come back on a stream of their own while
 the next steps are under way.
+
+A block takes one variant through all steps of a launch, and a GPU holds so many blocks at once: a turn. A launch ends
+with a turn that few blocks may be left for, while the next launch waits. Where there is more than a turn of variants
+they go in two groups, each on a stream of its own, whose launches are cut into shorter ones: while the last blocks of
+one group run, blocks of the other fill the GPU, and the rest of a turn is lost only once in `PARTS` launches. Results
+do not depend on where launches end.
 """
 
 from __future__ import annotations
@@ -17,13 +23,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.buckets import Bucket, GpuKernels, rows_apart
-from warpchain.engine.launches import Phase, cut, groups
+from warpchain.engine.buckets import ROOMS, Bucket, GpuKernels, rows_apart
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
+from warpchain.kernels.gpu.near_mask import BITS
 from warpchain.kernels.gpu.observe import collect
-from warpchain.kernels.structs import DIVERGENCE_CHECK
+from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
@@ -46,6 +52,18 @@ LOADING = Lock()
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
 
+PARTS = 8
+"""Launches that the steps of one are cut into."""
+
+Phase = tuple[str, int, int]
+"""Kernel, steps, and steps before in the same call."""
+
+MOST_LINKS = 16 * ROOMS[-1]
+"""Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
+
+MOST_PARTNERS = BITS
+"""Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
+
 
 def launch_steps(rollers: float, wanted: int) -> int:
     """Steps of a launch over so many rollers in all: `wanted` at most, and a fraction of a second.
@@ -55,6 +73,50 @@ def launch_steps(rollers: float, wanted: int) -> int:
     unit = int(DIVERGENCE_CHECK)
     steps = min(wanted, LAUNCH_STEPS, int(LAUNCH_WORK / rollers))
     return max(unit, steps // unit * unit) if wanted >= unit else wanted
+
+
+def groups(count: int, turn: int) -> list[tuple[int, int]]:
+    """First variant and number of variants of each group of `count` variants."""
+    if count <= turn:
+        return [(0, count)]
+    half = count // 2
+    return [(0, half), (half, count - half)]
+
+
+def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
+    """Phases cut into about `PARTS` of equal length in all, of whole units of steps."""
+    total = sum(steps for _, steps, _ in phases)
+    most = max(unit, -(-total // (PARTS * unit)) * unit)
+    return [
+        (name, min(most, steps - done), before + done)
+        for name, steps, before in phases
+        for done in range(0, steps, most)
+    ]
+
+
+def refusal(packed: Packed, first: int = 0) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
+    found = _refused(packed)
+    return None if found is None else f'variant {first + found[0]}: {found[1]}; use device="cpu"'
+
+
+def _refused(packed: Packed) -> tuple[Any, str] | None:
+    """A variant that a GPU cannot run, and why."""
+    drives = packed.drives
+    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
+        return v, f"chain.links = {drives['rollers'][v]}: a GPU takes up to {MOST_LINKS}"
+    partners = drives["sprockets"] + drives["guides"]
+    for v in np.flatnonzero(partners > MOST_PARTNERS):
+        return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
+    guides = packed.guides[: drives["guides"].sum()]
+    for g in np.flatnonzero((guides["body"] != GROUND) & (guides["pieces"] == 0)):
+        v = np.flatnonzero(drives["first_guide"] <= g)[-1]
+        number = g - drives["first_guide"][v]
+        return v, f"guide-bar {number} is carried by a body: a GPU takes guide-bars on the ground only"
+    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"] + drives["arms"]):
+        counts = f"{drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets"
+        return v, f"{counts}: a GPU takes no bodies but sprockets and arms"
+    return None
 
 
 @contextmanager

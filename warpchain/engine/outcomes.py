@@ -1,88 +1,165 @@
-"""What variants are judged by that no sum over the window holds: their layouts, and where their chains end up."""
+"""Outcomes of variants: the window's sums, batch by batch too, where chains lie at the end, and why variants diverged.
+
+Kernels hand sums back for all variants, and note some of them at the ends of batches (`kernels.batches`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assemble_batch import Assemblies
-from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.engine.devices import Engine
-from warpchain.engine.packed import Packed, taken
-from warpchain.kernels.relaxation import LEAST_STRETCH
+from warpchain.engine.packed import Packed, coordinates
+from warpchain.kernels.batches import BATCHES, NOTES
 from warpchain.kernels.rows import STATE_ROWS
+from warpchain.kernels.sums import WATCH_EVERY
+from warpchain.kernels.tension_bins import BINS, STEP, ZERO
+
+Rows = Mapping[str, NDArray[Any]]
+
+WATCHED = ("speed", "speed_square", "force")
+"""Sums of sprockets that are of watched steps."""
 
 ON_TOP = 0.5
 """A roller has left the teeth where its center is this share of its radius beyond their tips; on top of one it is 1."""
+
 
 TORN = 2.0
 """A chain with a link longer than this many times its length is none any more."""
 
 
-def layouts_of(
-    drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
-) -> list[tuple[str, ...]]:
-    """What is wrong with each drive's layout; drives that share their state and guide-bars are looked at once.
+def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.tension_bins`) [N]."""
+    return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
+
+
+def watched_time(drives: NDArray[Any]) -> NDArray[np.float64]:
+    """(V,) how long a window is, over the time that its watched steps stand for (`kernels.sums.watch_weight`)."""
+    every, start, end = int(WATCH_EVERY), drives["window_start"].astype(int), drives["window_end"].astype(int)
+    watched = end // every - start // every + 1  # the multiples of `every`, and the window's first step
+    return np.asarray((end - start) / (every * np.maximum(watched, 1)))
+
+
+def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
+    """The sums of V variants that have S sprockets, G guides, A arms and T tensioners each.
+
+    Returns:
+        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm"
+        (V, A), "tensioner" (V, T), a row a variant;
+        "batches", the same fields but for contacts and slips batch by batch along a last axis, and how long each
+        batch is (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no
+        strand (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
+    """
+    drives = packed.drives[variants]
+    sprockets, guides = int(drives["sprockets"][0]), int(drives["guides"][0])
+    first = drives["first_sprocket"][:, None].astype(np.int64)
+    sprocket = first + np.arange(sprockets)
+    arms, tensioners = int(drives["arms"][0]), int(drives["tensioners"][0])
+    arm = drives["first_arm"][:, None].astype(np.int64) + np.arange(arms)
+    tensioner = drives["first_tensioner"][:, None].astype(np.int64) + np.arange(tensioners)
+    partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
+    histograms = (first + variants[:, None]) + np.arange(sprockets + 1)
+    watched = watched_time(drives)
+    contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
+    contact["impulse"] *= watched[:, None]
+    batches = split_batches(sums, variants, sprocket)
+    of_batches = watched_in_batches(drives)
+    for name in WATCHED:
+        of_all, of_each = turned[name], batches["sprocket"][name]
+        of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
+        of_each *= of_batches.reshape(len(drives), 1, -1, *[1] * (of_each.ndim - 3))
+    counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
+    return {
+        "chain": sums["chain"][variants],
+        "strand": sums["strand"][sprocket],
+        "sprocket": turned,
+        "mount": sums["mount"][sprocket],
+        "contact": contact,
+        "slip": sums["slip"][sprocket],
+        "arm": sums["arm"][arm],
+        "tensioner": sums["tensioner"][tensioner],
+        "batches": (batches, batch_durations(drives)),
+        "tension": (counts, tension_edges(drives["tension_scale"])),
+    }
+
+
+def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int) -> NDArray[np.int64]:
+    """(..., notes) steps at which a window's notes are taken, if it is long enough for batches (`kernels.batches`)."""
+    first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, look_every))
+    batches = int(BATCHES)
+    reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
+    return np.asarray(-(-reached // every) * every)
+
+
+def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int) -> Any:
+    """(...) whether a window of so many steps has a look for each batch, at the least."""
+    return window >= int(BATCHES) * look_every
+
+
+def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
+    """(V, batches) time that each batch stands for [s], nan where the window is too short for batches.
 
     Args:
-        drives: the drives.
-        assemblies: their initial states.
-        stacks: the drives sorted into kinds, where they are.
+        drives: (V,) `kernels.structs.Drive`.
     """
-    found: list[tuple[str, ...]] = [()] * len(drives)
-    known: dict[tuple[int, ...], tuple[str, ...]] = {}
-    for stack in stacks_of(drives) if stacks is None else stacks:
-        for places, assembly in assemblies.among(stack.members):
-            members = stack.members[places]
-            for v in members[suspects(picked(stack.drive, places), assembly.path)].tolist():
-                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
-                if key not in known:
-                    known[key] = findings(drives[v], assemblies[v].path)
-                found[v] = known[key]
+    start, noted, end = _edges(drives)
+    half = 0.5  # the first and the last step of a window stand for half a step
+    steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
+    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64))] = np.nan
+    return steps * drives["step"][:, None]
+
+
+def _edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Steps at which windows begin (V, 1), notes are taken (V, notes) and windows end (V, 1)."""
+    start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
+    return start, note_steps(*(drives[name] for name in ("window_start", "window_end", "look_every"))), end
+
+
+def watched_in_batches(drives: NDArray[Any]) -> NDArray[np.float64]:
+    """(V, batches) how long each batch is, over the time that its watched steps stand for."""
+    every = int(WATCH_EVERY)
+    start, noted, end = _edges(drives)
+    before = -(-np.concatenate([noted, end + 1], axis=1) // every)  # multiples of `every` before the batch's end
+    watched = np.diff(np.concatenate([start // every, before], axis=1), axis=1)
+    return np.asarray(batch_durations(drives) / (every * np.maximum(watched, 1) * drives["step"][:, None]))
+
+
+def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
+    """What was added in each batch, by field.
+
+    Args:
+        notes: (..., notes), a struct of sums as they were at the batches' ends.
+        totals: (...) the sums at the window's end.
+    """
+    found = {}
+    for name in notes.dtype.names or ():
+        if not name.endswith(("_min", "_max")):
+            noted, total = notes[name], totals[name]
+            axis = totals.ndim
+            whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)
+            found[name] = np.diff(whole, axis=axis)
     return found
 
 
-def layout_line(layouts: Sequence[Sequence[str]]) -> str | None:
-    """What to tell of the layouts in one line, None where nothing is wrong."""
-    wrong = [v for v, found in enumerate(layouts) if found]
-    if not wrong:
-        return None
-    first = "; ".join(layouts[wrong[0]])
-    if len(layouts) == 1:
-        return first
-    more = f", and of {len(wrong) - 1} further variants alike" if len(wrong) > 1 else ""
-    return f"variant {wrong[0]}{more}: {first}"
-
-
-def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest net force that settling left on a roller [N] (V,), from its residuals (`kernels.relaxation`).
+def split_batches(
+    sums: Mapping[str, Any], variants: NDArray[np.integer], sprocket: NDArray[np.integer]
+) -> dict[str, Rows]:
+    """Batches of V variants with S sprockets each: "chain" (V, batches), "strand", "sprocket", "mount" (V, S, batches).
 
     Args:
-        packed: the settled ensemble in float64.
-        residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
+        sums: of the whole ensemble, by name.
+        variants: (V,) their numbers.
+        sprocket: (V, S) the numbers of their sprockets.
     """
-    largest = np.zeros(packed.variants)
-    for alike, first, count in packed.alike():
-        x, y = _places(packed.rollers, first, count)
-        span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
-        span -= taken(packed.lengths, first, count)
-        largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
-    weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
-    least = float(LEAST_STRETCH) * packed.chains["stiffness"]
-    return residual * np.maximum(np.maximum(largest, weight), least)
-
-
-def _places(
-    rows: NDArray[np.floating], first: NDArray[np.int64], count: int
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """x and y (K, N) of the rollers of K variants with `count` each, which begin at `first` (K,)."""
-    both = taken(rows, STATE_ROWS * first, 2 * count)
-    return both[:, :count], both[:, count:]
+    places = {"chain": variants, "strand": sprocket, "sprocket": sprocket, "mount": sprocket}
+    notes = {name: sums[f"{name}_notes"].reshape(-1, int(NOTES)) for name in places}
+    return {name: batch_sums(notes[name][at], sums[name][at]) for name, at in places.items()}
 
 
 def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:
@@ -99,7 +176,7 @@ def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | N
     centers, rows = engine.bodies()["center"], engine.rollers()
     found = np.full(held.shape, np.nan)
     for alike, first, count in packed.alike():
-        x, y = _places(rows, first, count)
+        x, y = coordinates(rows, first, count)
         for s in range(int(counts[alike].max())):
             body = np.where(counts[alike] > s, packed.drives["first_body"][alike] + s, 0)
             center = centers[body][:, :, None]

@@ -1,4 +1,9 @@
-"""Packs drives: assembles each, and fills its rows of the ensemble's arrays."""
+"""Packs drives: assembles each, fills its rows of the ensemble's arrays, and lays its tensioners to rest.
+
+At rest a tensioner's check valve brings in what leaks, at the pressure P_r (`warpchain.drive.oil`). The oil's content
+is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq. (5), (6) of `kernels.physics.tensioner`),
+and the ratchet is latched where it is.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,10 @@ from warpchain.assembly.assemble_batch import Assemblies, assemble_all
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
+from warpchain.drive.batch_math import power
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.oil import EXPONENT
+from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     RowList,
@@ -33,14 +41,24 @@ from warpchain.engine.fill import (
     fill_strand,
     tooth_effective_mass,
 )
-from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_effective_mass, piece_count, profiled
-from warpchain.engine.fill_tensioner import fill_tensioner
-from warpchain.engine.oil_rest import lay_to_rest
+from warpchain.engine.fill_bodies import (
+    fill_arm,
+    fill_profile,
+    fill_tensioner,
+    guide_effective_mass,
+    piece_count,
+    profiled,
+)
 from warpchain.engine.packed import Packed, spread, state_rows, store
-from warpchain.engine.tension_scale import tension_scale
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.results.schedule import Schedule, schedule_columns
+
+SHARE = 0.1
+"""Scale of the bins over the working tension."""
+
+LEAST = 1e-6
+"""Least working tension, over what stretches a link by its own length."""
 
 
 def pack(
@@ -167,3 +185,78 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 fill_guide(row, drive, g, effective_mass)
             with _rows(packed.guide_sliding, mine) as row:
                 fill_sliding(row, guide_rubbing(drive, g), effective_mass)
+
+
+def _moment(load: Load, speed: float) -> float:
+    """Most that a load asks for at an angular velocity, harmonics aside [N m]."""
+    table = 0.0 if load.table is None else load.table.factor * float(np.abs(load.table.torque).max())
+    return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
+
+
+def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
+
+    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
+
+    Args:
+        drive: one, or a stack, and
+        assembly: its states, (V, ...) of a stack.
+    """
+    chain = drive.chain
+    speed = drive.chain_speed
+    stretched = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
+    tension = stretched + chain.mass / chain.pitch * power(speed, 2)
+    for s, sprocket in enumerate(drive.sprockets):
+        radius = drive.pitch_radius(s)
+        if sprocket.load is not None:
+            tension = tension + _moment(sprocket.load, speed / radius) / radius
+        if isinstance(sprocket.mount, ElasticMount | SliderMount):
+            preload = sprocket.mount.preload
+            tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))
+    return SHARE * np.maximum(tension, LEAST * chain.stiffness * chain.pitch)
+
+
+def tensioner_bodies(packed: Packed) -> NDArray[np.int64]:
+    """(all tensioners,) which of all bodies each one pushes."""
+    counts = packed.drives["tensioners"].astype(np.int64)
+    first = np.repeat(packed.drives["first_body"].astype(np.int64), counts)
+    return first + packed.tensioners["body"][: len(first)]
+
+
+def extensions(packed: Packed) -> NDArray[np.float64]:
+    """(all tensioners,) extension of each where its body stands [m]."""
+    body = packed.bodies[tensioner_bodies(packed)]
+    of = packed.tensioners[: len(body)]
+    cosine, sine = np.cos(body["angle"])[:, None], np.sin(body["angle"])[:, None]
+    point = of["point"]
+    arm = point * cosine + np.stack([-point[:, 1], point[:, 0]], axis=1) * sine
+    return np.einsum("ti,ti->t", body["center"] + arm - of["home"], of["direction"])
+
+
+def compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[np.float64]:
+    """phi(P) of oil with air, eq. (5)."""
+    gas = of["air"] * (of["ambient"] / pressure) ** (1.0 / EXPONENT)
+    return (pressure / of["bulk_modulus"] - gas) / (1.0 + of["air"])
+
+
+def lay_to_rest(packed: Packed) -> None:
+    """Gives every tensioner of an ensemble the state that it has at rest where its body stands now."""
+    x = extensions(packed)
+    of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
+    oil["farthest"] = x
+    oil["pressure"] = of["ambient"]
+    wet = of["hydraulic"] == 1
+    oil["pressure"][wet] = of["rest"][wet]
+    volume = 1.0 + of["area"][wet] * np.maximum(x, of["bottom"])[wet] / of["volume"][wet]
+    oil["content"][wet] = compression(of["rest"][wet], of[wet]) + np.log(volume)
+
+
+def springs(tensioners: NDArray[Any]) -> NDArray[Any]:
+    """Tensioners that push with what they push with at rest: as springs, without dampers and ratchets."""
+    slow = tensioners.copy()
+    wet = slow["hydraulic"] == 1
+    slow["preload"][wet] += ((slow["rest"] - slow["ambient"]) * slow["area"])[wet]
+    for name in ("hydraulic", "damping", "stop_damping", "ratchet_pitch"):
+        slow[name] = 0
+    slow["bottom"] = np.where(wet, slow["bottom"], -np.inf)
+    return slow

@@ -72,6 +72,14 @@ def store(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) 
         view[:] = rows
 
 
+def coordinates(
+    rows: NDArray[np.floating], first: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """x and y (K, N) of the rollers of K variants with `count` each, which begin at `first` (K,)."""
+    both = taken(rows, STATE_ROWS * first, 2 * count)
+    return both[:, :count], both[:, count:]
+
+
 Arrays: Any = make_dataclass("Arrays", PACKED)
 
 

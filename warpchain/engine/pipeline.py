@@ -18,10 +18,10 @@ import warp as wp
 
 from warpchain.engine.device_choice import Choice
 from warpchain.engine.devices import cuts_of, devices_for, gpus_named
-from warpchain.engine.progress import Report, Stop
 from warpchain.engine.recorder import Recorder
 from warpchain.engine.share import How, Members, Outcome, Share
 from warpchain.errors import SimulationError
+from warpchain.progress import Report, Stop
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, joined
 
@@ -46,7 +46,7 @@ def parts_of(members: Members, gpus: int) -> list[Members]:
 
 def _too_large(members: Members) -> bool:
     """Whether there is a drive that a GPU does not take."""
-    from warpchain.engine.buckets import MOST_LINKS, MOST_PARTNERS
+    from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.drive for stack in members.stacks]
     return any(d.chain.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
@@ -112,7 +112,7 @@ class Shares:
         Raises:
             SimulationError: a variant that a GPU does not take.
         """
-        from warpchain.engine.buckets import refusal
+        from warpchain.engine.gpu import refusal
 
         reason = refusal(share.packed, share.members.first)
         if reason is not None:

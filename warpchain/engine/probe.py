@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
 from warpchain.kernels.rows import STATE_ROWS
 

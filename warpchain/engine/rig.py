@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.tensioners import Tensioner as TensionerPart
-from warpchain.engine.fill_tensioner import fill_element
+from warpchain.engine.fill_bodies import fill_element
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead

@@ -18,9 +18,10 @@ from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.batch_math import largest, power, table_of, where
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
-from warpchain.engine.oil_rest import lay_to_rest, springs
-from warpchain.engine.packed import Packed, spread, store
+from warpchain.engine.pack import lay_to_rest, springs
+from warpchain.engine.packed import Packed, coordinates, spread, store, taken
 from warpchain.kernels import relaxation
+from warpchain.kernels.relaxation import LEAST_STRETCH
 from warpchain.kernels.rows import STATE_ROWS
 
 SETTLE_LIMIT = 100_000
@@ -159,3 +160,21 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
         widen_box(box, moved[xy[places]].reshape(-1, 2, links), margin)
         for name in ("low", "high"):
             packed.drives[name][stack.members[places]] = box[name]
+
+
+def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest net force that settling left on a roller [N] (V,), from its residuals (`kernels.relaxation`).
+
+    Args:
+        packed: the settled ensemble in float64.
+        residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
+    """
+    largest = np.zeros(packed.variants)
+    for alike, first, count in packed.alike():
+        x, y = coordinates(packed.rollers, first, count)
+        span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
+        span -= taken(packed.lengths, first, count)
+        largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
+    weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
+    least = float(LEAST_STRETCH) * packed.chains["stiffness"]
+    return residual * np.maximum(np.maximum(largest, weight), least)

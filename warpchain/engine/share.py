@@ -1,6 +1,6 @@
 """Variants of a run that go through it together: packed, settled, stepped, and what they came to.
 
-A run is one share, or several where some can be stepped while others are packed (`engine.shares`).
+A run is one share, or several where some can be stepped while others are packed (`engine.pipeline`).
 """
 
 from __future__ import annotations
@@ -17,18 +17,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked
-from warpchain.engine.batches import batch_durations
 from warpchain.engine.devices import Engine, engine_on, frame_bytes, launch_steps, loading
-from warpchain.engine.outcomes import causes_of, engaged, layouts_of, net_force
+from warpchain.engine.outcomes import batch_durations, causes_of, engaged, split_sums
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
-from warpchain.engine.perturb import perturb
-from warpchain.engine.progress import Report, Stop
 from warpchain.engine.recorder import Recorder, Recording
-from warpchain.engine.settling import settle
-from warpchain.engine.sums import split_sums
+from warpchain.engine.settling import net_force, settle
+from warpchain.progress import Report, Stop
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, metrics_blocks
 from warpchain.results.run import RunInfo
@@ -39,6 +37,9 @@ if TYPE_CHECKING:
 
 LAUNCH_WORK = 20_000_000
 """Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
+
+PERTURBATION = 1e-9
+"""Standard deviation of each coordinate's displacement, in pitches."""
 
 
 @dataclass(frozen=True)
@@ -248,3 +249,15 @@ def _march(
 def _load_ahead() -> None:
     """Imports what metrics of batches need, which takes 0.3 s, while the engine is at work without Python's lock."""
     Thread(target=import_module, args=("scipy.special",)).start()
+
+
+def perturb(packed: Packed, drives: Sequence[Drive]) -> None:
+    """Displaces the rollers of drives with `run.perturbation`, after settling; `packed` is in float64.
+
+    The displacement is seeded, and far below what anyone could measure; chaos makes it large.
+    """
+    for v, drive in enumerate(drives):
+        if drive.run.perturbation is not None:
+            rows = packed.rows(v)
+            random = np.random.default_rng(drive.run.perturbation)
+            rows[0:2] += PERTURBATION * drive.chain.pitch * random.standard_normal(rows[0:2].shape)

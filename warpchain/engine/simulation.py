@@ -1,4 +1,9 @@
-"""Runs an ensemble of drives: settling, launches of steps, recording, progress, and an orderly end on Ctrl-C."""
+"""Runs an ensemble of drives: its schedules, settling, launches of steps, recording, and an orderly end on Ctrl-C.
+
+A run looks at its chain every so many steps: at tensions for means, deviations and quantiles, mid-strand displacements,
+slips. A look takes about as long as two steps, so they are as far apart as what is looked at allows
+(`scripts/drawings/sampling.py` says what that misses).
+"""
 
 from __future__ import annotations
 
@@ -12,28 +17,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
 from warpchain.drive.replicates import Replicates, each_copy
-from warpchain.engine.progress import Report, interruptible, reporter
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.gc_tuning import rare_collections
+from warpchain.progress import Report, interruptible, reporter
 from warpchain.results.judgement import Limits, warning_text
 from warpchain.results.metrics import metrics_table
 from warpchain.results.replicate_metrics import with_copies
 from warpchain.results.run import Record, Run, RunInfo
+from warpchain.results.schedule import LOOK_EVERY, Schedule, whole_steps
 from warpchain.version import installed
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.checkpoint import States
-    from warpchain.results.schedule import Schedule
 
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
+
+OF_A_PITCH = 16
+"""Fewest looks while the chain moves on by a pitch, in which polygon action and contacts repeat themselves."""
+
+OF_A_BATCH = 16
+"""Fewest looks in each batch of a window (`kernels.batches`), where they are further apart than `LOOK_EVERY`."""
+
+FURTHER = 2 * LOOK_EVERY
+"""Steps between two looks where these leave enough of them; still further apart they would miss more than they save."""
 
 
 @rare_collections()
@@ -97,12 +112,12 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
+    from warpchain.assembly.assemble_batch import layout_line
+    from warpchain.engine import start_warp
     from warpchain.engine.checkpoint import Keeper
-    from warpchain.engine.outcomes import layout_line
     from warpchain.engine.packed import real_of
     from warpchain.engine.pipeline import Shares, begun
     from warpchain.engine.share import How, Members, Share
-    from warpchain.engine.start import start_warp
     from warpchain.kernels.structs import types
     from warpchain.results.channels import frame_of
 
@@ -195,8 +210,6 @@ def _steps(
     Raises:
         DriveError: naming the first variant that cannot take a step.
     """
-    from warpchain.engine.sampling import longest_apart
-
     found = np.zeros(len(drives))
     longest = np.zeros(len(drives), dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
@@ -215,9 +228,6 @@ def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
     """The steps of variant v, looks `longest` apart at most; `rate` is that of its frames [Hz], None for no frames."""
-    from warpchain.engine.sampling import look_every
-    from warpchain.results.schedule import Schedule, whole_steps
-
     start, end = window
     steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
     first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
@@ -230,6 +240,24 @@ def _schedule(
         period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
         every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
     return Schedule(h, steps, first, last, every, look_every(longest, last - first))
+
+
+def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
+    """() or (V,) steps between two looks at the chain that its speed, harmonics aside, allows at a time step [s].
+
+    Args:
+        drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.
+        step: of it, or (V,) of each variant.
+    """
+    moved = np.asarray(drive.chain_speed * step / drive.chain.pitch)
+    return np.where((moved > 0.0) & (OF_A_PITCH * FURTHER * moved <= 1.0), FURTHER, LOOK_EVERY)
+
+
+def look_every(longest: int, window: int) -> int:
+    """Steps between two looks in a window of so many steps, of the most that the chain's speed allows."""
+    from warpchain.kernels.batches import BATCHES
+
+    return longest if window >= int(BATCHES) * OF_A_BATCH * longest else LOOK_EVERY
 
 
 def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.statics import load_moments
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Drive
+from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import SETTLE_STEP, elastic, settle

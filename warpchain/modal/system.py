@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
-from warpchain.engine.oil_rest import lay_to_rest, springs
+from warpchain.engine.pack import lay_to_rest, springs
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
 from warpchain.engine.static_equilibrium import TOLERANCE, beginning, link_tension, passing_rate, released

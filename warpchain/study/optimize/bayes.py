@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from warpchain.engine.progress import look_for_stop
+from warpchain.progress import look_for_stop
 from warpchain.study.analysis.pareto import Goals, Measured, keeping, non_dominated
 from warpchain.study.design.factor_values import Cube
 from warpchain.study.results import Array

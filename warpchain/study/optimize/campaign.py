@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from warpchain.drive import dumps_drive, load_drive
-from warpchain.engine.progress import interruptible, look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.progress import interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.matrix import table_of_rows

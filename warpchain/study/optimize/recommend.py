@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.progress import look_for_stop
 from warpchain.errors import StudyError
+from warpchain.progress import look_for_stop
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
 from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.results import Array, Results

@@ -18,8 +18,8 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, Guide
 from warpchain.drive.replace import Changes, with_numbers
 from warpchain.drive.toml import value_text
-from warpchain.engine.progress import look_for_stop
 from warpchain.errors import DriveError, StudyError, WarpchainError
+from warpchain.progress import look_for_stop
 from warpchain.study.design.factor_values import evaluate
 from warpchain.study.store import reason_of
 

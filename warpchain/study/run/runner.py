@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.engine.progress import bar as bar_of
-from warpchain.engine.progress import completed, interruptible, look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
 from warpchain.gc_tuning import rare_collections
+from warpchain.progress import bar as bar_of
+from warpchain.progress import completed, interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
 from warpchain.results.replicate_metrics import COPY, summary

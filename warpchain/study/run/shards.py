@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.drive.replicates import copies_of
-from warpchain.engine.progress import look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
+from warpchain.progress import look_for_stop
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
