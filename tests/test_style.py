@@ -42,9 +42,6 @@ BANNED = [
 ]  # fmt: skip
 """Words that say less than the field's own terms do."""
 LEFT = {
-    "warpchain": (2, 0, 0),
-    "warpchain/assembly": (0, 1, 2),
-    "warpchain/engine": (3, 6, 33),
     "kernels": (4, 3, 38),
     "kernels/cpu": (0, 1, 25),
     "kernels/gpu": (16, 6, 45),

@@ -24,14 +24,14 @@ class Lines:
 
     def __init__(self, total: float, name: str, unit: str, initial: float = 0.0) -> None:
         self.total, self.name, self.unit, self.n, self.initial = total, name, unit.strip(), initial, initial
-        self.begun = self.told = time.monotonic()
+        self.begun = self.printed = time.monotonic()
 
     def update(self, more: float) -> None:
         """Notes that more is done."""
         self.n += more
         now = time.monotonic()
-        if now - self.told >= EVERY:
-            self.told = now
+        if now - self.printed >= EVERY:
+            self.printed = now
             gone, done = now - self.begun, self.n - self.initial
             left = f"{_clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
             share = 100.0 * self.n / self.total if self.total else 100.0

@@ -157,7 +157,7 @@ def _layout_key(drive: Drive) -> dict[str, Any]:
 def layouts_of(
     drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
-    """What is wrong with each drive's layout; drives that share their state and guide-bars are looked at once.
+    """Find the faults of each drive's layout; drives that share their state and guide-bars are checked once.
 
     Args:
         drives: the drives.
@@ -178,7 +178,7 @@ def layouts_of(
 
 
 def layout_line(layouts: Sequence[Sequence[str]]) -> str | None:
-    """What to tell of the layouts in one line, None where nothing is wrong."""
+    """The layouts' faults in one line, None where there are none."""
     wrong = [v for v, found in enumerate(layouts) if found]
     if not wrong:
         return None

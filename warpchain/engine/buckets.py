@@ -69,7 +69,7 @@ class BlockShape:
         return self.slots - 32 * self.body_warp
 
     def variants_per_block(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
-        """How many variants a block has, of which a multiprocessor gets `each`; arguments as in `resident`.
+        """Number of variants of a block, where a multiprocessor gets `each`; arguments as in `resident`.
 
         One on a warp has its own block unless several were measured to be faster: long code at float32, which is
         fetched once for all that are abreast.
@@ -79,7 +79,7 @@ class BlockShape:
         return VARIANTS_PER_BLOCK if measuring or self.rollers_per_thread > 4 else 1
 
     def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False, row: int = 0) -> int:
-        """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
+        """Number of variants that the compiler is to make room for on a multiprocessor, `wanted` at most.
 
         This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
         drives that are `simple` (`buckets.Bucket`) fewer. Where variants are abreast it holds `row`, which else is 0.
@@ -105,7 +105,7 @@ class BlockShape:
 
 
 def row_of(kind: BlockKind) -> int:
-    """How many variants of a kind a multiprocessor holds that are abreast, 0 of those that are not."""
+    """Variants of a kind that a multiprocessor holds where several share a block, 0 of other kinds."""
     if kind.variants_per_block == 1:
         return 0
     return LONGER_ROW if kind.rollers_per_thread <= 4 and not (kind.contact_friction or kind.joint_friction) else ROW
@@ -169,7 +169,7 @@ class Bucket:
 
     @property
     def count(self) -> int:
-        """How many variants."""
+        """Number of variants."""
         return len(self.variants)
 
     @property
@@ -188,7 +188,7 @@ class Bucket:
 
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
-    """What of a kernel's kind is its blocks' shape."""
+    """The fields of a kernel's kind that are its blocks' shape."""
     return {
         name: getattr(shape, name)
         for name in ("threads", "rollers_per_thread", "body_warp", "shared_bytes", "low_occupancy")
@@ -232,7 +232,7 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
 
 
 def led(packed: Packed) -> NDArray[np.integer]:
-    """How many sprockets of each variant have their angle prescribed, (variants,)."""
+    """Number of sprockets of each variant whose angle is prescribed, (variants,)."""
     return np.asarray(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]))
 
 

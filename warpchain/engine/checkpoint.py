@@ -116,7 +116,7 @@ def _identity(drive: Drive) -> str:
 
 
 def _facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
-    """What a state must be of to be taken over."""
+    """The facts that must hold of a state for it to be taken over."""
     return {
         "format": FORMAT,
         "warpchain": installed(),

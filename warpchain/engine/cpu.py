@@ -118,7 +118,7 @@ class CpuEngine:
         return [(self, 0)]
 
     def held(self) -> dict[str, Any]:
-        """What variants change, by the groups of `arrays.TABLE`."""
+        """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.cpu_sums}
 
     def fetch(self, array: wp.array) -> NDArray[Any]:

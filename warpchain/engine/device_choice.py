@@ -1,4 +1,4 @@
-"""What a run takes on a device: a few numbers for each, measured once a machine and stored, or those of its class.
+"""Estimates of a run's time on a device, by a few numbers of it: measured once a machine and stored, or of its class.
 
 With variants of n rollers and w steps each, a CPU whose cores do r roller-steps a second apiece, s times that all at
 once, and a GPU that does r when it is full take about
@@ -51,7 +51,7 @@ FILE = "warpchain-devices.json"
 
 @dataclass(frozen=True)
 class Speed:
-    """What a device does at one precision.
+    """The speed of a device at one precision.
 
     Attributes:
         rate: roller-steps a second, without metrics: of one core of the CPU, or of a GPU that is full.
@@ -75,7 +75,7 @@ class Speed:
 
 
 class Work(NamedTuple):
-    """What an ensemble asks for, in steps without metrics on some kind of device."""
+    """The work of an ensemble, in steps without metrics on some kind of device."""
 
     total: float  # roller-steps
     longest: float  # roller-steps of the variant that has most
@@ -101,7 +101,7 @@ def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed,
 
 
 def class_speed(device: str, precision: str, cores: int) -> Speed:
-    """What a device of this class does, roughly: numbers of docs/performance.md."""
+    """The speed of a device of this class, roughly: numbers of docs/performance.md."""
     single = precision == "float32"
     if device == "cpu":
         return Speed(8.0e7, cores=float(cores), compiling=8.0)
@@ -131,11 +131,11 @@ def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int, ti
     if not known.keys() >= {f"cpu {precision}", f"{gpus[0]} {precision}"}:
         least, next_ = sorted(found.values())[:2]
         if least < WORTH_MEASURING or next_ > PLAIN * least:
-            return _told(_with_compiling(found, packed, precision, of_class))
+            return _described(_with_compiling(found, packed, precision, of_class))
         known = known | measured(gpus, precision, cores)
     speeds = {device: known[f"{device} {precision}"] for device in of_class}
     found = _estimates(gpus, packed, cores, speeds.__getitem__, times)
-    return _told(_with_compiling(found, packed, precision, speeds))
+    return _described(_with_compiling(found, packed, precision, speeds))
 
 
 def _estimates(
@@ -197,7 +197,7 @@ def _best(found: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     return next(devices for devices, seconds in found.items() if seconds <= least)
 
 
-def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
+def _described(found: Mapping[tuple[str, ...], float]) -> Choice:
     """The best choice, beside the others."""
     best = _best(found)
     others = [f"{seconds:.2g} s on {','.join(devices)}" for devices, seconds in found.items() if devices != best]
@@ -205,7 +205,7 @@ def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
 
 
 def machine(gpus: Sequence[str]) -> dict[str, Any]:
-    """What measured numbers hold for: the processor, its cores, the GPUs, and the versions."""
+    """The machine for which measured numbers hold: processor, its cores, GPUs, and versions."""
     import warp as wp
 
     from warpchain.engine import start_warp
@@ -241,7 +241,7 @@ def store() -> Path:
 
 
 def stored(gpus: Sequence[str]) -> dict[str, Speed]:
-    """What was measured on this machine, by "DEVICE PRECISION"; empty where nothing was, or not on this machine."""
+    """The speeds measured on this machine, by "DEVICE PRECISION"; empty where none were, or on another machine."""
     try:
         held = json.loads(store().read_text(encoding="utf-8"))
         if held["machine"] != machine(gpus):
@@ -272,7 +272,7 @@ def measured(gpus: Sequence[str], precision: str, cores: int) -> dict[str, Speed
 
 
 def measured_cpu(precision: str, cores: int) -> Speed:
-    """What the CPU does, from half a second of an example drive: one variant on one core, and one on each."""
+    """Measure the CPU for half a second of an example drive: one variant on one core, and several on each."""
     from warpchain.engine.cpu import CpuEngine
 
     compiling = _compile_seconds("cpu", precision)
@@ -282,7 +282,7 @@ def measured_cpu(precision: str, cores: int) -> Speed:
 
 
 def measured_gpu(device: str, precision: str) -> Speed:
-    """What a GPU does, from a second of an example drive: one variant, and many."""
+    """Measure a GPU for a second of an example drive: one variant, and many."""
     import warp as wp
 
     from warpchain.engine.gpu import GpuEngine
@@ -296,7 +296,7 @@ def measured_gpu(device: str, precision: str) -> Speed:
 
 
 def _compile_seconds(device: str, precision: str) -> float:
-    """What it takes to compile the kernel of one variant; where it is in the cache, what the device's class takes."""
+    """Seconds to compile the kernel of one variant; where it is in the cache, those of the device's class."""
     import warp as wp
 
     from warpchain.engine.cpu import kernel_of
@@ -328,7 +328,7 @@ LEAST, TRIES = 0.06, 4
 
 
 def _rate(make: Callable[[], Any]) -> _Rate:
-    """What an engine does, its kernel once loaded."""
+    """Measure an engine, its kernel once loaded."""
     make().close()  # streams, pools and contexts are there now
     begin = time.perf_counter()
     engine = make()
@@ -367,22 +367,22 @@ def _sample(precision: str, variants: int) -> Packed:
 
 
 def lines(gpus: Sequence[str], cores: int) -> list[str]:
-    """What is known of this machine's devices, in lines."""
+    """This machine's devices and their speeds, in lines."""
     known = stored(gpus)
-    told = [f"cpu: {_processor()}, {cores} cores"]
+    shown = [f"cpu: {_processor()}, {cores} cores"]
     if gpus:
-        told += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
+        shown += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
     else:
-        told.append("no NVIDIA GPU that Warp can use: runs take the CPU")
+        shown.append("no NVIDIA GPU that Warp can use: runs take the CPU")
     for name, speed in sorted(known.items()):
         about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
         more = f" a core, {speed.cores:.3g} times that on all" if name.startswith("cpu") else ""
         if not more:
             more = f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
         more += f", {speed.compiling:.2g} s to compile kernels" if speed.compiling else ""
-        told.append(f"{name}, measured: {about}{more}")
+        shown.append(f"{name}, measured: {about}{more}")
     if not known:
-        told.append("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
+        shown.append("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
     else:
-        told.append(f"stored in {store()}")
-    return told
+        shown.append(f"stored in {store()}")
+    return shown

@@ -26,7 +26,7 @@ class Buffer(Protocol):
 
 
 class Engine(Protocol):
-    """What steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one."""
+    """An engine that steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one."""
 
     packed: Packed
 

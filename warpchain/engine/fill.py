@@ -229,7 +229,7 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
 
 
 def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """How far from its place a roller may go whose chain is still on its sprockets [m]; of a stack (V,).
+    """The farthest that a roller may go from its place with its chain still on its sprockets [m]; of a stack (V,).
 
     A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
     at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at

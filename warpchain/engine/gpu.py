@@ -195,7 +195,7 @@ class GpuEngine(GpuKernels):
         self._loaded.update(names)
 
     def _phases(self, number: int, steps: int) -> list[Phase]:
-        """How to take the bucket of a number `steps` steps on: kernel, steps, and steps before in this call.
+        """The launches that take a bucket `steps` steps on: kernel, steps, and steps before in this call.
 
         What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
         """
@@ -316,7 +316,7 @@ class GpuEngine(GpuKernels):
         return [(self, 0)]
 
     def held(self) -> dict[str, Any]:
-        """What variants change, by the groups of `arrays.TABLE`."""
+        """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
     def fetch(self, array: wp.array) -> NDArray[Any]:

@@ -131,7 +131,7 @@ def watched_in_batches(drives: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
-    """What was added in each batch, by field.
+    """The sums over each batch, by field.
 
     Args:
         notes: (..., notes), a struct of sums as they were at the batches' ends.

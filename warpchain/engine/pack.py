@@ -102,7 +102,7 @@ def pack(
 
 @dataclass
 class Gathered:
-    """What rows of an ensemble refer to, gathered as drives are packed."""
+    """Values that rows of an ensemble refer to, gathered as drives are packed."""
 
     harmonics: RowList
     seats: RowList

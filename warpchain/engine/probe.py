@@ -46,7 +46,7 @@ class States:
 
 @dataclass(frozen=True)
 class BodyRow:
-    """How one body is held, and its inertia.
+    """A body's free directions and its inertia.
 
     Attributes:
         free: (3, k) directions of (x, y, theta) in which it is free, as columns.
@@ -104,7 +104,7 @@ class Probe:
         return still
 
     def body(self, b: int, angle: float) -> BodyRow:
-        """How body `b` is held, and its inertia at an angle [rad]."""
+        """The free directions of body `b` and its inertia at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         arm = b - (self.body_count - self.arms)
         if arm >= 0:

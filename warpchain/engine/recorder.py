@@ -28,7 +28,7 @@ BUFFER_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Recording:
-    """What is recorded, and where it goes.
+    """Options of a record: which trajectories, and where they go.
 
     Attributes:
         record: which trajectories to keep.
@@ -48,7 +48,7 @@ class Recording:
 
 
 def _beside_statistics(packed: Packed, memory: int) -> int:
-    """What an ensemble's sums and statistics leave of a budget [bytes].
+    """The part of a budget that an ensemble's sums and statistics leave [bytes].
 
     Raises:
         SimulationError: nothing.

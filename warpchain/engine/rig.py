@@ -50,7 +50,7 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Shake:
-    """What one ride imposes, and on what oil.
+    """The motion that one ride imposes, and the oil.
 
     Attributes:
         amplitude: of the sine [m].
@@ -67,7 +67,7 @@ class Shake:
 
 @dataclass(frozen=True)
 class Shaken:
-    """What rides gave.
+    """The results of rides.
 
     Attributes:
         rides: a row each, with the columns of `RIDE_UNITS`.

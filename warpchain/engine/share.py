@@ -79,7 +79,7 @@ class Members:
 
 @dataclass(frozen=True)
 class How:
-    """How shares are run.
+    """Devices, precision and threads on which shares run.
 
     Attributes:
         devices: where, as from `devices.devices_for`.
@@ -94,7 +94,7 @@ class How:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the variants of a share, or of all, came to.
+    """The outcome of the variants of a share, or of all.
 
     Attributes:
         ended: how each ended.

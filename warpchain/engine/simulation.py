@@ -205,7 +205,7 @@ def schedules_of(
 def _steps(
     drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
 ) -> tuple[list[float], list[int]]:
-    """The step that each variant takes [s], and how many of these may be between looks at its chain.
+    """The step of each variant [s], and the most of them from one sample of its chain to the next.
 
     Raises:
         DriveError: naming the first variant that cannot take a step.
@@ -227,7 +227,7 @@ def _steps(
 def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
-    """The steps of variant v, looks `longest` apart at most; `rate` is that of its frames [Hz], None for no frames."""
+    """The steps of variant v, samples `longest` apart at most; `rate` is that of frames [Hz], None for no frames."""
     start, end = window
     steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
     first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
@@ -243,7 +243,7 @@ def _schedule(
 
 
 def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """() or (V,) steps between two looks at the chain that its speed, harmonics aside, allows at a time step [s].
+    """() or (V,) most steps between two samples of the chain that its speed, harmonics aside, allows at a step [s].
 
     Args:
         drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.
@@ -254,7 +254,7 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
 
 
 def look_every(longest: int, window: int) -> int:
-    """Steps between two looks in a window of so many steps, of the most that the chain's speed allows."""
+    """Steps between two samples in a window of so many steps; `longest` is the most that the chain's speed allows."""
     from warpchain.kernels.batches import BATCHES
 
     return longest if window >= int(BATCHES) * OF_A_BATCH * longest else LOOK_EVERY

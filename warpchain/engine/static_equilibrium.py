@@ -136,7 +136,7 @@ def _stopped(packed: Packed, drive: Drive, speed: float) -> Packed:
 
 
 class _Relaxing:
-    """One variant that moves from rest, and stops when told to."""
+    """One variant that moves from rest, and stops on request."""
 
     def __init__(self, packed: Packed, step: float) -> None:
         soft = elastic(packed)
