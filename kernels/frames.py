@@ -6,8 +6,8 @@ compiler sees as constants. A new channel is a row of that table and
 one line here.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -16,19 +16,8 @@ from .number import rounded
 from .structs import Drive, types
 
 
-@dataclass(frozen=True)
-class FrameWriters:
-    """What writes frames, and how long they are."""
-
-    width: wp.Function
-    write_roller: wp.Function
-    write_sprocket: wp.Function
-    write_arm: wp.Function
-    write_tensioner: wp.Function
-
-
 @cache
-def frame_writers(Real: type, frame: Any) -> FrameWriters:
+def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     """The functions that write frames of type `Real` that lie as `frame` says."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -86,10 +75,4 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
 
-    return FrameWriters(
-        width=width,
-        write_roller=write_roller,
-        write_sprocket=write_sprocket,
-        write_arm=write_arm,
-        write_tensioner=write_tensioner,
-    )
+    return SimpleNamespace(**locals())

@@ -1,15 +1,53 @@
-r"""The two integrators' numbers, for whatever is moved: rollers and bodies, on the CPU and on the GPU.
+"""The integrators' numbers, for whatever is moved: rollers and bodies, on the CPU and on the GPU.
 
 Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step; damping
 reads v(n - 1/2). What is observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
 
-rk4 is the classical scheme of four stages k: slopes at the step's start, twice at its middle, at its end; their sum is
-weighted 1/6, 1/3, 1/3, 1/6. Contacts keep their memory from step starts (stage 0) only.
+Explicit Runge-Kutta schemes are rows of `SCHEMES`: stage k is evaluated a_k h along the slopes of stage k - 1 from the
+step's start, and the step goes along the sum of b_k h times all slopes. Contacts keep their memory from step starts
+(stage 0) only.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
+
+from .number import Pair, add, mul  # noqa: F401
+from .precision import at_float32
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """An explicit Runge-Kutta scheme whose stages each go on from the one before.
+
+    Attributes:
+        weights: b_k of each stage, as numerator and denominator.
+        reaches: a_k of the second stage and those after it, the same.
+    """
+
+    weights: tuple[tuple[int, int], ...]
+    reaches: tuple[tuple[int, int], ...]
+
+
+SCHEMES = {"rk4": Scheme(weights=((1, 6), (1, 3), (1, 3), (1, 6)), reaches=((1, 2), (1, 2), (1, 1)))}
+"""The schemes by the names that drive files know."""
+
+INTEGRATORS = {name: number for number, name in enumerate(("leapfrog", *SCHEMES))}
+"""Numbers of the integrators, as `structs.Drive.integrator` has them."""
+
+MOST = max(len(scheme.weights) for scheme in SCHEMES.values())
+COUNTS = wp.constant(wp.types.vector(len(INTEGRATORS), wp.int32)(1, *(len(of.weights) for of in SCHEMES.values())))
+
+
+def _table(rows: Any, part: int, otherwise: float) -> Any:
+    """Numerators or denominators of the schemes' fractions, a row each; none for leapfrog."""
+    full = [[0.0] * MOST, *([row[part] for row in of] + [otherwise] * (MOST - len(of)) for of in rows)]
+    return wp.constant(wp.types.matrix((len(full), MOST), wp.float64)(full))
+
+
+WEIGHT, WEIGHT_OVER = (_table([of.weights for of in SCHEMES.values()], part, 1.0) for part in (0, 1))
+REACH, REACH_OVER = (_table([of.reaches for of in SCHEMES.values()], part, 1.0) for part in (0, 1))
 
 
 @wp.func
@@ -25,41 +63,70 @@ def leapfrog_lag(step: int, h: Any):
 
 
 @wp.func
-def rk4_weight(stage: int, h: Any):
-    """Weight of a stage in the sum of slopes [s]."""
-    return wp.where(stage == 1 or stage == 2, h / type(h)(3.0), h / type(h)(6.0))
+def stages_of(integrator: int):
+    """How often an integrator evaluates the forces in a step."""
+    return COUNTS[integrator]
 
 
 @wp.func
-def rk4_reach(stage: int, h: Any):
-    """How far from the step's start the next stage is [s]."""
-    return wp.where(stage < 2, type(h)(0.5) * h, h)
+def stage_weight(integrator: int, stage: int, h: Any):
+    """Weight of a stage in the sum of slopes, b_k h [s]."""
+    return h * type(h)(WEIGHT[integrator, stage]) / type(h)(WEIGHT_OVER[integrator, stage])
 
 
 @wp.func
-def rk4_instant(stage: int, h: Any):
+def stage_reach(integrator: int, stage: int, h: Any):
+    """How far from the step's start the stage after `stage` is [s], after the last the step's end."""
+    if stage == stages_of(integrator) - 1:
+        return h
+    return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
+
+
+@wp.func
+def stage_instant(integrator: int, stage: int, h: Any):
     """How far from the step's start a stage is [s]."""
-    return wp.where(stage == 0, type(h)(0.0), wp.where(stage == 3, h, type(h)(0.5) * h))
+    if stage == 0:
+        return type(h)(0.0)
+    return stage_reach(integrator, stage - 1, h)
 
 
 @wp.struct
-class Rk4Stage:
-    """One of rk4's stages."""
+class Stage:
+    """One stage of a step."""
 
-    number: wp.int32  # 0 to 3; the fourth ends the step
+    number: wp.int32  # from 0
+    last: wp.int32  # 1: it ends the step
     weight: wp.float64  # [s]
     reach: wp.float64  # [s]
     time: wp.float64  # its instant [s]
     after: wp.float64  # the next one's [s]
 
 
+BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
+"""The same on blocks at float32."""
+
+
 @wp.func
-def rk4_stage(number: int, step_time: wp.float64, h: wp.float64):
+def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64):
     """Stage `number` of the step that begins at `step_time`."""
-    stage = Rk4Stage()
+    stage = Stage()
     stage.number = number
-    stage.weight = rk4_weight(number, h)
-    stage.reach = rk4_reach(number, h)
-    stage.time = step_time + rk4_instant(number, h)
+    stage.last = wp.where(number == stages_of(integrator) - 1, 1, 0)
+    stage.weight = stage_weight(integrator, number, h)
+    stage.reach = stage_reach(integrator, number, h)
+    stage.time = step_time + stage_instant(integrator, number, h)
     stage.after = step_time + stage.reach
+    return stage
+
+
+@wp.func
+def stage_at(integrator: int, number: int, step_time: Pair, h: Pair):
+    """The same on blocks at float32."""
+    stage = BlockStage()
+    stage.number = number
+    stage.last = wp.where(number == stages_of(integrator) - 1, 1, 0)
+    stage.weight = stage_weight(integrator, number, h.high)
+    stage.reach = stage_reach(integrator, number, h.high)
+    stage.time = step_time + stage_instant(integrator, number, float(1.0)) * h
+    stage.after = step_time + stage_reach(integrator, number, float(1.0)) * h
     return stage

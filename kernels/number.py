@@ -8,6 +8,10 @@ floats is exactly a float and its error (Knuth's two-sum), a product is one too 
 On CUDA both are spelled so that no product is drawn into a sum. What the rest of a kernel does with the low parts is
 plain float32.
 
+Physics is written once for both, in the usual signs: a module that imports `add`, `sub`, `mul` and `div` from here has
+them between pairs, and between a number and a literal, which must be exact in float32 (0.5, not 0.1). What needs no low
+part takes a number's `leading` or its `rounded` value, which of a float64 is that itself.
+
 Sine and cosine are the same on every device, without the subroutine for huge angles: angle = k pi/2 + r, |r| <= pi/4,
 pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the series of sin r and cos r to r^17
 and r^16, whose next terms are below 1e-19; then the quadrant k mod 4.
@@ -42,18 +46,10 @@ class Pair:
 
 @wp.struct
 class PairVector:
-    """A vector of pairs, `high` + `low`."""
+    """A vector of two pairs, `high` + `low`."""
 
     high: wp.vec2f
     low: wp.vec2f
-
-
-@wp.struct
-class SumVector:
-    """A vector that is summed up, each component a pair."""
-
-    x: Pair
-    y: Pair
 
 
 @wp.struct
@@ -153,6 +149,70 @@ def pair(high: wp.float32, low: wp.float32):
 
 
 @wp.func
+def pair_of(value: wp.float64):
+    """A float64, rounded to 48 bits."""
+    high = wp.float32(value)
+    return pair(high, wp.float32(value - wp.float64(high)))
+
+
+@wp.func
+def pair_vector(high: wp.vec2f, low: wp.vec2f):
+    """`high` + `low`."""
+    made = PairVector()
+    made.high = high
+    made.low = low
+    return made
+
+
+@wp.func
+def number_of(value: wp.float32):
+    """A number that is this value."""
+    return pair(value, 0.0)
+
+
+@wp.func
+def number_of(value: wp.vec2f):
+    """The same of a vector."""
+    return pair_vector(value, wp.vec2f())
+
+
+@wp.func
+def number_of(value: Any):
+    """What is float64 stays what it is."""
+    return value
+
+
+@wp.func
+def whole(a: Pair):
+    """A pair as float64."""
+    return wp.float64(a.high) + wp.float64(a.low)
+
+
+@wp.func
+def vector(x: Pair, y: Pair):
+    """The vector (x, y)."""
+    return pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low))
+
+
+@wp.func
+def vector(x: wp.float64, y: wp.float64):
+    """The vector (x, y)."""
+    return wp.vec2d(x, y)
+
+
+@wp.func
+def component(v: PairVector, k: int):
+    """Component k of a vector."""
+    return pair(v.high[k], v.low[k])
+
+
+@wp.func
+def component(v: wp.vec2d, k: int):
+    """Component k of a vector."""
+    return v[k]
+
+
+@wp.func
 def exact_sum(a: wp.float32, b: wp.float32):
     """a + b."""
     sum = two_sum(a, b)
@@ -174,62 +234,218 @@ def settled(high: wp.float32, low: wp.float32):
 
 
 @wp.func
-def trimmed(a: Pair):
-    """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
-    anchor = a.high * wp.static(1.5 / 2.0**25)
-    return pair(a.high, rounded_sum(rounded_sum(a.low, anchor), -anchor))
-
-
-@wp.func
-def plus(a: Pair, b: Pair):
+def add(a: Pair, b: Pair):
     """a + b."""
     s = exact_sum(a.high, b.high)
     return settled(s.high, s.low + (a.low + b.low))
 
 
 @wp.func
-def plus(a: Pair, b: wp.float32):
+def add(a: Pair, b: wp.float32):
     """a + b."""
     s = exact_sum(a.high, b)
     return settled(s.high, s.low + a.low)
 
 
 @wp.func
-def minus(a: Pair):
-    """-a."""
-    return pair(-a.high, -a.low)
+def add(a: wp.float32, b: Pair):
+    """a + b."""
+    return add(b, a)
 
 
 @wp.func
-def times(a: Pair, b: Pair):
+def add(a: wp.float32, b: wp.float64):
+    """a + b, a literal."""
+    return wp.float64(a) + b
+
+
+@wp.func
+def sub(a: Pair, b: Pair):
+    """a - b."""
+    s = two_difference(a.high, b.high)
+    return settled(s[0], s[1] + (a.low - b.low))
+
+
+@wp.func
+def sub(a: Pair, b: wp.float32):
+    """a - b."""
+    return add(a, -b)
+
+
+@wp.func
+def sub(a: wp.float32, b: Pair):
+    """a - b."""
+    s = two_difference(a, b.high)
+    return settled(s[0], s[1] - b.low)
+
+
+@wp.func
+def sub(a: wp.float32, b: wp.float64):
+    """a - b, a literal."""
+    return wp.float64(a) - b
+
+
+@wp.func
+def mul(a: Pair, b: Pair):
     """a b."""
     p = exact_product(a.high, b.high)
     return settled(p.high, p.low + (a.high * b.low + a.low * b.high))
 
 
 @wp.func
-def times(a: Pair, b: wp.float32):
+def mul(a: Pair, b: wp.float32):
     """a b."""
     p = exact_product(a.high, b)
     return settled(p.high, p.low + a.low * b)
 
 
 @wp.func
-def apart(a: Pair, b: Pair):
+def mul(a: wp.float32, b: Pair):
+    """a b."""
+    return mul(b, a)
+
+
+@wp.func
+def mul(a: wp.float64, b: wp.float32):
+    """a b, b a literal."""
+    return a * wp.float64(b)
+
+
+@wp.func
+def mul(a: wp.float32, b: wp.float64):
+    """a b, a literal."""
+    return wp.float64(a) * b
+
+
+@wp.func
+def div(a: Pair, b: Pair):
+    """a / b."""
+    q = a.high / b.high
+    p = exact_product(q, b.high)
+    return settled(q, (((a.high - p.high) - p.low) + (a.low - q * b.low)) / b.high)
+
+
+@wp.func
+def div(a: Pair, b: wp.float32):
+    """a / b."""
+    return div(a, pair(b, 0.0))
+
+
+@wp.func
+def div(a: wp.float64, b: wp.float32):
+    """a / b, b a literal."""
+    return a / wp.float64(b)
+
+
+@wp.func
+def add(a: PairVector, b: PairVector):
+    """a + b."""
+    return vector(add(component(a, 0), component(b, 0)), add(component(a, 1), component(b, 1)))
+
+
+@wp.func
+def add(a: PairVector, b: wp.vec2f):
+    """a + b."""
+    return vector(add(component(a, 0), b[0]), add(component(a, 1), b[1]))
+
+
+@wp.func
+def sub(a: PairVector, b: PairVector):
+    """a - b."""
+    return vector(sub(component(a, 0), component(b, 0)), sub(component(a, 1), component(b, 1)))
+
+
+@wp.func
+def mul(a: wp.float32, b: PairVector):
+    """a b."""
+    return vector(mul(a, component(b, 0)), mul(a, component(b, 1)))
+
+
+@wp.func
+def mul(a: PairVector, b: wp.float32):
+    """a b."""
+    return mul(b, a)
+
+
+@wp.func
+def mul(a: Pair, b: wp.vec2f):
+    """a b."""
+    return vector(mul(a, b[0]), mul(a, b[1]))
+
+
+@wp.func
+def difference(a: Pair, b: Pair):
     """a - b, rounded once."""
     d = two_difference(a.high, b.high)
     return d[0] + (d[1] + (a.low - b.low))
 
 
 @wp.func
+def difference(a: PairVector, b: PairVector):
+    """a - b as a vector of pairs, whose low parts are not settled."""
+    x = two_difference(a.high[0], b.high[0])
+    y = two_difference(a.high[1], b.high[1])
+    return pair_vector(wp.vec2f(x[0], y[0]), wp.vec2f(x[1] + (a.low[0] - b.low[0]), y[1] + (a.low[1] - b.low[1])))
+
+
+@wp.func
+def difference(a: Any, b: Any):
+    """a - b."""
+    return a - b
+
+
+@wp.func
+def leading(a: Pair):
+    """A number without what float32 rounds off."""
+    return a.high
+
+
+@wp.func
+def leading(a: PairVector):
+    """A vector without what float32 rounds off."""
+    return a.high
+
+
+@wp.func
+def leading(a: Any):
+    """What is float64 stays what it is."""
+    return a
+
+
+@wp.func
 def rounded(a: Pair):
-    """a as one float32."""
+    """A number as one float32."""
     return a.high + a.low
 
 
 @wp.func
-def rounded(a: wp.float64):
-    """A float64 stays what it is."""
+def rounded(a: PairVector):
+    """A vector of float32."""
+    return a.high + a.low
+
+
+@wp.func
+def rounded(a: Any):
+    """What is float64 stays what it is."""
+    return a
+
+
+@wp.func
+def trimmed(a: Pair):
+    """A number to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
+    anchor = a.high * wp.static(1.5 / 2.0**25)
+    return pair(a.high, rounded_sum(rounded_sum(a.low, anchor), -anchor))
+
+
+@wp.func
+def trimmed(a: PairVector):
+    """The same of a vector."""
+    return vector(trimmed(component(a, 0)), trimmed(component(a, 1)))
+
+
+@wp.func
+def trimmed(a: Any):
+    """What is float64 stays what it is."""
     return a
 
 
@@ -240,11 +456,9 @@ def added(sum: Pair, value: wp.float32):
 
 
 @wp.func
-def added(sum: SumVector, value: wp.vec2f):
+def added(sum: PairVector, value: wp.vec2f):
     """The same of a vector."""
-    sum.x = added(sum.x, value[0])
-    sum.y = added(sum.y, value[1])
-    return sum
+    return vector(added(component(sum, 0), value[0]), added(component(sum, 1), value[1]))
 
 
 @wp.func
@@ -255,14 +469,8 @@ def added(sum: RecentSum, value: wp.float32):
 
 
 @wp.func
-def added(sum: wp.float64, value: wp.float64):
+def added(sum: Any, value: Any):
     """The same at float64."""
-    return sum + value
-
-
-@wp.func
-def added(sum: wp.vec2d, value: wp.vec2d):
-    """The same of a vector at float64."""
     return sum + value
 
 
@@ -275,62 +483,8 @@ def gathered(a: RecentSum):
 
 
 @wp.func
-def pair_of(value: wp.float64):
-    """A float64, rounded to 48 bits."""
-    high = wp.float32(value)
-    return pair(high, wp.float32(value - wp.float64(high)))
-
-
-@wp.func
-def pair_of(value: wp.float32):
-    """A float32 as a pair."""
-    return pair(value, 0.0)
-
-
-@wp.func
-def pairs_of(value: wp.vec2d):
-    """A vector of float64, each part rounded to 48 bits."""
-    made = SumVector()
-    made.x = pair_of(value[0])
-    made.y = pair_of(value[1])
-    return made
-
-
-@wp.func
-def recent_sum(value: wp.float64):
-    """A sum so far, rounded to 48 bits."""
-    made = RecentSum()
-    made.sum = pair_of(value)
-    return made
-
-
-@wp.func
-def whole(a: Pair):
-    """A pair as float64."""
-    return wp.float64(a.high) + wp.float64(a.low)
-
-
-@wp.func
-def whole(a: SumVector):
-    """The same of a vector."""
-    return wp.vec2d(whole(a.x), whole(a.y))
-
-
-@wp.func
-def whole(a: RecentSum):
-    """The same of a sum, with what it has in plain float32."""
-    return whole(added(a.sum, a.recent))
-
-
-@wp.func
-def whole(a: wp.float32):
-    """A float32 as float64."""
-    return wp.float64(a)
-
-
-@wp.func
-def whole(a: Any):
-    """What has no float32 in it."""
+def gathered(a: Any):
+    """What is float64 has nothing to gather."""
     return a
 
 
@@ -338,7 +492,13 @@ def whole(a: Any):
 def counted(count: int, unit: Pair):
     """`count` times `unit`, exact in the count up to 2^36."""
     thousands = count // 4096
-    return plus(times(unit, 4096.0 * float(thousands)), times(unit, float(count - 4096 * thousands)))
+    return 4096.0 * float(thousands) * unit + float(count - 4096 * thousands) * unit
+
+
+@wp.func
+def counted(count: int, unit: wp.float64):
+    """`count` times `unit`."""
+    return wp.float64(count) * unit
 
 
 TWO_OVER_PI = wp.constant(wp.float64(0.6366197723675814))
@@ -384,7 +544,7 @@ SPLIT = {n: split(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
 @wp.func
 def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
     """1 - c q `rest`, c given as high and low part."""
-    return plus(minus(times(times(q, rest), pair(high, low))), 1.0)
+    return 1.0 - q * rest * pair(high, low)
 
 
 @wp.func
@@ -394,30 +554,51 @@ def sine_cosine(angle: Pair):
     The same series as in float64; of its terms, what is below 1e-3 of the result needs no low part.
     """
     k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
-    quarter = pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
-    r = plus(angle, minus(times(quarter, k)))
-    q = times(r, r)
+    r = angle - k * pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
+    q = r * r
     t = 1.0 - q.high * wp.static(1.0 / 110.0) * (1.0 - q.high * wp.static(1.0 / 156.0))
-    s = pair_of(1.0 - q.high * wp.static(1.0 / 72.0) * t)
+    s = number_of(1.0 - q.high * wp.static(1.0 / 72.0) * t)
     s = series_term(q, s, wp.static(SPLIT[42][0]), wp.static(SPLIT[42][1]))
     s = series_term(q, s, wp.static(SPLIT[20][0]), wp.static(SPLIT[20][1]))
     s = series_term(q, s, wp.static(SPLIT[6][0]), wp.static(SPLIT[6][1]))
-    sine = times(r, s)
+    sine = r * s
     t = 1.0 - q.high * wp.static(1.0 / 132.0) * (1.0 - q.high * wp.static(1.0 / 182.0))
-    c = pair_of(1.0 - q.high * wp.static(1.0 / 90.0) * t)
+    c = number_of(1.0 - q.high * wp.static(1.0 / 90.0) * t)
     c = series_term(q, c, wp.static(SPLIT[56][0]), wp.static(SPLIT[56][1]))
     c = series_term(q, c, wp.static(SPLIT[30][0]), wp.static(SPLIT[30][1]))
     c = series_term(q, c, wp.static(SPLIT[12][0]), wp.static(SPLIT[12][1]))
     cosine = series_term(q, c, 0.5, 0.0)
     quadrant = int(k) & 3
+    sign = wp.where((quadrant & 2) == 2, -1.0, 1.0)
     if (quadrant & 1) == 1:
-        kept = sine
-        sine = cosine
-        cosine = minus(kept)
-    if (quadrant & 2) == 2:
-        sine = minus(sine)
-        cosine = minus(cosine)
-    return sine, cosine
+        return sign * cosine, -sign * sine
+    return sign * sine, sign * cosine
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __cosf(angle);
+#else
+    return wp::cos(angle);
+#endif
+""")
+def quick_cosine(angle: wp.float32) -> wp.float32:
+    """cos(angle) to 5e-7, for angles of at most half a turn."""
+    ...
+
+
+@wp.func
+def cosine_of(angle: Pair):
+    """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
+    turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
+    return quick_cosine(rounded(angle - turns * pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))))
+
+
+@wp.func
+def cosine_of(angle: wp.float64):
+    """cos(angle), as `sine_cosine` has it."""
+    _, cosine = sine_cosine(angle)
+    return cosine
 
 
 LN_2 = split(math.log(2.0))
@@ -435,15 +616,11 @@ def logarithm(r: Pair):
     e = wp.rint(wp.log2(r.high))
     scale = power_of_two(-int(e))
     m = pair(r.high * scale, r.low * scale)
-    over = plus(m, -1.0)
-    under = plus(m, 1.0)
-    first = over.high / under.high
-    s = pair(first, apart(over, times(under, first)) / under.high)
+    s = (m - 1.0) / (m + 1.0)
     q = s.high * s.high
     rest = q * (wp.static(1.0 / 9.0) + q * (wp.static(1.0 / 11.0) + q * wp.static(1.0 / 13.0)))
     rest = q * (wp.static(1.0 / 3.0) + q * (wp.static(1.0 / 5.0) + q * (wp.static(1.0 / 7.0) + rest)))
-    near_one = times(plus(s, s.high * rest), 2.0)
-    return plus(times(pair(wp.static(LN_2[0]), wp.static(LN_2[1])), e), near_one)
+    return e * pair(wp.static(LN_2[0]), wp.static(LN_2[1])) + 2.0 * (s + s.high * rest)
 
 
 @wp.func
@@ -455,50 +632,3 @@ def log_of_sum(u: wp.float32):
     if kept != 0.0:
         value = wp.log(w) * (u / kept)
     return value
-
-
-@wp.func
-def pair_vector(high: wp.vec2f, low: wp.vec2f):
-    """`high` + `low`."""
-    made = PairVector()
-    made.high = high
-    made.low = low
-    return made
-
-
-@wp.func
-def difference(a: PairVector, b: PairVector):
-    """a - b, whose low parts are not settled."""
-    x = two_difference(a.high[0], b.high[0])
-    y = two_difference(a.high[1], b.high[1])
-    return pair_vector(wp.vec2f(x[0], y[0]), wp.vec2f(x[1] + (a.low[0] - b.low[0]), y[1] + (a.low[1] - b.low[1])))
-
-
-@wp.func
-def difference(a: wp.vec2d, b: wp.vec2d):
-    """The same at float64."""
-    return a - b
-
-
-@wp.func
-def leading(a: Pair):
-    """The high part."""
-    return a.high
-
-
-@wp.func
-def leading(a: PairVector):
-    """The high parts."""
-    return a.high
-
-
-@wp.func
-def leading(a: wp.float64):
-    """A float64 stays what it is."""
-    return a
-
-
-@wp.func
-def leading(a: wp.vec2d):
-    """A vector of float64 stays what it is."""
-    return a

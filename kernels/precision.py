@@ -1,101 +1,104 @@
-"""Structs of float64 as blocks at float32 keep them, and the way there and back, made from their fields.
+"""Structs of float64 as blocks at float32 keep them, made from their fields; and rows of them, there and back.
 
-While a kernel at float32 runs, what it adds up and remembers is in pairs of float32; the state that it reads and writes
-back is float64, and the host knows no other. A new field of a struct needs nothing here.
+A field is a number of float32, or where that is too little a pair; the host converts rows as it copies them to a GPU
+and back (`as_float32`, `as_float64`), so that kernels at float32 meet no other form, and the host no other than
+float64. A new field of a struct needs nothing here.
 """
 
-import linecache
-from functools import cache
+from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
-from .number import Pair, RecentSum, SumVector, gathered, pair_of, pairs_of, recent_sum, whole
+from .number import Pair, PairVector, RecentSum
 
-SINGLE = ("_min", "_max")
-"""Ends of the names of fields that float32 holds as they are found: extremes."""
-
-OF_KIND = {Pair: "pair_of", SumVector: "pairs_of", RecentSum: "recent_sum", wp.float32: "wp.float32"}
-"""The function that makes a field of each kind of its float64."""
-
-NARROWED = """
-@wp.func
-def narrowed(full: Full):
-    made = Made()
-{fields}
-    return made
-"""
-
-WHOLE = """
-@wp.func
-def whole(made: Made):
-    full = Full()
-{fields}
-    return full
-"""
-
-GATHERED = """
-@wp.func
-def gathered(made: Made):
-{fields}
-    return made
-"""
+ROW = 16
+"""Bytes that a thread reads at once."""
+SINGLE = {wp.float64: wp.float32, wp.vec2d: wp.vec2f, wp.vec3d: wp.vec3f, wp.mat22d: wp.mat22f}
+PAIRED = {wp.float64: Pair, wp.vec2d: PairVector}
 
 
-@wp.func
-def unchanged(full: Any):
-    """At float64 nothing is made of it."""
-    return full
-
-
-functions = {"whole": whole, "gathered": gathered}
-"""What is made here, by name: each an overload for every struct."""
-
-
-def _define(name: str, source: str, lines: list[str], full: Any, made: Any) -> None:
-    """Defines a function of such a source, which Warp reads where Python finds that of tracebacks."""
-    text = source.format(fields="\n".join(f"    {line}" for line in lines))
-    place = f"<{name} of {made.native_name}>"
-    linecache.cache[place] = len(text), None, text.splitlines(keepends=True), place
-    scope = {"wp": wp, "pair_of": pair_of, "pairs_of": pairs_of, "recent_sum": recent_sum, "__name__": __name__}
-    scope |= functions | {"Full": full, "Made": made}
-    exec(compile(text, place, "exec"), scope)
-    functions[name] = scope[name]
-
-
-def _kind_of(name: str, kind: Any, single: tuple[str, ...], recent: tuple[str, ...]) -> Any:
-    """What a field is kept as."""
-    if kind == wp.vec2d:
-        return SumVector
-    if kind != wp.float64:
-        return kind
-    if name in single or name.endswith(SINGLE):
-        return wp.float32
-    return RecentSum if name in recent else Pair
-
-
-def at_float32(full: Any, single: tuple[str, ...] = (), recent: tuple[str, ...] = ()) -> Any:
-    """A struct as blocks at float32 keep it: numbers and vectors in pairs, extremes in float32, the rest as it is.
-
-    `narrowed` makes it of `full`, and `whole` makes `full` of it.
+def at_float32(
+    full: Any,
+    nested: Mapping[Any, Any],
+    *,
+    pairs: Collection[str] = (),
+    recent: Collection[str] = (),
+    kept: Collection[str] = (),
+    rows: bool = False,
+    **other: Any,
+) -> Any:
+    """A struct with float32 in place of float64, also in its arrays.
 
     Args:
         full: with float64.
-        single: fields that float32 is enough for.
-        recent: sums that every step adds to (`number.RecentSum`); `gathered` gathers them.
+        nested: what becomes of structs in it; others stay as they are.
+        pairs: fields that float32 is too little for.
+        recent: sums that every step adds to (`number.RecentSum`).
+        kept: fields that stay as they are.
+        rows: fills it up to whole rows of `ROW` bytes, for arrays that `rows.struct_rows` reads.
+        other: types of fields that become something else.
     """
-    kinds = {name: _kind_of(name, var.type, single, recent) for name, var in full.vars.items()}
-    body = {"__annotations__": kinds, "__doc__": full.__doc__, "__module__": full.cls.__module__}
-    made = wp.struct(type(full.key, (), body))
-    there = [f"made.{name} = {OF_KIND.get(kind, '')}(full.{name})" for name, kind in kinds.items()]
-    _define("narrowed", NARROWED, there, full, made)
-    _define("whole", WHOLE, [f"full.{name} = whole(made.{name})" for name in kinds], full, made)
-    if recent:
-        _define("gathered", GATHERED, [f"made.{name} = gathered(made.{name})" for name in recent], full, made)
+
+    def kind_of(name: str, kind: Any) -> Any:
+        if wp.types.is_array(kind):
+            return wp.array[kind_of(name, kind.dtype)]
+        if name in kept:
+            return kind
+        if name in recent:
+            return RecentSum
+        return PAIRED[kind] if name in pairs else SINGLE.get(kind) or nested.get(kind, kind)
+
+    kinds = {name: other.get(name) or kind_of(name, var.type) for name, var in full.vars.items()}
+    made = _struct(full, kinds)
+    if rows:
+        short = -wp.types.type_size_in_bytes(made) % ROW // 4
+        made = _struct(full, kinds | {f"unused_{k}": wp.int32 for k in range(short)})
     return made
 
 
-@cache
-def narrowing(Real: type) -> wp.Function:
-    """The function that makes of a struct of float64 what a block at a precision keeps."""
-    return unchanged if Real == wp.float64 else functions["narrowed"]
+def _struct(full: Any, kinds: Mapping[str, Any]) -> Any:
+    """A struct in the place of another."""
+    body = {"__annotations__": kinds, "__doc__": full.__doc__, "__module__": full.cls.__module__}
+    return wp.struct(type(full.key, (), body))
+
+
+def sums_at_float32(full: Any, nested: Mapping[Any, Any], recent: Collection[str] = ()) -> Any:
+    """A struct of sums as blocks at float32 keep it: in pairs, but for extremes, which are as they are found."""
+    added = [name for name, var in full.vars.items() if var.type in PAIRED and not name.endswith(("_min", "_max"))]
+    return at_float32(full, nested, pairs=[name for name in added if name not in recent], recent=recent)
+
+
+def as_float32(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Rows of float64 as rows of such a struct, or of pairs where `kind` is that of `Pair`."""
+    names = kind.names or ()
+    if not names:
+        return rows.astype(kind)
+    of_vectors = len(kind["high"].shape) if names == ("high", "low") else 0
+    made = np.zeros(rows.shape[: rows.ndim - of_vectors], dtype=kind)
+    if names == ("high", "low"):
+        made["high"] = rows
+        made["low"] = rows - made["high"]
+    elif names == ("sum", "recent"):
+        made["sum"] = as_float32(rows, kind["sum"])
+    else:
+        for name in rows.dtype.names or ():
+            made[name] = as_float32(rows[name], kind[name].base)
+    return made
+
+
+def as_float64(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Rows of such a struct as rows of float64, exactly."""
+    names = rows.dtype.names or ()
+    if kind.names:
+        made = np.zeros(rows.shape, dtype=kind)
+        for name in kind.names:
+            made[name] = as_float64(rows[name], kind[name].base)
+        return made
+    if names == ("high", "low"):
+        return rows["high"].astype(float) + rows["low"]
+    if names == ("sum", "recent"):
+        return as_float64(rows["sum"], kind) + rows["recent"]
+    return rows.astype(kind)

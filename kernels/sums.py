@@ -4,16 +4,14 @@ The CPU's pass and the block's tallies call the same functions. Their arguments 
 it, then added in float64, or in pairs of float32 (`number.added`), to the sums of `structs.float32`.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from .fast_math import reciprocal
-from .number import added, rounded
-from .structs import Drive, Strand
-from .sum_structs import ChainSums, ContactSums, RollerTally, StrandSums, TensionerFlows, Totals
+from .native import reciprocal
+from .number import added, gathered, rounded, sub  # noqa: F401
+from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
 """Steps after which what links and sprockets have gathered since is added to the window's sums.
@@ -161,6 +159,15 @@ def add_powers(sums: Any, speed: Any, moment: Any, load: Any, weight: Any):
 
 
 @wp.func
+def gathered_powers(sums: Any):
+    """A sprocket's sums with nothing of what every step adds in plain float32."""
+    sums.moment = gathered(sums.moment)
+    sums.contact_work = gathered(sums.contact_work)
+    sums.load_work = gathered(sums.load_work)
+    return sums
+
+
+@wp.func
 def add_speed(sums: Any, speed: Any, weight: Any):
     """One sprocket's speed at a watched step, which stands for `weight` [s]."""
     way = weight * speed
@@ -215,7 +222,7 @@ def metered(total: Any, flows: Any):
 
 
 @wp.func
-def flowed_since(now: TensionerFlows, start: TensionerFlows):
+def flowed_since(now: Any, start: Any):
     """What a tensioner's meter has counted since it stood at `start`."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
@@ -243,7 +250,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
 
 
 @wp.func
-def add_meter(sums: Any, meter: TensionerFlows, start: bool, end: bool):
+def add_meter(sums: Any, meter: Any, start: bool, end: bool):
     """What a tensioner's meter says at the window's two ends; nothing in between."""
     if start:
         sums.flows = meter
@@ -284,15 +291,8 @@ def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64,
     return across(ax, ay, strand) * (wp.float64(1.0) - part) + across(bx, by, strand) * part
 
 
-@dataclass(frozen=True)
-class Following:
-    """What keeps up which part of the chain is on a strand."""
-
-    follow: wp.Function
-
-
 @cache
-def following(Real: type) -> Following:
+def following(Real: type) -> wp.Function:
     """The function that keeps up which part of the chain is on a strand."""
 
     @wp.func
@@ -301,45 +301,35 @@ def following(Real: type) -> Following:
         return along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
+    def last_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
+        """The last roller that is not past `limit` [m] along a strand's nominal line, sought from roller i on."""
+        tries = int(0)
+        while reach(rollers, x, y, i, strand) > limit and tries < n:
+            i = before(i, n)
+            tries = tries + 1
+        tries = int(0)
+        while reach(rollers, x, y, after(i, n), strand) <= limit and tries < n:
+            i = after(i, n)
+            tries = tries + 1
+        return i
+
+    @wp.func
     def follow(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
         """The strand with its middle and its links brought up to date; the chain has moved little since.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """
-        half = wp.float64(0.5) * strand.length
-        middle = strand.middle
-        tries = int(0)
-        while reach(rollers, x, y, middle, strand) > half and tries < n:
-            middle = before(middle, n)
-            tries = tries + 1
-        tries = int(0)
-        while reach(rollers, x, y, after(middle, n), strand) <= half and tries < n:
-            middle = after(middle, n)
-            tries = tries + 1
+        middle = last_before(rollers, x, y, n, strand.middle, wp.float64(0.5) * strand.length, strand)
         first = middle
         last = middle
         if strand.links > 0:
             first = strand.first_link
             last = (first + strand.links) % n
-        tries = int(0)
-        while reach(rollers, x, y, before(first, n), strand) > wp.float64(0.0) and tries < n:
-            first = before(first, n)
-            tries = tries + 1
-        tries = int(0)
-        while reach(rollers, x, y, first, strand) <= wp.float64(0.0) and tries < n:
-            first = after(first, n)
-            tries = tries + 1
-        tries = int(0)
-        while reach(rollers, x, y, after(last, n), strand) < strand.length and tries < n:
-            last = after(last, n)
-            tries = tries + 1
-        tries = int(0)
-        while reach(rollers, x, y, last, strand) >= strand.length and tries < n:
-            last = before(last, n)
-            tries = tries + 1
+        first = after(last_before(rollers, x, y, n, before(first, n), wp.float64(0.0), strand), n)
+        last = last_before(rollers, x, y, n, last, strand.length, strand)
         strand.middle = middle
         strand.first_link = first
         strand.links = (last - first + n) % n
         return strand
 
-    return Following(follow=follow)
+    return follow

@@ -10,15 +10,15 @@ from drives import timing, two_sprockets
 
 from warpchain import Drive, load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.buckets import block_shape, curved, led, room_for
+from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
+from warpchain.engine.buckets import block_shape, kind_columns, room_for
+from warpchain.engine.buckets import kind_of as engine_kind
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind
-from warpchain.kernels.gpu.observe import collect
 from warpchain.kernels.gpu.shared_memory import room
-from warpchain.kernels.tension_bins import BINS
+from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.statistics import BINS
 from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
 from warpchain.results.schedule import Schedule
 
@@ -103,29 +103,10 @@ def room_of(packed, shape):
 
 
 def kind_of(packed, shape, measuring=True):
-    """The kind of the block kernel, with metrics or without, for an ensemble of like drives."""
-    return BlockKind(
-        packed.real,
-        shape.threads,
-        shape.rollers_per_thread,
-        int(packed.drives["sprockets"][0]),
-        int(packed.drives["guides"][0]),
-        moving=bool(packed.mounts["active"].any()),
-        measuring=measuring,
-        rk4=bool(packed.drives["integrator"].any()),
-        joint_friction=bool(packed.joints["rubs"].any()),
-        contact_friction=bool(packed.slides.any()),
-        varied_links=bool(packed.links["varied_links"].any()),
-        body_warp=shape.body_warp,
-        low_occupancy=not measuring and shape.low_occupancy,
-        arms=int(packed.drives["arms"][0]),
-        tensioners=int(packed.drives["tensioners"][0]),
-        profiles=bool(packed.drives["pieces"].any()),
-        tabulated=bool(curved(packed).any()),
-        linear_hysteretic=bool(packed.linear_hysteretic.all()),
-        uniform_links=bool(packed.uniform_links.all()),
-        led=int(led(packed).max()),
-    )
+    """The kind of the block kernel, with metrics or without, for an ensemble of like drives that has these blocks."""
+    columns = {name: values.max() for name, values in kind_columns(packed).items()}
+    columns["linear_hysteretic"] = packed.linear_hysteretic.all()
+    return replace(engine_kind(packed.real, columns, 1), shape=shape, measuring=measuring)
 
 
 def rk4():
@@ -203,17 +184,19 @@ def rubbing_on_moving_sprockets():
 
 def run_blocks(packed, shape, blocks, order, frames, measuring=True, variants_per_block=1):
     """The ensemble on blocks of fibers, each of `variants_per_block` variants: its state and its sums."""
-    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
-    sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+    ensemble = upload_ensemble(packed, "cpu", blocks=True)
+    state = upload_state(packed, "cpu", large(packed, shape, len(order)))
+    sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kind = replace(kind_of(packed, shape, measuring), variants_per_block=variants_per_block)
+    shape = replace(shape, variants_per_block=variants_per_block)
+    kind = kind_of(packed, shape, measuring)
     kernel = block_kernel(kind, 4, packed.frame)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
-        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=kind.block_threads, device="cpu")
-    wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
-    return state, sums
+        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
+    wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}
 
 
 def flat(rows):
@@ -266,8 +249,9 @@ def assert_steps_of_the_cpu(drives, many, precision):
     close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
     close(state.rollers.numpy(), serial.state.rollers.numpy())
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
+    bodies = rows_of(state.bodies, "state", "bodies", packed.real)
     for name in ("angle", "speed", "center", "velocity"):
-        close(state.bodies.numpy()[name], serial.state.bodies.numpy()[name])
+        close(bodies[name], serial.bodies()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
     if bends:
@@ -277,14 +261,14 @@ def assert_steps_of_the_cpu(drives, many, precision):
     summed = serial.sums()
     assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
     for name in (name for name in TABLE["sums"] if name != "tension_counts"):
-        mine, theirs_ = flat(getattr(sums, name).numpy()), flat(summed[name])
+        mine, theirs_ = flat(sums[name]), flat(summed[name])
         for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
             exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
             loose = exact if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
     # looks at each link at step 111, then at multiples; round-off may take a tension over the edge of its bin
-    mine, theirs_ = (each.reshape(-1, BINS) for each in (sums.tension_counts.numpy(), summed["tension_counts"]))
+    mine, theirs_ = (each.reshape(-1, BINS) for each in (sums["tension_counts"], summed["tension_counts"]))
     seen = sum(step == 111 or step % looks == 0 for step in range(111, 291))
     assert mine.sum() == theirs_.sum() == seen * sum(drive.chain.links for drive in variants)
     np.testing.assert_array_equal(mine.sum(axis=1), theirs_.sum(axis=1))

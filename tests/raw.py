@@ -6,10 +6,10 @@ import numpy as np
 import warp as wp
 
 from warpchain.assembly.assemble_batch import Assemblies
-from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
+from warpchain.kernels.integrate import INTEGRATORS
 
 
 def blank_states(variants):
@@ -145,8 +145,9 @@ def put_profile(packed, bar, pieces):
 
 def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(-1e9, 1e9), **values):
     """A hand-made arm."""
-    row, body = packed.arms[a], packed.bodies[len(packed.bodies) - len(packed.arms) + a]
-    row["pivot"], row["inverse_inertia"], row["gravity"] = pivot, 1.0 / inertia, gravity
+    b = len(packed.bodies) - len(packed.arms) + a
+    row, body, packed.motions["inverse_inertia"][b] = packed.arms[a], packed.bodies[b], 1.0 / inertia
+    row["pivot"], row["gravity"] = pivot, gravity
     row["low"], row["high"] = stops
     for name, value in values.items():
         row[name] = value

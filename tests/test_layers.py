@@ -28,7 +28,7 @@ LEVELS = (
 """The package's folders and single modules from the lowest up; "" is the root, with the names that users see."""
 
 KERNEL_LEVELS = (
-    ("fast_math", "namespace", "number", "sum_structs"),
+    ("fast_math", "namespace", "number", "structs"),
     ("precision",),
     ("structs", "rows"),
     ("integrate",),

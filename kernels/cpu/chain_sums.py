@@ -11,25 +11,11 @@ from typing import Any
 
 import warp as wp
 
-from ..batches import NOTES, notes_due
-from ..namespace import namespace
-from ..physics.link import link_chain
-from ..physics.roller import roller_energy
-from ..rows import accessors, whole_lanes
-from ..slip import follow_slip, mid_wrap
-from ..structs import Drive, Strand, types
-from ..sum_structs import ChainNote, ChainSums, LinkTally, StrandNote, StrandSums, Sums
-from ..sums import (
-    add_displacement,
-    add_tension,
-    after,
-    displacement,
-    following,
-    is_look,
-    merge_extremes,
-    merge_tension,
-)
-from ..tension_bins import BINS, bins_per_force, count_tension
+from ..native import accessors, whole_lanes
+from ..physics.link import link_chain, roller_energy
+from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
+from ..structs import ChainSums, Drive, LinkTally, Note, Strand, StrandSums, Sums, types
+from ..sums import add_displacement, add_tension, after, displacement, following, is_look, merge_extremes, merge_tension
 from .rollers import passes, rows
 
 
@@ -37,6 +23,7 @@ from .rollers import passes, rows
 def tallies(Real: type, capacity: int) -> SimpleNamespace:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Chain, Links = kinds.Chain, kinds.Links
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     row = rows(capacity)
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
@@ -98,9 +85,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return merge_extremes(sums, wp.float64(load_row(w, row.least + i)), wp.float64(load_row(w, row.greatest + i)))
 
     @wp.func
-    def merge_links(
-        w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, sums: ChainSums, step: wp.float64
-    ):
+    def merge_links(w: wp.array[Real], n: int, chain: Chain, links: Links, sums: ChainSums, step: wp.float64):
         """`sums` with the tallies of all links; `step` is a step's length [s]."""
         for i in range(n):
             sums = merge_extremes_of(w, i, sums)
@@ -133,7 +118,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def rollers_energy(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, back: Real):
+    def rollers_energy(w: wp.array[Real], n: int, chain: Chain, links: Links, back: Real):
         """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
         instant.
         """
@@ -154,23 +139,14 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
         return total
 
-    return namespace(
-        clear,
-        add_rates,
-        widen,
-        add_links,
-        add_strand_links,
-        merge_links,
-        mid_displacement,
-        merge_strand_links,
-        rollers_energy,
-    )
+    return SimpleNamespace(**locals())
 
 
 @cache
 def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
     """The sums over the chain of one variant, for rows of `capacity` values of type `Real`."""
-    kinds, tally, follow = types(Real), tallies(Real, capacity), following(Real).follow
+    kinds, tally, follow = types(Real), tallies(Real, capacity), following(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row = rows(capacity)
 
@@ -179,12 +155,13 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
         """Notes the sums at the ends of batches, before step `step` is added."""
         first, end = notes_due(drive, step)
         for k in range(first, end):
-            of_chain = ChainNote()
+            of_chain = Note()
             of_chain.tension = sums.chain[variant].tension
             of_chain.samples = sums.chain[variant].samples
+            of_chain.links = of_chain.samples * wp.int64(drive.rollers)
             sums.chain_notes[variant * NOTES + k] = of_chain
             for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-                of_strand = StrandNote()
+                of_strand = Note()
                 of_strand.links = sums.strand[i].links
                 of_strand.tension = sums.strand[i].tension
                 of_strand.samples = sums.strand[i].samples
@@ -194,7 +171,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
                 sums.mount_notes[i * NOTES + k] = sums.mount[i]
 
     @wp.func
-    def place_links(state: kinds.State, drive: Drive, w: wp.array[Real]):
+    def place_links(state: State, drive: Drive, w: wp.array[Real]):
         """Which strand of the drive every link is on; the number of strands where it is on none."""
         n = drive.rollers
         for j in range(n):
@@ -207,14 +184,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
                 link = after(link, n)
 
     @wp.func
-    def add_statistics(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        variant: int,
-        drive: Drive,
-        w: wp.array[Real],
-    ):
+    def add_statistics(ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real]):
         """Counts tensions and follows slips."""
         n = drive.rollers
         first = drive.first_sprocket
@@ -232,7 +202,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
             sums.slip[first + s] = follow_slip(sums.slip[first + s], roller, seat, teeth, sign, n)
 
     @wp.func
-    def merge(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, w: wp.array[Real]):
+    def merge(ensemble: Ensemble, state: State, sums: Sums, variant: int, w: wp.array[Real]):
         """Merges the tallies of links into the sums of the window, and begins them anew."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
@@ -244,13 +214,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def look_at_chain(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        variant: int,
-        drive: Drive,
-        w: wp.array[Real],
-        step: int,
+        ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real], step: int
     ):
         """Brings the strands up to date, and adds tensions and mid-strand displacements of step `step` to the sums."""
         n = drive.rollers
@@ -266,21 +230,12 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
             sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
 
     @wp.func(inline=False)
-    def gather(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        variant: int,
-        drive: Drive,
-        w: wp.array[Real],
-        step: int,
-    ):
+    def gather(ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real], step: int):
         """What is done before step `step` is added, at some steps only: tallies are merged, the chain looked at."""
         if step > drive.window_start:
             merge(ensemble, state, sums, variant, w)
         if is_look(drive, step):
             look_at_chain(ensemble, state, sums, variant, drive, w, step)
 
-    return namespace(
-        merge, gather, clear=tally.clear, widen=tally.widen, add_rates=tally.add_rates, energy=tally.rollers_energy
-    )
+    clear, widen, add_rates, energy = tally.clear, tally.widen, tally.add_rates, tally.rollers_energy
+    return SimpleNamespace(**locals())

@@ -11,12 +11,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
+from ..native import accessors
 from ..physics.contact import power_taken, pressed, reaction, rub, rub_evenly, stored
 from ..physics.impact import elastic_force
-from ..rows import accessors
-from ..structs import Wanted, types
-from ..sum_structs import Totals
+from ..structs import Now, Totals, types
 from .neighbor_list import Group, is_near
 from .rollers import passes, rows
 
@@ -25,11 +23,12 @@ from .rollers import passes, rows
 def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that write how rollers touch a partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Memory = kinds.Memory
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row = rows(capacity)
 
     @wp.func
-    def recall(w: wp.array[Real], i: int, group: Group, memory: kinds.Memory):
+    def recall(w: wp.array[Real], i: int, group: Group, memory: Memory):
         """What roller i's contact has kept until now [m/s]."""
         before = Real(0.0)
         if is_near(group, i):
@@ -38,7 +37,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
         return before
 
     @wp.func
-    def keep(w: wp.array[Real], group: Group, memory: kinds.Memory):
+    def keep(w: wp.array[Real], group: Group, memory: Memory):
         """What contacts keep from now on."""
         i = group.low
         while i < group.high:
@@ -54,13 +53,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def touch(
-        w: wp.array[Real],
-        i: int,
-        penetration: Real,
-        normal_x: Real,
-        normal_y: Real,
-        relative_x: Real,
-        relative_y: Real,
+        w: wp.array[Real], i: int, penetration: Real, normal_x: Real, normal_y: Real, relative_x: Real, relative_y: Real
     ):
         """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors."""
         store_row(w, row.penetration + i, penetration)
@@ -91,13 +84,14 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
             store_row(w, sizes + i, load_row(w, sizes + i) + load_row(w, row.size + i))
             i = i + 1
 
-    return namespace(recall, keep, place_arm, touch, begins, clear_sizes, add_sizes)
+    return SimpleNamespace(**locals())
 
 
 @cache
 def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     """The forces of contacts whose `touch` is in the rows, with what dampers and friction take."""
     kinds = types(Real)
+    Memory, Chain = kinds.Memory, kinds.Chain
     vec2, accelerations = kinds.vec2, passes(Real, capacity).accelerations
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
@@ -166,7 +160,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return changed
 
     @wp.func
-    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: kinds.Memory, chain: kinds.Chain):
+    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory, chain: Chain):
         """Power that a force on roller i takes, as `contact.dissipated`."""
         ax, ay = accelerations(w, i, chain.inverse_mass, chain.gravity)
         speed_x = load_row(w, row.relative_x + i) - memory.lag * ax
@@ -174,7 +168,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
 
     @wp.func
-    def lose_one(w: wp.array[Real], i: int, memory: kinds.Memory, chain: kinds.Chain):
+    def lose_one(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
         """Power that roller i's damper takes."""
         damper = load_row(w, row.damper + i)
         x = damper * load_row(w, row.normal_x + i)
@@ -183,12 +177,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def press_smoothly(
-        w: wp.array[Real],
-        group: Group,
-        law: kinds.ContactLaw,
-        memory: kinds.Memory,
-        chain: kinds.Chain,
-        measured: bool,
+        w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain, measured: bool
     ):
         """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
 
@@ -239,7 +228,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: kinds.Memory, chain: kinds.Chain):
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory, chain: Chain):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
@@ -253,7 +242,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
                 store_row(w, row.rubbed + i, power_of(w, i, x, y, memory, chain))
                 i = i + 1
 
-    return namespace(press, press_smoothly, rub_rollers, add_forces, lose)
+    return SimpleNamespace(**locals())
 
 
 @cache
@@ -323,7 +312,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         group: Group,
         law: kinds.ContactLaw,
         sliding: kinds.Sliding,
-        wanted: Wanted,
+        wanted: Now,
         totals: wp.array[Totals],
         slot: int,
     ):
@@ -332,7 +321,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
             add_up(w, group, totals, slot, True, True)
         else:
             add_up(w, group, totals, slot, True, False)
-        if wanted.energy != 0:
+        if wanted.ends != 0:
             add_energies(w, group, law, totals, slot)
         if sliding.rubs != 0:
             friction = totals[slot].friction
@@ -342,4 +331,4 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
                 i = i + 1
             totals[slot].friction = friction
 
-    return namespace(add_up, begun, add_measured)
+    return SimpleNamespace(**locals())

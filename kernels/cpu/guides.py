@@ -5,13 +5,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
+from ..native import accessors
 from ..physics.contact import MISSED, UNTOUCHED, misses, surface_velocity, turned
-from ..physics.guide import at_face, on_guide
-from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..rows import accessors
-from ..structs import Piece, Pose, types
-from ..sum_structs import Totals
+from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_profile, tracked_piece
+from ..structs import Piece, Pose, Totals, types
 from .contacts import contact_rows
 from .neighbor_list import Group, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
@@ -21,6 +18,7 @@ from .rollers import passes, rows
 def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Memory, Guide = kinds.Memory, kinds.Guide
     vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contact_rows(Real, capacity)
     recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
@@ -29,7 +27,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     unlike = accessors(Real).unlike
 
     @wp.func
-    def find_over_bar(w: wp.array[Real], first: int, last: int, bar: kinds.Guide):
+    def find_over_bar(w: wp.array[Real], first: int, last: int, bar: Guide):
         """Which rollers from `first` on, before `last`, are at a guide-bar's face or ends; only those touch it."""
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
@@ -45,7 +43,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def leave_bar(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
+    def leave_bar(first: int, count: int, near: wp.uint64, memory: Memory):
         """Forgets the contacts of rollers that are no longer over it."""
         left = unlike(memory.impact_speed, memory.first + first, count, Real(UNTOUCHED)) & ~near
         while left != wp.uint64(0):
@@ -53,9 +51,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             left = next_bits(left)
 
     @wp.func
-    def touch_face(
-        w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2, guide: kinds.Guide
-    ):
+    def touch_face(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2, guide: Guide):
         """How roller i stands on a guide; one that did not come in through the face does not touch it."""
         kept = Real(UNTOUCHED)
         if penetration > Real(0.0) and misses(penetration, load_row(w, row.before + i), guide):
@@ -66,7 +62,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.open + i, kept)
 
     @wp.func
-    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
+    def touch_bar(w: wp.array[Real], group: Group, bar: Guide, body: Pose, memory: Memory):
         """How the rollers stand on a guide-bar, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
@@ -94,7 +90,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         return totals
 
     @wp.func
-    def find_over_profile(w: wp.array[Real], first: int, end: int, guide: kinds.Guide, body: Pose):
+    def find_over_profile(w: wp.array[Real], first: int, end: int, guide: Guide, body: Pose):
         """Which rollers from `first` on, before `end`, are near a profile."""
         i = first
         while i < end:
@@ -105,9 +101,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def touch_piece(
-        w: wp.array[Real], i: int, guide: kinds.Guide, body: Pose, pieces: wp.array[Piece], memory: kinds.Memory
-    ):
+    def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory):
         """How roller i, which is near, stands on a profile."""
         arm = place(w, i) - body.center
         q = in_frame(arm, body)
@@ -122,12 +116,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def touch_profile(
-        w: wp.array[Real],
-        group: Group,
-        guide: kinds.Guide,
-        body: Pose,
-        pieces: wp.array[Piece],
-        memory: kinds.Memory,
+        w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
     ):
         """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
         i = group.low
@@ -140,4 +129,4 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             touch_piece(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
             bits = next_bits(bits)
 
-    return namespace(find_over_bar, leave_bar, touch_bar, find_over_profile, touch_profile, count_missed)
+    return SimpleNamespace(**locals())

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
-from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
+from ..native import accessors, whole_lanes
+from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
-from ..rows import accessors, whole_lanes
 from ..structs import types
 from .rollers import passes, rows
 
@@ -20,15 +19,11 @@ from .rollers import passes, rows
 def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes over the joints of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Chain, Joint = kinds.Chain, kinds.Joint
     vec2 = kinds.vec2
     part = passes(Real, capacity)
-    apart, parting, store_link, close, acceleration = (
-        part.apart,
-        part.parting,
-        part.store_link,
-        part.close,
-        part.acceleration,
-    )
+    apart, parting, store_link, close = part.apart, part.parting, part.store_link, part.close
+    acceleration = part.acceleration
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     row = rows(capacity)
 
@@ -41,7 +36,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.bend_y + i + 1, lever[1])
 
     @wp.func
-    def pull_links(w: wp.array[Real], n: int, chain: kinds.Chain):
+    def pull_links(w: wp.array[Real], n: int, chain: Chain):
         """Tension and force of every link, and how it turns; contact forces start at zero."""
         close(w, n)
         i = int(0)
@@ -53,7 +48,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def pull_uneven(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
+    def pull_uneven(w: wp.array[Real], n: int, chain: Chain, links: kinds.Links):
         """The same where links differ or have play."""
         close(w, n)
         i = int(0)
@@ -68,7 +63,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
-    def rub_evenly(w: wp.array[Real], n: int, joint: kinds.Joint):
+    def rub_evenly(w: wp.array[Real], n: int, joint: Joint):
         """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
         mu = joint.law.mu_dynamic
         i = int(0)
@@ -80,7 +75,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def rub_by_speed(w: wp.array[Real], n: int, joint: kinds.Joint):
+    def rub_by_speed(w: wp.array[Real], n: int, joint: Joint):
         """The same, of a coefficient that depends on the speed."""
         i = int(0)
         while i < n:
@@ -91,7 +86,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def rub_joints(w: wp.array[Real], n: int, joint: kinds.Joint):
+    def rub_joints(w: wp.array[Real], n: int, joint: Joint):
         """The moment of every joint."""
         store_row(w, row.tension + n, load_row(w, row.tension))
         store_row(w, row.turn + n, load_row(w, row.turn))
@@ -118,7 +113,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
             store_row(w, row.bend_x + k * wp.static(capacity), load_row(w, row.bend_x + k * wp.static(capacity) + n))
 
     @wp.func
-    def friction_power(w: wp.array[Real], n: int, chain: kinds.Chain, lag: Real):
+    def friction_power(w: wp.array[Real], n: int, chain: Chain, lag: Real):
         """Power that the joints dissipate [W], at the mean of the velocities before and after a leapfrog kick.
 
         `lag` is the time from the velocities' instant to that of the forces, half a step.
@@ -137,7 +132,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         return total
 
     @wp.func
-    def turn_at(w: wp.array[Real], i: int, n: int, chain: kinds.Chain, lag: Real):
+    def turn_at(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
         mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = acceleration(w, wp.where(i + 1 < n, i + 1, 0), chain.inverse_mass, chain.gravity)
@@ -145,10 +140,10 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         return turn
 
     @wp.func
-    def joint_power(w: wp.array[Real], i: int, n: int, chain: kinds.Chain, lag: Real):
+    def joint_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Power that joint i dissipates [W]; over all joints the sum is `friction_power`."""
         before = wp.where(i > 0, i - 1, n - 1)
         turn = turn_at(w, i, n, chain, lag)
         return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before, n, chain, lag), turn)
 
-    return namespace(pull_links, pull_uneven, rub_joints, bend_links, friction_power, joint_power)
+    return SimpleNamespace(**locals())

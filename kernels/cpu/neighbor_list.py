@@ -11,8 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
-from ..rows import LANES, accessors, whole_lanes
+from ..native import LANES, accessors, whole_lanes
 from ..structs import Drive, types
 from .rollers import rows
 
@@ -192,6 +191,4 @@ def neighbor_list(Real: type, capacity: int) -> SimpleNamespace:
         group.high = end
         return group
 
-    return namespace(
-        group_of, whole_run, mark_all, reset, needs_rebuild, set_lifetime, invalidate, skin, gather, count, run
-    )
+    return SimpleNamespace(**locals())

@@ -11,14 +11,12 @@ import warp as wp
 
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
-from ..namespace import namespace
-from ..physics.arm import arm_dissipation, arm_energy
-from ..physics.body import body_energy, heading_of, held_by
+from ..native import accessors
+from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pose_of
 from ..physics.motion import load_moment, load_moment_at_speed
+from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
-from ..rows import accessors
-from ..structs import Drive, Wanted, types
-from ..sum_structs import Sums
+from ..structs import Drive, Now, Sums, types
 from ..sums import (
     MERGE_EVERY,
     add_arm,
@@ -41,129 +39,102 @@ from .rollers import passes, rows
 from .steps import arm_of, moving
 
 
-@wp.struct
-class Instant:
-    """At which instant a variant is observed."""
-
-    step: wp.int32
-    time: wp.float64  # [s]
-    lag: wp.float64  # how far behind it the velocities are [s]
-    weight: wp.float64  # time that the step stands for in the window's sums [s]
-
-
 @wp.func
-def instant_of(drive: Drive, step: int):
-    """The instant of step `step`."""
-    at = Instant()
-    at.step = step
-    at.time = wp.float64(step) * drive.step
+def now_at(drive: Drive, step: int):
+    """Step `step`, and what is wanted of it as it begins."""
+    now = Now()
+    now.step = step
+    now.time = wp.float64(step) * drive.step
     if drive.integrator == 0:
-        at.lag = leapfrog_lag(step, drive.step)
-    at.weight = drive.step
-    if step == drive.window_start or step == drive.window_end:
-        at.weight = wp.float64(0.5) * at.weight
-    return at
-
-
-@wp.func
-def wanted_at(drive: Drive, step: int, stage: int):
-    """What is wanted of step `step` as it begins, at stage 0."""
-    wanted = Wanted()
-    if stage != 0:
-        return wanted
+        now.lag = leapfrog_lag(step, drive.step)
+    now.weight = drive.step
     if step >= drive.window_start and step <= drive.window_end:
-        wanted.measures = 1
-        wanted.forces = wp.where(is_watched(drive, step), 1, 0)
-        wanted.energy = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
+        now.measures = 1
+        now.forces = wp.where(is_watched(drive, step), 1, 0)
+        now.ends = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
+    if now.ends != 0:
+        now.weight = wp.float64(0.5) * now.weight
     if drive.sample_every > 0:
-        wanted.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
-    return wanted
+        now.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
+    return now
 
 
 @cache
 def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     """The functions that add evaluated steps of one variant to the sums of the window."""
     kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real, plain)
+    Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     friction_power, body_now = joint_passes(Real, capacity).friction_power, bodies.body_now
 
     @wp.func(inline=False)
     def mechanical_energy(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        links: kinds.Links,
-        w: wp.array[Real],
-        at: Instant,
+        ensemble: Ensemble, state: State, drive: Drive, chain: Chain, links: kinds.Links, w: wp.array[Real], now: Now
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = sums_of.energy(w, drive.rollers, chain, links, Real(at.lag))
+        total = sums_of.energy(w, drive.rollers, chain, links, Real(now.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body = body_now(ensemble, state, b, at.time, at.lag)
-            arm = arm_of(drive, b)
-            if arm < 0:
-                total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
-            elif wp.static(not plain):
-                total += arm_energy(body, heading_of(body), ensemble.arms[arm])
+            body = body_now(ensemble, state, b, now.time, now.lag)
+            heading = heading_of(body)
+            mount = ensemble.mounts[b]
+            energy = body_energy(off_home(body.center, mount), body, heading, ensemble.motions[b], mount)
+            if wp.static(not plain):
+                arm = arm_of(drive, b)
+                if arm >= 0:
+                    energy = arm_energy(energy, body, heading, ensemble.arms[arm])
+            total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
         return total
 
     @wp.func
-    def add_body(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        drive: Drive,
-        s: int,
-        at: Instant,
-    ):
+    def add_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, s: int, now: Now):
         """Adds sprocket s, with its mount, to the sums of the window."""
         i = drive.first_sprocket + s
         b = drive.first_body + s
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
         wrench = state.wrenches[b]
-        body = body_now(ensemble, state, b, at.time, at.lag)
+        body = body_now(ensemble, state, b, now.time, now.lag)
         before = state.bodies[b].speed
-        load_part = load_moment(at.time, body.angle, before, motion, ensemble.curves)
-        load_part = load_moment_at_speed(at.time, load_part, before, body.speed, motion)
+        load_part = load_moment(now.time, body.angle, before, motion, ensemble.curves)
+        load_part = load_moment_at_speed(now.time, load_part, before, body.speed, motion)
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
-            held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
-            sums.mount[i] = add_mount(
-                sums.mount[i], body.center - mount.home, body.velocity, mount, held, power, at.weight
+            off = off_home(body.center, mount)
+            held, power = held_by(
+                now.time, off, body, heading_of(body), whole, load_part, motion, mount, ensemble.curves
             )
-        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
-        if is_watched(drive, at.step):
+            sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, now.weight)
+        if now.forces != 0:
             sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
 
     @wp.func
-    def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
+    def add_arm_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
         """Adds arm a of the drive to the sums of the window."""
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
-        body = body_now(ensemble, state, b, at.time, at.lag)
+        body = body_now(ensemble, state, b, now.time, now.lag)
         power = arm_dissipation(body, ensemble.arms[i])
-        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, at.weight)
+        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, now.weight)
 
     @wp.func
-    def add_push(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, t: int, at: Instant):
+    def add_push(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
         """Adds tensioner t of all to the sums of the window, and at its ends what its meter says."""
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
-        body = body_now(ensemble, state, drive.first_body + tensioner.body, at.time, at.lag)
-        x, rate = stroke_of(body, tensioner)
+        body = body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
+        x, rate = stroke_of(pose_of(body), tensioner)
         power = lost_power(push, rate, state.tensioners[t], tensioner)
-        added = add_tensioner(sums.tensioner[t], push, power, at.weight)
-        starts, ends = at.step == drive.window_start, at.step == drive.window_end
+        added = add_tensioner(sums.tensioner[t], push, power, now.weight)
+        starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 
     @wp.func
-    def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
+    def watch(state: State, sums: Sums, drive: Drive, w: wp.array[Real]):
         """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
         sums_of.widen(w, drive.rollers)
         weight = watch_weight(drive.step)
@@ -175,49 +146,50 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             sums.contact[i] = add_contact_force(sums.contact[i], state.totals[i], weight)
 
     @wp.func
-    def measure_contacts(state: kinds.State, sums: Sums, drive: Drive, at: Instant):
+    def measure_contacts(state: State, sums: Sums, drive: Drive, now: Now):
         """Adds the contacts of an evaluated step to the sums of the window."""
         first = drive.first_sprocket + drive.first_guide
         for i in range(first, first + drive.sprockets + drive.guides):
             of = state.totals[i]
-            sums.contact[i] = add_contact(sums.contact[i], of, at.weight)
-            missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
+            sums.contact[i] = add_contact(sums.contact[i], of, now.weight)
+            missed = wp.where(now.step == drive.window_start, of.missing, of.missed)
             add_touches(sums.contact, i, of.impacts, of.contacts, missed)
 
     @wp.func
     def measure(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
+        ensemble: Ensemble,
+        state: State,
         sums: Sums,
         variant: int,
         drive: Drive,
-        chain: kinds.Chain,
+        chain: Chain,
         w: wp.array[Real],
-        at: Instant,
+        now: Now,
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        if at.step % MERGE_EVERY == 0 or at.step == drive.window_start:
-            sums_of.gather(ensemble, state, sums, variant, drive, w, at.step)
-        if is_watched(drive, at.step):
+        if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
+            sums_of.gather(ensemble, state, sums, variant, drive, w, now.step)
+        if now.forces != 0:
             watch(state, sums, drive, w)
-        sums_of.add_rates(w, n, Real(at.weight / drive.step))
+        sums_of.add_rates(w, n, Real(now.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:
-            lost = at.weight * friction_power(w, n, chain, Real(at.lag))
+            lost = now.weight * friction_power(w, n, chain, Real(now.lag))
             sums.chain[variant].friction = sums.chain[variant].friction + lost
-        if at.step == drive.window_start or at.step == drive.window_end:
-            energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, at)
-            sums.chain[variant] = add_energy(sums.chain[variant], at.step == drive.window_start, energy)
-        measure_contacts(state, sums, drive, at)
+        if now.ends != 0:
+            energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, now)
+            sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)
+        measure_contacts(state, sums, drive, now)
         for s in range(drive.sprockets):
-            add_body(ensemble, state, sums, drive, s, at)
+            add_body(ensemble, state, sums, drive, s, now)
         if wp.static(not plain):
             for a in range(drive.arms):
-                add_arm_body(ensemble, state, sums, drive, a, at)
+                add_arm_body(ensemble, state, sums, drive, a, now)
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                add_push(ensemble, state, sums, drive, t, at)
+                add_push(ensemble, state, sums, drive, t, now)
 
-    return namespace(measure, clear=sums_of.clear, merge=sums_of.merge)
+    clear, merge = sums_of.clear, sums_of.merge
+    return SimpleNamespace(**locals())
 
 
 @cache
@@ -247,12 +219,12 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
         w: wp.array[Real],
         frames: wp.array[Real],
         first: wp.int64,
-        at: Instant,
+        now: Now,
     ):
         """Writes the frame that begins at `first`."""
         n = drive.rollers
         begin = int(first)
-        lag = Real(at.lag)
+        lag = Real(now.lag)
         chain = ensemble.chains[variant]
         inverse_mass = chain.inverse_mass
         for i in range(n):
@@ -266,14 +238,15 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
             write.write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
-            body = body_now(ensemble, state, b, at.time, at.lag)
+            body = body_now(ensemble, state, b, now.time, now.lag)
             write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
         if wp.static(not plain):
             for a in range(drive.arms):
                 b = drive.first_body + drive.bodies - drive.arms + a
-                arm = body_now(ensemble, state, b, at.time, at.lag)
+                arm = body_now(ensemble, state, b, now.time, now.lag)
                 write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
             for t in range(drive.tensioners):
                 write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
-    return namespace(sample, width=write.width)
+    width = write.width
+    return SimpleNamespace(**locals())

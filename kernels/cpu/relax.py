@@ -5,12 +5,12 @@ from functools import cache
 import warp as wp
 
 from ..modules import own_module
-from ..physics.arm import relaxed_arm
+from ..native import STATE_ROWS, accessors
+from ..physics.body import relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
-from ..rows import STATE_ROWS, accessors
 from ..structs import Drive, types
+from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
-from .partners import nearness
 from .rollers import passes, rows
 from .steps import evaluating, moving
 
@@ -19,6 +19,7 @@ from .steps import evaluating, moving
 def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     """The kernel that settles variants, for up to `capacity` - 1 rollers; `plain` as in `serial.advance_kernel`."""
     kinds = types(Real)
+    Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
     evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, nearness(Real, capacity, plain).memory_of
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
@@ -36,27 +37,29 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         return wp.float64(0.5) * wp.float64(mass) * total
 
     @wp.func
-    def arms_energy(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
+    def arms_energy(ensemble: Ensemble, state: State, drive: Drive):
         """Kinetic energy of the arms [J]."""
         total = wp.float64(0.0)
         for a in range(drive.arms):
-            speed = state.bodies[drive.first_body + drive.bodies - drive.arms + a].speed
-            total += wp.float64(0.5) * speed * speed / ensemble.arms[drive.first_arm + a].inverse_inertia
+            b = drive.first_body + drive.bodies - drive.arms + a
+            speed = state.bodies[b].speed
+            total += wp.float64(0.5) * speed * speed / ensemble.motions[b].inverse_inertia
         return total
 
     @wp.func
-    def arms_acceleration(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, chain: kinds.Chain):
+    def arms_acceleration(ensemble: Ensemble, state: State, drive: Drive, chain: Chain):
         """Largest net moment on an arm, as the acceleration [m/s^2] of a roller pushed by that over its reach."""
         worst = wp.float64(0.0)
         for a in range(drive.arms):
-            arm = ensemble.arms[drive.first_arm + a]
-            rates = rates_of(ensemble, state, drive, drive.first_body + drive.bodies - drive.arms + a, wp.float64(0.0))
-            angular = wp.vec2d(rates[2], wp.float64(0.0)) / (arm.inverse_inertia * arm.reach)
+            b = drive.first_body + drive.bodies - drive.arms + a
+            rates = rates_of(ensemble, state, drive, b, wp.float64(0.0))
+            reach = ensemble.arms[drive.first_arm + a].reach
+            angular = wp.vec2d(rates[2], wp.float64(0.0)) / (ensemble.motions[b].inverse_inertia * reach)
             worst = wp.max(worst, finite_size(wp.float64(chain.inverse_mass) * angular))
         return worst
 
     @wp.func
-    def turn_arms(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, kick: wp.float64, h: wp.float64):
+    def turn_arms(ensemble: Ensemble, state: State, drive: Drive, kick: wp.float64, h: wp.float64):
         """A step of every arm."""
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -73,7 +76,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
             i = i + 1
 
     @wp.func
-    def residual(w: wp.array[Real], n: int, chain: kinds.Chain, beside: wp.float64):
+    def residual(w: wp.array[Real], n: int, chain: Chain, beside: wp.float64):
         """Largest net force on a roller or an arm (`beside`), relative as in `relative_residual`."""
         worst = Real(beside)
         tension = Real(0.0)
@@ -88,12 +91,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
 
     @wp.func(inline=False)
     def settle(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        settling: wp.array[Settling],
-        variant: int,
-        w: wp.array[Real],
-        steps: int,
+        ensemble: Ensemble, state: State, settling: wp.array[Settling], variant: int, w: wp.array[Real], steps: int
     ):
         """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
@@ -128,12 +126,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity, plain))
     def relax(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        settling: wp.array[Settling],
-        w: wp.array[Real],
-        first: int,
-        steps: int,
+        ensemble: Ensemble, state: State, settling: wp.array[Settling], w: wp.array[Real], first: int, steps: int
     ):
         """Variants `first` + thread: up to `steps` steps of relaxation."""
         settle(ensemble, state, settling, first + wp.tid(), w, steps)

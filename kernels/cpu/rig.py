@@ -8,13 +8,7 @@ import math
 
 import warp as wp
 
-from ..physics.tensioner import (
-    damper_power,
-    resting_state,
-    tensioner_energy,
-    tensioner_force,
-    tensioner_step,
-)
+from ..physics.tensioner import damper_power, resting_state, tensioner_energy, tensioner_force, tensioner_step
 from ..structs import Tensioner
 
 SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")

@@ -12,10 +12,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
-from ..physics.link import link_force
-from ..physics.roller import acceleration_along, two_sum
-from ..rows import STATE_ROWS, accessors, whole_lanes
+from ..native import STATE_ROWS, accessors, whole_lanes
+from ..physics.link import acceleration_along, link_force, two_sum
 from ..structs import types
 
 
@@ -42,13 +40,13 @@ class Rows:
     moment: int  # of the joint on it [N m]
     bend_x: int  # n / L of link i at i + 1 [1/m], then the force of its joints' couple on roller i [N]
     bend_y: int
-    x0: int  # rk4: the state at the step's start
+    x0: int  # stages: the state at the step's start
     y0: int
     vx0: int
     vy0: int
     x0_low: int
     y0_low: int
-    sum_x: int  # rk4: sums of weighted slopes
+    sum_x: int  # stages: sums of weighted slopes
     sum_y: int
     sum_vx: int
     sum_vy: int
@@ -109,6 +107,7 @@ def rows(capacity: int) -> Rows:
 def passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Chain = kinds.Chain
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
@@ -201,7 +200,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
             store_row(w, row.y_low + n, load_row(w, row.y_low))
 
     @wp.func
-    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
+    def link_pass(w: wp.array[Real], n: int, chain: Chain):
         """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
         close(w, n)
         i = int(0)
@@ -227,7 +226,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         return vec2(ax, ay)
 
     @wp.func
-    def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
+    def kick_drift(w: wp.array[Real], n: int, chain: Chain, kick: Real, h: Real):
         """v += kick a, then x += h v; who can come near a partner holds for a step less, or no longer."""
         inverse_mass = chain.inverse_mass
         limit = load_row(w, row.room + 1) * load_row(w, row.room + 1)
@@ -258,18 +257,4 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
         return good
 
-    return namespace(
-        fetch,
-        put_back,
-        close,
-        apart,
-        parting,
-        store_link,
-        move,
-        link_pass,
-        place,
-        accelerations,
-        acceleration,
-        kick_drift,
-        inside,
-    )
+    return SimpleNamespace(**locals())

@@ -9,14 +9,13 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, rk4_stage
+from ..integrate import MOST, leapfrog_kick, stage_at, stages_of
 from ..modules import own_module
-from ..rows import STATE_ROWS
-from ..structs import DIVERGENCE_CHECK, types
-from ..sum_structs import Sums
+from ..native import STATE_ROWS
+from ..structs import DIVERGENCE_CHECK, Now, Sums, types
+from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
-from .observe import instant_of, measuring, sampling, wanted_at
-from .partners import nearness
+from .observe import measuring, now_at, sampling
 from .rollers import ROWS, passes
 from .steps import evaluating, moving, stepping
 
@@ -28,9 +27,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers.
 
     Frames lie as `frame` says (`frames.frame_writers`). That of `plain` drives leaves out what few have and what takes
-    long to compile: arms and tensioners, profiles of guides, rk4. What is left does the same, to the bit.
+    long to compile: arms and tensioners, profiles of guides, stages. What is left does the same, to the bit.
     """
     kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
     part = passes(Real, capacity)
     do = stepping(Real, capacity, plain)
     sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
@@ -40,8 +40,8 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
 
     @wp.func
     def march(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
+        ensemble: Ensemble,
+        state: State,
         sums: Sums,
         variant: int,
         frames: wp.array[Real],
@@ -63,34 +63,35 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
-            now = instant_of(drive, step)
+            now = now_at(drive, step)
             if neighbors.needs_rebuild(w, drive):
                 near.rebuild(ensemble, state, drive, w)
             stage = int(0)
-            while stage < 4:
-                wanted = wanted_at(drive, step, stage)
+            while stage < stages_of(drive.integrator):
                 memory.stage = stage
-                memory.wanted = wanted
-                at_stage = rk4_stage(stage, now.time, drive.step)
+                memory.wanted = now
+                if stage != 0:
+                    memory.wanted = Now()
+                at_stage = stage_at(drive.integrator, stage, now.time, drive.step)
                 evaluate(ensemble, state, drive, chain, links, joint, w, memory)
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
-                    if wanted.measures != 0:
+                    if memory.wanted.measures != 0:
                         sums_of.measure(ensemble, state, sums, variant, drive, chain, w, now)
-                    if wanted.sizes != 0:
+                    if memory.wanted.sizes != 0:
                         frames_of.sample(ensemble, state, variant, drive, w, frames, at, now)
                         at = at + wp.int64(frames_of.width(n, drive.sprockets, drive.arms, drive.tensioners))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1
                 if step == drive.steps or progress.diverged == 1:
-                    stage = 4
+                    stage = wp.static(MOST)
                 elif drive.integrator == 0:
                     do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, drive.step))
-                    stage = 4
+                    stage = stage + 1
                 else:
                     if wp.static(not plain):
-                        do.rk4(ensemble, state, drive, chain, w, at_stage)
+                        do.take_stage(ensemble, state, drive, chain, w, at_stage)
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1
@@ -101,13 +102,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, plain))
     def advance(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        frames: wp.array[Real],
-        w: wp.array[Real],
-        first: int,
-        steps: int,
+        ensemble: Ensemble, state: State, sums: Sums, frames: wp.array[Real], w: wp.array[Real], first: int, steps: int
     ):
         """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
         march(ensemble, state, sums, first + wp.tid(), frames, w, steps)

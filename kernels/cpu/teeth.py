@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
+from ..native import accessors, load_constant
 from ..physics.contact import UNTOUCHED, after_teeth, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, in_gap, nearest_seat, on_tip, seat_step, tracked_seat
-from ..rows import accessors, load_constant
 from ..structs import Pose, types
 from .contacts import contact_rows
 from .neighbor_list import Group, bit_of, lowest_bit, next_bits
@@ -19,6 +18,7 @@ from .rollers import passes, rows
 def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    Memory, Sprocket = kinds.Memory, kinds.Sprocket
     compensated = Real == wp.float32
     place, contact = passes(Real, capacity).place, contact_rows(Real, capacity)
     place_arm, touch = contact.place_arm, contact.touch
@@ -28,7 +28,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
     unlike = accessors(Real).unlike
 
     @wp.func
-    def find_engaged(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose):
+    def find_engaged(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose):
         """Which rollers are between the teeth, of those from `first` on."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
@@ -52,7 +52,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             bits = next_bits(bits)
 
     @wp.func
-    def keep(w: wp.array[Real], first: int, end: int, number: int, memory: kinds.Memory):
+    def keep(w: wp.array[Real], first: int, end: int, number: int, memory: Memory):
         """What the contacts with sprocket `number` of the drive keep from now on."""
         i = first
         while i < end:
@@ -62,7 +62,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def find_seats(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+    def find_seats(w: wp.array[Real], group: Group, sprocket: Sprocket, body: Pose, memory: Memory):
         """The seats of rollers that have none yet, by angle."""
         bits = group.fresh
         while bits != wp.uint64(0):
@@ -93,9 +93,9 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         first: int,
         rollers: wp.uint64,
         number: int,
-        sprocket: kinds.Sprocket,
+        sprocket: Sprocket,
         seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
+        memory: Memory,
     ):
         """To where the seats of some rollers from `first` on point at angle zero; sprocket `number` has them."""
         bits = rollers
@@ -109,9 +109,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             bits = next_bits(bits)
 
     @wp.func
-    def place_in_gaps(
-        w: wp.array[Real], first: int, end: int, n: int, sprocket: kinds.Sprocket, body: Pose, number: int
-    ):
+    def place_in_gaps(w: wp.array[Real], first: int, end: int, n: int, sprocket: Sprocket, body: Pose, number: int):
         """Where the rollers are in the gaps of the seats that they have kept on sprocket `number` of the drive.
 
         Returns who of them has come nearer to another seat, as bits, and 1 if others are near than those who have one.
@@ -142,7 +140,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         return moved, others
 
     @wp.func
-    def stand(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
+    def stand(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
         """How the rollers stand in their gaps, as `tooth.in_teeth` but for tips; 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
@@ -173,7 +171,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         return tipped
 
     @wp.func
-    def stand_in_gaps(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
+    def stand_in_gaps(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
         """As `stand`, of straight flanks in a loop of its own."""
         if sprocket.flank_curvature > Real(0.0):
             tipped = stand(w, first, end, sprocket, body, number)
@@ -187,10 +185,10 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         w: wp.array[Real],
         group: Group,
         moved: wp.uint64,
-        sprocket: kinds.Sprocket,
+        sprocket: Sprocket,
         body: Pose,
         seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
+        memory: Memory,
     ):
         """Brings rollers that have come nearer to another seat there, as `tooth.tracked_seat` does."""
         bits = moved
@@ -202,7 +200,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             bits = next_bits(bits)
 
     @wp.func
-    def touch_tips(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket):
+    def touch_tips(w: wp.array[Real], first: int, end: int, sprocket: Sprocket):
         """Mends the depths and normals of rollers at tips, which are few."""
         i = first
         while i < end:
@@ -223,11 +221,11 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         w: wp.array[Real],
         group: Group,
         n: int,
-        sprocket: kinds.Sprocket,
+        sprocket: Sprocket,
         body: Pose,
         number: int,
         seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
+        memory: Memory,
     ):
         """The seats of the rollers of a group that are near, and where they are in their gaps."""
         find_seats(w, group, sprocket, body, memory)
@@ -241,7 +239,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
 
     @wp.func
-    def touch_teeth(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
+    def touch_teeth(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
         """How the rollers that have seats stand in their gaps."""
         tipped = stand_in_gaps(w, first, end, sprocket, body, number)
         if tipped != 0:
@@ -258,4 +256,4 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
         return count
 
-    return namespace(find_engaged, disengage, place_in_gaps, seat_rollers, touch_teeth, keep, first_touches)
+    return SimpleNamespace(**locals())

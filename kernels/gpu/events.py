@@ -1,24 +1,23 @@
 """What the block kernels' time loop does at some steps only, and when."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
 from ..frames import frame_writers
-from ..structs import DIVERGENCE_CHECK, Drive, types
-from ..sums import MERGE_EVERY
-
-EVENT = wp.constant(1)
-"""What can happen at a step, as bits."""
-LAST = wp.constant(2)
-FRAME = wp.constant(4)
-START = wp.constant(8)  # of the window
-END = wp.constant(16)
-ENDS = wp.constant(24)
-EXTRA = wp.constant(28)  # what wants more of each roller than its motion: frames and the window's ends
-CHECK = wp.constant(32)  # whether the variant diverged
+from ..native import accessors
+from ..physics.body import in_box
+from ..structs import DIVERGENCE_CHECK, Drive, Tallies
+from ..sums import MERGE_EVERY, add_energy, gathered_powers, is_look
+from .bodies import body_access, prescribed_motion
+from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine, block_types
+from .links import block_joints, link_forces
+from .observe import block_observing, block_strands
+from .rollers import roller_rows
+from .statistics import block_statistics
+from .sync import sync
 
 
 @wp.func
@@ -57,17 +56,10 @@ def flags_of(drive: Drive, step: int):
     return flags
 
 
-@dataclass(frozen=True)
-class EventFunctions:
-    """Where frames go."""
-
-    frame_at: wp.Function
-
-
 @cache
-def block_events(Real: type, sprockets: int, frame: Any) -> EventFunctions:
+def block_events(Real: type, sprockets: int, frame: Any) -> SimpleNamespace:
     """Where frames go, for drives of this number of sprockets; they lie as `frame` says (`frames.frame_writers`)."""
-    kinds = types(Real)
+    kinds = block_types(Real)
     width = frame_writers(Real, frame).width
 
     @wp.func
@@ -80,4 +72,167 @@ def block_events(Real: type, sprockets: int, frame: Any) -> EventFunctions:
         values = width(drive.rollers, wp.static(sprockets), drive.arms, drive.tensioners)
         return int(drive.first_value) + number * values
 
-    return EventFunctions(frame_at=frame_at)
+    return SimpleNamespace(**locals())
+
+
+@cache
+def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions that observe one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    sprockets = kind.parts.sprockets
+    measuring, staged = kind.measuring, kind.staged
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
+    of_each = wp.types.vector(rollers_per_thread, Real)
+    row, observe = roller_rows(kind), block_observing(kind)
+    statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
+    frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
+    load_row, position = accessors(Real).load_row, row.position
+    barrier, any_thread = sync(kind).barrier, sync(kind).any_thread
+    link_of, length_of = link_forces(kind).link_of, link_forces(kind).length_of
+    acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
+    step_of, find_strands = row.step_of, block_strands(kind).find_strands
+    body_gone, align, plan = body_access(kind).body_gone, body_access(kind).align, prescribed_motion(kind).plan
+
+    @wp.func
+    def look_at_chain(
+        ensemble: Ensemble, state: State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine, now: Now
+    ):
+        """Notes what is due, brings the strands up to date, and adds what is looked at now and then to the sums."""
+        if now.flags & START == 0:
+            statistics.note(ensemble, tallies, sums, shared, mine, now.step)
+        if mine.sprocket >= 0:
+            first = ensemble.drives[mine.variant].first_sprocket
+            observe.update_strand(state, shared, mine.rollers, first + mine.sprocket)
+        barrier()
+        find_strands(ensemble, state, shared, mine)
+        statistics.look(ensemble, state, sums, tallies, shared, mine)
+
+    @wp.func
+    def merge(tallies: Tallies, shared: Shared, mine: Mine):
+        """Adds to the sums what the thread's links and its sprocket have gathered since it was done last."""
+        if mine.sprocket >= 0:
+            shared.sprocket_sums[mine.sprocket] = gathered_powers(shared.sprocket_sums[mine.sprocket])
+        observe.flush(tallies, shared, mine)
+
+    @wp.func
+    def gone_from(shared: Shared, mine: Mine):
+        """1 where a roller of the thread, or its body, is not finite or has left the drive's box."""
+        gone = int(0)
+        j = int(mine.thread)
+        while j < mine.rollers:
+            gone = wp.max(gone, int(not in_box(shared.box[0], shared.box[1], position(shared.rows, j))))
+            j = j + wp.static(threads)
+        if mine.body >= 0:
+            gone = wp.max(gone, body_gone(shared, mine.body))
+        return gone
+
+    @wp.func
+    def on_event(ensemble: Ensemble, state: State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine, now: Now):
+        """What is due at this step beside forces and motion; all threads together."""
+        drive = ensemble.drives[mine.variant]
+        now.flags = flags_of(drive, now.step)
+        now.event = next_event(drive, now.step)
+        if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
+            now.window = 1
+            if now.step % MERGE_EVERY == 0:
+                merge(tallies, shared, mine)
+            if is_look(drive, now.step):
+                look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
+        if now.flags & CHECK != 0:
+            now.diverged = any_thread(gone_from(shared, mine))
+            if mine.body >= 0:
+                align(shared, mine.body)
+            plan(ensemble, shared, mine, now.step)
+            barrier()
+        if now.flags & LAST != 0 or now.diverged != 0:
+            now.going = 0
+        return now
+
+    @wp.func
+    def sample_links(
+        state: State, shared: Shared, mine: Mine, now: Now, lengths: wp.array[Real], tension: of_each, rate: of_each
+    ):
+        """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
+        n = mine.rollers
+        if wp.static(measuring) and now.measured != 0:
+            if wp.static(not kind.carrying) or now.common == 0:
+                sums = observe.with_rates(observe.rates_of(shared, mine.thread), rate, now.weight)
+                observe.set_rates(shared, mine.thread, sums)
+            if now.watched != 0:
+                observe.watch(shared, mine.thread, tension)
+        if now.flags & EXTRA != 0:
+            j = int(mine.thread)
+            while j < n:
+                tension_j, rate_j, force = link_of(shared, j, n, length_of(shared, lengths, j))
+                extra = kinds.Extra()
+                extra.tension = tension_j
+                extra.rate = rate_j
+                state.extra[mine.first + j] = extra
+                j = j + wp.static(threads)
+
+    @wp.func
+    def sample_joints(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
+        """Keeps what friction takes from the thread's joints, for a frame; all threads together."""
+        lag = Real(0.0)
+        if wp.static(not staged):
+            lag = wp.where(now.step == 0, Real(0.0), Real(0.5) * step_of(mine))
+        j = int(mine.thread)
+        while j < mine.rollers:
+            state.extra[mine.first + j].friction_power = joint_power(ensemble, shared, mine, j, lag)
+            j = j + wp.static(threads)
+        barrier()  # neighbors' velocities are set at once
+
+    @wp.func
+    def sample_rollers(
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, frames: wp.array[Real], mine: Mine, now: Now
+    ):
+        """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
+        if wp.static(kind.friction.joints and frame.holds("joint_friction_power")):
+            if now.flags & FRAME != 0:
+                sample_joints(ensemble, state, shared, mine, now)
+        drive = ensemble.drives[mine.variant]
+        j = int(mine.thread)
+        while j < mine.rollers:
+            a = acceleration(shared, j)
+            v = velocity(shared.rows, j)
+            if wp.static(not staged):
+                if now.step == 0:  # leapfrog's velocities are half a step behind from here on
+                    v = v - Real(0.5) * step_of(mine) * a
+                    set_velocity(shared, j, v)
+                v = v + Real(0.5) * step_of(mine) * a
+            if now.flags & EXTRA != 0:
+                extra = state.extra[mine.first + j]
+                if now.flags & FRAME != 0:
+                    at = frame_at(ensemble, state, mine.variant, now.since, now.step)
+                    write.write_roller(frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
+                if wp.static(measuring) and now.flags & ENDS != 0:
+                    energy = observe.energy_of_roller(shared, j, v, extra)
+                    tally = tallies.roller[mine.first + j]
+                    tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
+            j = j + wp.static(threads)
+
+    @wp.func
+    def write_body(
+        ensemble: Ensemble,
+        state: State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        body: kinds.Instant,
+        moment: Real,
+    ):
+        """Writes the thread's body and its tensioners to the frame, where due; `moment` [N m] is the chain's."""
+        if now.flags & FRAME != 0:
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
+            drive = ensemble.drives[mine.variant]
+            if mine.sprocket >= 0:
+                write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, moment)
+            if wp.static(kind.parts.arms > 0):
+                if mine.arm >= 0:
+                    write.write_arm(frames, at, drive, mine.arm, body, moment)
+            for t in range(wp.static(kind.parts.tensioners)):
+                if ensemble.tensioners[drive.first_tensioner + t].body == mine.body:
+                    write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
+
+    return SimpleNamespace(**locals())

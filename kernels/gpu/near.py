@@ -5,34 +5,135 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..fast_math import inside
-from ..namespace import namespace
-from ..physics.guide import near_bar
-from ..physics.profile import near_profile
-from ..rows import accessors
-from ..structs import types
+from ..native import accessors, inside
+from ..physics.guide import near_bar, near_profile
 from .geometry import contact_geometry
-from .kind import BlockKind, Mine, now_struct
-from .near_mask import near_mask
-from .roller_rows import roller_rows
-from .wheels import box_of, load_line
+from .kind import BlockKind, Mine
+from .rollers import roller_rows
+from .sync import lowest_bit
+
+BITS = 31
+"""Bits of a whole number that are used: as many as there may be partners."""
+
+
+@cache
+def near_mask(kind: BlockKind) -> SimpleNamespace:
+    """The bits of a thread's rollers."""
+    threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
+    partners = sprockets + kind.parts.guides
+    slots = BITS // partners
+    words = -(-rollers_per_thread // slots)
+    Bits = wp.types.vector(words, wp.int32)
+    TEETH = sum(((1 << sprockets) - 1) << k * partners for k in range(min(slots, rollers_per_thread)))
+    BARS = sum(((1 << partners) - (1 << sprockets)) << k * partners for k in range(min(slots, rollers_per_thread)))
+
+    @wp.func
+    def with_slot(bits: Bits, k: int, near: int):
+        """`bits` with those of the thread's roller k, which has none yet: the partners that it is near."""
+        bits[k // wp.static(slots)] = bits[k // wp.static(slots)] | (
+            near << (k % wp.static(slots) * wp.static(partners))
+        )
+        return bits
+
+    @wp.func
+    def differ(bits: Bits, others: Bits):
+        """Whether any is not what it is in `others`."""
+        found = int(0)
+        for q in range(wp.static(words)):
+            found = found | (bits[q] ^ others[q])
+        return found != 0
+
+    @wp.func
+    def any_of(bits: Bits):
+        """Whether there are any."""
+        found = int(0)
+        for q in range(wp.static(words)):
+            found = found | bits[q]
+        return found != 0
+
+    @wp.func
+    def masked(bits: Bits, mask: int):
+        """Those of every number that are in `mask`."""
+        for q in range(wp.static(words)):
+            bits[q] = bits[q] & mask
+        return bits
+
+    @wp.func
+    def of_teeth(bits: Bits):
+        """Those of sprockets."""
+        return masked(bits, wp.static(TEETH))
+
+    @wp.func
+    def of_bars(bits: Bits):
+        """Those of guide-bars."""
+        return masked(bits, wp.static(BARS))
+
+    @wp.func
+    def both(bits: Bits, others: Bits):
+        """What is in one of both."""
+        for q in range(wp.static(words)):
+            bits[q] = bits[q] | others[q]
+        return bits
+
+    @wp.func
+    def without(bits: Bits, others: Bits):
+        """What is not in `others`."""
+        for q in range(wp.static(words)):
+            bits[q] = bits[q] & ~others[q]
+        return bits
+
+    @wp.func
+    def first_number(bits: Bits):
+        """The first number that has bits, where there are any."""
+        q = int(wp.static(words - 1))
+        for back in range(wp.static(words - 1)):
+            if bits[wp.static(words - 2) - back] != 0:
+                q = wp.static(words - 2) - back
+        return q
+
+    @wp.func
+    def first(bits: Bits, i: int):
+        """The first roller of thread i that has a bit, and the first of its partners; there are some."""
+        if wp.static(rollers_per_thread == 1):
+            return i, lowest_bit(bits[0])
+        else:
+            q = first_number(bits)
+            number = int(bits[0])
+            for other in range(1, wp.static(words)):
+                number = wp.where(q == other, bits[other], number)
+            b = lowest_bit(number)
+            k = b // wp.static(partners)
+            return (q * wp.static(slots) + k) * wp.static(threads) + i, b - k * wp.static(partners)
+
+    @wp.func
+    def rest(bits: Bits):
+        """`bits` without the first."""
+        q = first_number(bits)
+        for other in range(wp.static(words)):
+            if q == other:
+                bits[other] = bits[other] & (bits[other] - 1)
+        return bits
+
+    return SimpleNamespace(**locals())
 
 
 @cache
 def near_partners(kind: BlockKind) -> SimpleNamespace:
     """The functions that keep up which partners are near; `SPROCKETS` are the bits of all sprockets."""
-    Real, threads, rollers_per_thread = kind.Real, kind.threads, kind.rollers_per_thread
-    sprockets, guides, profiles, partners = kind.sprockets, kind.guides, kind.profiles, kind.sprockets + kind.guides
-    kinds, Now = types(Real), now_struct(Real)
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    sprockets, guides, profiles = kind.parts.sprockets, kind.parts.guides, kind.profiles
+    partners = kind.parts.sprockets + kind.parts.guides
+    kinds, Now = kind.types, kind.types.Now
+    State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
     row, geometry, load_row = roller_rows(kind), contact_geometry(kind), accessors(Real).load_row
-    X, Y, point, bar_of, in_carrier = row.X, row.Y, row.point, geometry.bar_of, geometry.in_carrier
+    X, Y, point, in_carrier = row.X, row.Y, row.point, geometry.in_carrier
     bits = near_mask(kind)
     Bits, with_slot, differ, first, rest = bits.Bits, bits.with_slot, bits.differ, bits.first, bits.rest
     any_of, of_bars, both, without = bits.any_of, bits.of_bars, bits.both, bits.without
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
-    def by_profile(bar: kinds.Guide):
+    def by_profile(bar: Guide):
         """Whether a guide has a profile."""
         if wp.static(profiles):
             return bar.pieces != 0
@@ -40,25 +141,13 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             return False
 
     @wp.func
-    def in_box_of(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
-        """1 where roller j is in the box about the chord of guide g, a profile."""
+    def in_box_of(shared: Shared, j: int, bar: Guide):
+        """1 where roller j is in the box about the chord of a guide, a profile."""
         arm, q = in_carrier(shared, j, bar.body)
-        if wp.static(kind.paired):
-            return near_profile(q, load_line(shared.lines, g), box_of(shared.lines, g))
-        else:
-            return near_profile(q, bar)
+        return near_profile(q, bar)
 
     @wp.func
-    def on_bar(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
-        """1 where roller j may touch guide g, a straight bar."""
-        p = point(shared.rows, j)
-        if wp.static(kind.paired):
-            return near_bar(p, load_line(shared.lines, g), bar)
-        else:
-            return near_bar(p, bar)
-
-    @wp.func
-    def near(shared: kinds.Shared, j: int, n: int):
+    def near(shared: Shared, j: int, n: int):
         """The partners that roller j may touch, as bits: sprockets whose band it is in, guides it is on."""
         x = load_row(shared.rows, X + j)
         y = load_row(shared.rows, Y + j)
@@ -70,15 +159,15 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             square = from_x * from_x + from_y * from_y
             mask = mask | (inside(square, band.near_square, band.far_square) << s)
         for g in range(wp.static(guides)):
-            bar = bar_of(shared, g)
+            bar = shared.bars[g]
             if by_profile(bar):
-                mask = mask | (in_box_of(shared, j, g, bar) << (wp.static(sprockets) + g))
+                mask = mask | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
             else:
-                mask = mask | (on_bar(shared, j, g, bar) << (wp.static(sprockets) + g))
+                mask = mask | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
         return wp.where(j < n, mask, 0)
 
     @wp.func
-    def remembered(state: kinds.State, mine: Mine):
+    def remembered(state: State, mine: Mine):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = Bits()
         for k in range(wp.static(rollers_per_thread)):
@@ -93,7 +182,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
         return held
 
     @wp.func
-    def leave(state: kinds.State, mine: Mine, left: Bits):
+    def leave(state: State, mine: Mine, left: Bits):
         """The thread's rollers are no longer near the partners `left`."""
         while any_of(left):
             j, p = first(left, mine.thread)
@@ -103,7 +192,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def update_near(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, held: Bits):
+    def update_near(state: State, shared: Shared, mine: Mine, now: Now, held: Bits):
         """The partners that the thread's rollers are near now; `held` are those at the step before.
 
         Guide-bars are let go of at a step's start only.
@@ -111,11 +200,11 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
         found = Bits()
         for k in range(wp.static(rollers_per_thread)):
             found = with_slot(found, k, near(shared, k * wp.static(threads) + mine.thread, mine.rollers))
-        if wp.static(kind.rk4):
+        if wp.static(kind.staged):
             if now.stage != 0:
                 found = both(found, of_bars(held))
         if differ(found, held):
             leave(state, mine, without(held, found))
         return found
 
-    return namespace(remembered, update_near, SPROCKETS=SPROCKETS)
+    return SimpleNamespace(**locals())

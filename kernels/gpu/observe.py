@@ -5,23 +5,19 @@ against the extremes of the strands that they are on, which hardly ever change. 
 link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
-from ..batches import NOTES
-from ..number import counted
-from ..physics.body import body_energy, held_by
-from ..physics.hub import hub_held, narrow_wrench, off_home, with_hub
-from ..physics.link import link_chain
+from ..native import accessors
+from ..number import leading
+from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by
+from ..physics.link import link_chain, roller_energy
 from ..physics.motion import load_moment_at_speed
-from ..physics.mount import mounted_energy
-from ..physics.roller import roller_energy
-from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, Strand, Wheel, Wrench, types
-from ..sum_structs import ChainNote, ContactSums, LinkTally, RollerTally, Sums, Tallies
+from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
 from ..sums import (
+    add_arm,
     add_displacement,
     add_energy,
     add_mount,
@@ -30,17 +26,12 @@ from ..sums import (
     add_tension,
     displacement,
     following,
-    merge_contact,
     merge_extremes,
-    merge_roller,
-    merge_tension,
 )
-from .bodies import Seen
-from .events import ENDS, START
-from .kind import WARP, BlockKind, Mine, now_struct
-from .roller_rows import roller_rows
-from .shared_memory import extremes, seen_rows
-from .strands import block_strands
+from .bodies import body_access, body_steps
+from .kind import ENDS, START, WARP, BlockKind, Mine
+from .rollers import roller_rows
+from .shared_memory import STRAND_WORD, extremes, seen_rows, strand_bits, strand_words
 from .sync import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
 SIGN_BITS = """
@@ -52,42 +43,65 @@ SIGN_BITS = """
 """
 
 
-@dataclass(frozen=True)
-class ObserveFunctions:
-    """What observes one variant on a block."""
+@cache
+def block_strands(kind: BlockKind) -> SimpleNamespace:
+    """The functions that tell on which strand each link of one variant on a block is."""
+    threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
+    kinds = kind.types
+    Shared = kinds.Shared
+    bits = strand_bits(kind)
+    together = STRAND_WORD // bits
 
-    start_extremes: wp.Function
-    end_extremes: wp.Function
-    watch: wp.Function
-    rates_of: wp.Function
-    set_rates: wp.Function
-    with_rates: wp.Function
-    flush: wp.Function
-    add_link: wp.Function
-    update_strand: wp.Function
-    add_middle: wp.Function
-    energy_of_roller: wp.Function
-    observe_spin: wp.Function
-    observe_sprocket: wp.Function
+    @wp.func
+    def strand_under(strands: wp.array[Strand], first: int, j: int, n: int):
+        """Strand that link j is on, S where it is on none, S + 1 where there is no such link; `first` is strand 0."""
+        found = int(wp.static(sprockets))
+        for s in range(wp.static(sprockets)):
+            place = j - strands[first + s].first_link
+            if place < 0:
+                place = place + n
+            if place < strands[first + s].links:
+                found = s
+        return wp.where(j < n, found, wp.static(sprockets + 1))
+
+    @wp.func
+    def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: Shared, mine: Mine):
+        """Brings up to date which strands the thread's links are on."""
+        first = ensemble.drives[mine.variant].first_sprocket
+        k = int(0)
+        for q in range(wp.static(strand_words(kind))):
+            word = wp.uint32(0)
+            shift = int(0)
+            while shift < wp.static(together * bits) and k < wp.static(rollers_per_thread):
+                of = strand_under(state.strands, first, k * wp.static(threads) + mine.thread, mine.rollers)
+                word = word | (wp.uint32(of) << wp.uint32(shift))
+                shift = shift + wp.static(bits)
+                k = k + 1
+            shared.strand_of[q * wp.static(threads) + mine.thread] = word
+
+    @wp.func
+    def strand_at(shared: Shared, i: int, k: int):
+        """The strand that thread i's link k is on, as `strand_under`."""
+        word = shared.strand_of[k // wp.static(together) * wp.static(threads) + i]
+        shift = wp.uint32(k % wp.static(together) * wp.static(bits))
+        return int((word >> shift) & wp.uint32(wp.static((1 << bits) - 1)))
+
+    return SimpleNamespace(**locals())
 
 
 @cache
-def block_observing(kind: BlockKind) -> ObserveFunctions:
+def block_observing(kind: BlockKind) -> SimpleNamespace:
     """The functions that observe one variant on a block."""
-    Real, threads, rollers_per_thread, sprockets, moving = (
-        kind.Real,
-        kind.threads,
-        kind.rollers_per_thread,
-        kind.sprockets,
-        kind.moving,
-    )
-    kinds, Now = types(Real), now_struct(Real)
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    sprockets = kind.parts.sprockets
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     row = roller_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
-    follow, strand_at = following(Real).follow, block_strands(kind).strand_at
+    follow, strand_at = following(Real), block_strands(kind).strand_at
 
     @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
     def sign_bits(value: Real) -> int:
@@ -100,13 +114,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return i // wp.static(WARP) * wp.static(extremes(kind)) + 2 * of
 
     @wp.func
-    def set_extremes(shared: kinds.Shared, at: int, lowest: wp.float64, highest: wp.float64):
+    def set_extremes(shared: Shared, at: int, lowest: wp.float64, highest: wp.float64):
         """Makes a pair of extremes stand at `at`."""
         store_row(shared.seen, at, Real(lowest))
         store_row(shared.seen, at + 1, Real(highest))
 
     @wp.func
-    def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+    def start_extremes(ensemble: Ensemble, sums: Sums, shared: Shared, mine: Mine):
         """The extremes of tension so far, which one thread of each warp sets; no rates and no friction yet."""
         i = mine.thread
         none = int(wp.static(sprockets))
@@ -119,12 +133,12 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
             set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static(kind.slots + kind.joint_friction * threads):
+        while j < wp.static(kind.shape.slots + kind.friction.joints * threads):
             store_row(shared.seen, RATES + j, Real(0.0))
             j = j + wp.static(threads)
 
     @wp.func
-    def extremes_of(shared: kinds.Shared, of: int):
+    def extremes_of(shared: Shared, of: int):
         """Lowest and highest tension on strand `of` that any warp has seen [N]."""
         lowest = Real(3.0e38)
         highest = -Real(3.0e38)
@@ -135,7 +149,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return wp.float64(lowest), wp.float64(highest)
 
     @wp.func
-    def end_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+    def end_extremes(ensemble: Ensemble, sums: Sums, shared: Shared, mine: Mine):
         """The extremes of tension into the sums, by the threads that have the strands' other sums, and the first."""
         s = mine.sprocket
         if s >= 0:
@@ -147,7 +161,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
 
     @wp.func
-    def widen(shared: kinds.Shared, i: int, tension: of_each):
+    def widen(shared: Shared, i: int, tension: of_each):
         """Holds the tensions of thread i's links against its warp's extremes, which no other thread does just now."""
         for k in range(wp.static(rollers_per_thread)):
             at = extremes_at(i, strand_at(shared, i, k))
@@ -157,7 +171,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
                 store_row(shared.seen, at + 1, tension[k])
 
     @wp.func
-    def watch(shared: kinds.Shared, i: int, tension: of_each):
+    def watch(shared: Shared, i: int, tension: of_each):
         """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond.
 
         Those threads that have such a link then take turns.
@@ -175,15 +189,15 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             after_turn()
 
     @wp.func
-    def chain_of(shared: kinds.Shared, j: int):
+    def chain_of(shared: Shared, j: int):
         """The chain, with the stiffness and damping of its link j."""
-        if wp.static(kind.varied_links):
+        if wp.static(kind.links == "varied"):
             return link_chain(j, shared.chain[0], shared.links[0])
         else:
             return shared.chain[0]
 
     @wp.func
-    def rates_of(shared: kinds.Shared, i: int):
+    def rates_of(shared: Shared, i: int):
         """The sums of squared rates of thread i's links since they were last flushed.
 
         Each link has a sum of its own, so that what comes out is the same however many links a thread has.
@@ -194,7 +208,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return sums
 
     @wp.func
-    def set_rates(shared: kinds.Shared, i: int, sums: of_each):
+    def set_rates(shared: Shared, i: int, sums: of_each):
         """Makes these the sums of squared rates of thread i's links."""
         for k in range(wp.static(rollers_per_thread)):
             store_row(shared.seen, RATES + k * wp.static(threads) + i, sums[k])
@@ -207,14 +221,14 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return sums
 
     @wp.func
-    def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
+    def flush(tallies: Tallies, shared: Shared, mine: Mine):
         """Adds what the thread's links and joints have taken to their tallies."""
         j = int(mine.thread)
         while j < mine.rollers:
             taken = RollerTally()
             taken.dissipated = wp.float64(chain_of(shared, j).damping * load_row(shared.seen, RATES + j))
             store_row(shared.seen, RATES + j, Real(0.0))
-            if wp.static(kind.joint_friction):
+            if wp.static(kind.friction.joints):
                 if j < wp.static(threads):  # with its first roller goes what a thread has of all
                     taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
                     store_row(shared.seen, FRICTION + j, Real(0.0))
@@ -222,7 +236,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             j = j + wp.static(threads)
 
     @wp.func
-    def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
+    def add_link(tallies: Tallies, drive: Drive, shared: Shared, j: int, tension: Real):
         """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
         of = strand_at(shared, j % wp.static(threads), j // wp.static(threads))
         seen = add_tension(LinkTally(), tension)
@@ -231,12 +245,12 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return of
 
     @wp.func
-    def update_strand(state: kinds.State, shared: kinds.Shared, n: int, at: int):
+    def update_strand(state: kinds.State, shared: Shared, n: int, at: int):
         """Strand `at` of all brought up to date."""
         state.strands[at] = follow(shared.rows, X, Y, n, state.strands[at])
 
     @wp.func
-    def add_middle(sums: Sums, shared: kinds.Shared, n: int, at: int, strand: Strand):
+    def add_middle(sums: Sums, shared: Shared, n: int, at: int, strand: Strand):
         """A look at the mid-strand displacement of `strand`, whose sums are at `at`."""
         rows = shared.rows
         a = strand.middle
@@ -247,183 +261,97 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         sums.strand[at] = add_displacement(sums.strand[at], value)
 
     @wp.func
-    def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):
+    def energy_of_roller(shared: Shared, j: int, v: vec2, extra: kinds.Extra):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain_of(shared, j))
         return held - weight + wp.float64(extra.energy)
 
-    @wp.func
-    def observe_hub(
-        ensemble: kinds.Ensemble,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        mine: Mine,
-        now: Now,
-        seen: Seen,
-        acting: wp.vec3f,
-        before: Wheel,
-    ):
-        """One step of the mount of the thread's sprocket, and its energy at the window's ends.
+    return SimpleNamespace(**locals())
 
-        The load is in `seen.turning`; `before` is where the sprocket is.
-        """
-        s = mine.sprocket
-        hub = shared.hubs[s]
-        wrench = narrow_wrench(acting + seen.pushing)
-        held, power = hub_held(counted(now.step, mine.step), before, seen, hub, wrench, seen.turning)
-        off = off_home(before, hub)
-        shared.mount_sums[s] = add_mount(shared.mount_sums[s], off, seen.velocity, hub, held, power, now.weight)
-        if now.flags & ENDS != 0:
-            b = ensemble.drives[mine.variant].first_body + s
-            whole_body = with_hub(BodyState(), before, hub)
-            whole_body.speed = wp.float64(seen.speed)
-            whole_body.velocity = wp.vec2d(wp.float64(seen.velocity[0]), wp.float64(seen.velocity[1]))
-            heading = wp.vec2d(wp.float64(before.cosine.high), wp.float64(before.sine.high))
-            energy = mounted_energy(whole_body, heading, ensemble.mounts[b])
-            tallies.body[b] = add_energy(tallies.body[b], now.flags & START != 0, energy)
+
+@cache
+def body_observing(kind: BlockKind) -> SimpleNamespace:
+    """The function that observes the body of a thread."""
+    Real, sprockets, moving, paired = kind.Real, kind.parts.sprockets, kind.moving, kind.paired
+    kinds, Now, steps = kind.types, kind.types.Now, body_steps(kind)
+    Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
+    vec2, heading = kinds.vec2, body_access(kind).heading
 
     @wp.func
-    def observe_spin(
-        ensemble: kinds.Ensemble,
-        tallies: Tallies,
-        shared: kinds.Shared,
+    def heading_seen(pose: Pose, seen: kinds.Instant):
+        """Cosine and sine of a body's angle, at float64 anew from it."""
+        if wp.static(paired):
+            return heading(pose)
+        else:
+            return heading_of(seen)
+
+    @wp.func
+    def observe_sprocket(
+        ensemble: Ensemble,
+        shared: Shared,
         mine: Mine,
         now: Now,
-        seen: Seen,
-        acting: wp.vec3f,
-        before: Wheel,
+        before: Pose,
+        seen: kinds.Instant,
+        load: Real,
+        wrench: Wrench,
+        whole: Wrench,
     ):
-        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32."""
+        """One step of the thread's sprocket for the sums of the window; arguments as of `observe_body`."""
         s = mine.sprocket
-        spin = shared.spins[s]
-        time = float(now.step) * mine.step.high
-        load = load_moment_at_speed(time, seen.load, before.speed.high, seen.speed, spin)
-        mounted = int(0)
+        motion = shared.motions[s]
+        load = load_moment_at_speed(steps.rounded_time(mine, now), load, leading(before.speed), seen.speed, motion)
         if wp.static(moving):
-            mounted = shared.hubs[s].active
-            if mounted != 0:
-                seen.turning[2] = load
-                observe_hub(ensemble, tallies, shared, mine, now, seen, acting, before)
-        if now.flags & ENDS != 0 and spin.prescribed == 0 and mounted == 0:
-            at = ensemble.drives[mine.variant].first_body + s
-            energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
-            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, acting[0], load, now.weight)
+            mount = shared.mounts[s]
+            if mount.active != 0:
+                off = steps.off(before, mount)
+                to = heading_seen(before, seen)
+                time = steps.time_of(mine, now)
+                held, power = held_by(time, off, seen, to, whole, load, motion, mount, ensemble.curves)
+                sums = shared.mount_sums[s]
+                shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
+        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, wrench.moment, load, now.weight)
         if now.watched != 0:
             shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], seen.speed, now.watch_weight)
 
     @wp.func
-    def observe_sprocket(
-        ensemble: kinds.Ensemble,
+    def observe_body(
+        ensemble: Ensemble,
+        sums: kinds.Sums,
         tallies: Tallies,
-        shared: kinds.Shared,
+        shared: Shared,
         mine: Mine,
         now: Now,
-        body: BodyState,
-        wrench: Wrench,
         before: Pose,
+        seen: kinds.Instant,
+        load: Real,
+        wrench: Wrench,
+        whole: Wrench,
     ):
-        """One step of the thread's sprocket for the sums of the window, and its energy at their ends.
+        """One step of the thread's body for the sums of the window, and its energy at their ends.
 
-        `body` has the sprocket's rates at the step's instant, `before` is its pose, with the load at the rates there.
+        Args:
+            before: where the body was.
+            seen: the body with its rates at the step's instant.
+            load: on it, at the rates of `before` [N m].
+            wrench, whole: of the chain on it, and with that of tensioners.
         """
-        s = mine.sprocket
-        time = wp.float64(now.step) * mine.h
-        weight = wp.float64(now.weight)
-        motion = shared.motions[s]
-        mount = Mount()
-        if wp.static(moving):
-            mount = shared.mounts[s]
-        load = load_moment_at_speed(time, before.load, before.speed, body.speed, motion)
-        if wp.static(moving):
-            if mount.active != 0:
-                held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
-                off = body.center - mount.home
-                shared.mount_sums[s] = add_mount(shared.mount_sums[s], off, body.velocity, mount, held, power, weight)
+        drive = ensemble.drives[mine.variant]
+        if mine.sprocket >= 0:
+            observe_sprocket(ensemble, shared, mine, now, before, seen, load, wrench, whole)
+        if wp.static(kind.parts.arms > 0):
+            if mine.arm >= 0:
+                at = drive.first_arm + mine.arm
+                power = arm_dissipation(seen, ensemble.arms[at])
+                sums.arm[at] = add_arm(sums.arm[at], seen, wrench.moment, power, now.weight)
         if now.flags & ENDS != 0:
-            at = ensemble.drives[mine.variant].first_body + s
-            energy = body_energy(body, motion, mount)
-            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
-        if now.watched != 0:
-            weight = wp.float64(now.watch_weight)
-            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], body.speed, weight)
+            motion, mount = shared.motions[mine.body], steps.mount_of(shared, mine.body)
+            to = heading_seen(before, seen)
+            energy = body_energy(steps.off(before, mount), seen, to, motion, mount)
+            if wp.static(kind.parts.arms > 0):
+                if mine.arm >= 0:
+                    energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
+            at = drive.first_body + mine.body
+            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 
-    return ObserveFunctions(
-        start_extremes=start_extremes,
-        end_extremes=end_extremes,
-        watch=watch,
-        rates_of=rates_of,
-        set_rates=set_rates,
-        with_rates=with_rates,
-        flush=flush,
-        add_link=add_link,
-        update_strand=update_strand,
-        add_middle=add_middle,
-        energy_of_roller=energy_of_roller,
-        observe_spin=observe_spin,
-        observe_sprocket=observe_sprocket,
-    )
-
-
-@wp.func
-def whole_note(sums: Sums, drive: Drive, k: int, note: ChainNote):
-    """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
-    for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-        note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
-        note.samples = note.samples + sums.strand_notes[s * NOTES + k].links
-    note.samples = note.samples / wp.int64(drive.rollers)
-    return note
-
-
-@wp.func
-def contact_sums(tallies: Tallies, at: int):
-    """The sums of one roller's contacts with one partner."""
-    found = ContactSums()
-    found.force_max = tallies.force_max[at]
-    found.impacts = tallies.impacts[at]
-    found.contacts = tallies.contacts[at]
-    found.missed = tallies.missed[at]
-    found.impulse = tallies.impulse[at]
-    found.dissipated = tallies.dissipated[at]
-    found.friction = tallies.friction[at]
-    return found
-
-
-@wp.kernel(enable_backward=False)
-def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
-    """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
-    variant = wp.tid()
-    drive = drives[variant]
-    n = drive.rollers
-    chain = sums.chain[variant]
-    samples = wp.int64(0)
-    for c in range(drive.sprockets + 1):
-        strand = LinkTally()
-        for i in range(n):
-            tally = tallies.link[drive.first_tally + c * n + i]
-            strand = merge_tension(strand, tally)
-            strand.samples = strand.samples + tally.samples
-        chain = merge_tension(chain, strand)
-        samples = samples + strand.samples
-        if c < drive.sprockets:
-            mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
-            mine.links = mine.links + strand.samples
-            chain = merge_extremes(chain, mine.tension_min, mine.tension_max)
-            sums.strand[drive.first_sprocket + c] = mine
-    chain.samples = samples / wp.int64(n)
-    for k in range(variant * NOTES, (variant + 1) * NOTES):
-        sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
-    for i in range(n):
-        chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
-    for b in range(drive.bodies):
-        chain = merge_roller(chain, tallies.body[drive.first_body + b])
-    sums.chain[variant] = chain
-    memory = drive.first_contact
-    for p in range(drive.sprockets + drive.guides):
-        at = drive.first_sprocket + drive.first_guide + p
-        total = ContactSums()
-        for i in range(n):
-            total = merge_contact(total, contact_sums(tallies, memory + i))
-        sums.contact[at] = total
-        memory = memory + n
+    return SimpleNamespace(**locals())

@@ -5,69 +5,73 @@ from functools import cache
 import warp as wp
 
 from ..modules import own_module
-from ..physics.arm import relaxed_arm
-from ..physics.body import pose_of
+from ..physics.body import aligned, posed, relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
-from ..structs import types
-from ..sum_structs import Tallies
-from .arms import block_arms
-from .bodies import state_of
-from .forces import contact_forces
+from ..structs import Tallies
+from .bodies import block_tensioners, body_access, body_steps
+from .contact_pairs import contact_forces
+from .contacts import wrench_parts
 from .geometry import contact_geometry
-from .kind import BlockKind, Mine, mine_of, now_struct
-from .link_forces import link_forces
+from .kind import BlockKind, Mine, mine_of
+from .links import link_forces
 from .near import near_partners
-from .roller_rows import roller_rows
+from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .sync import lanes, sync
-from .wrench import wrench_parts
 
 
 @cache
 def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     """The kernel that settles drives of a kind, in float64; the sprockets are held."""
-    Real, threads, rollers_per_thread, sprockets = kind.Real, kind.threads, kind.rollers_per_thread, kind.sprockets
-    kinds, Now = types(Real), now_struct(Real)
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    sprockets = kind.parts.sprockets
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
-    row, forces, partners, arms = roller_rows(kind), contact_forces(kind), near_partners(kind), block_arms(kind)
-    wrenches, share_geometry = wrench_parts(kind), contact_geometry(kind).share_geometry
+    row, forces, partners, wrenches = roller_rows(kind), contact_forces(kind), near_partners(kind), wrench_parts(kind)
+    of, bodies, steps, tensioners = contact_geometry(kind), body_access(kind), body_steps(kind), block_tensioners(kind)
     barrier, warp_sum, warp_max = sync(kind).barrier, sync(kind).warp_sum, sync(kind).warp_max
     shared_of, lengths_of = shared_arrays(kind), view(Real)
     pull, acceleration, velocity = link_forces(kind).pull, row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
 
     @wp.func
-    def begin(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
-        """What thread i is at; what is shared of a sprocket, at rest, and with the first of the chain."""
+    def begin(ensemble: Ensemble, state: State, shared: Shared, variant: int, i: int):
+        """What thread i is at; shares the chain and the bodies, the sprockets at rest."""
         drive = ensemble.drives[variant]
         mine = mine_of(drive, variant, i, wrenches.body_of(i))
         mine.sprocket = -1  # all sprockets are held
         row.fetch(state, shared, mine)
-        if i < wp.static(sprockets):
-            pose = pose_of(state.bodies[drive.first_body + i])
-            pose.speed = wp.float64(0.0)
-            pose.velocity = wp.vec2d()
-            shared.poses[i] = pose
-            share_geometry(ensemble, shared, drive, variant, i, pose.center)
-        if wp.static(kind.arms > 0):
-            if mine.arm >= 0:
-                arms.start_arm(ensemble, state, shared, mine)
+        if i == 0:
+            of.share_chain(ensemble, shared, drive, variant)
+        if i < wp.static(kind.parts.bodies):
+            pose = bodies.pose_from(ensemble, state, drive, i)
+            if i < wp.static(sprockets):
+                pose.speed = wp.float64(0.0)
+                pose.velocity = wp.vec2d()
+                of.share_sprocket(ensemble, shared, drive, i, pose.center)
+            of.put_pose(shared, i, pose)
+            shared.motions[i] = ensemble.motions[drive.first_body + i]
         return mine
 
     @wp.func
-    def speed_of_arm(shared: kinds.Shared, mine: Mine):
-        """Angular velocity of the thread's arm [rad/s]."""
-        return shared.poses[wp.static(sprockets) + mine.arm].speed
-
-    @wp.func
-    def turn_arm(shared: kinds.Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
+    def turn_arm(shared: Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
         """A step of the thread's arm."""
-        b = wp.static(sprockets) + mine.arm
-        shared.poses[b] = pose_of(relaxed_arm(state_of(shared.poses[b]), angular, kick, h))
+        pose = shared.poses[mine.body]
+        of.put_pose(shared, mine.body, aligned(posed(pose, relaxed_arm(bodies.state_of(pose), angular, kick, h))))
 
     @wp.func
-    def block_largest(shared: kinds.Shared, value: Real, i: int):
+    def rest_arm(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, wrench: kinds.Wrench):
+        """Angular acceleration of the thread's arm [rad/s^2]."""
+        pose = shared.poses[mine.body]
+        if wp.static(kind.parts.tensioners > 0):
+            wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
+        load = steps.load_on(ensemble, shared, mine, wp.float64(0.0), wp.float64(0.0), pose)
+        return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
+
+    @wp.func
+    def block_largest(shared: Shared, value: Real, i: int):
         """The largest `value` of all threads."""
         barrier()
         largest = warp_max(value)
@@ -81,7 +85,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return result
 
     @wp.func
-    def block_total(shared: kinds.Shared, value: wp.float64, i: int):
+    def block_total(shared: Shared, value: wp.float64, i: int):
         """The sum of `value` over all threads."""
         barrier()
         total = warp_sum(value)
@@ -95,9 +99,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return result
 
     @wp.func
-    def energy_and_residual(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, tension: of_each, angular: wp.float64
-    ):
+    def energy_and_residual(ensemble: Ensemble, shared: Shared, mine: Mine, tension: of_each, angular: wp.float64):
         """Kinetic energy [J] and residual of chain and arms; all threads together."""
         chain = shared.chain[0]
         i = mine.thread
@@ -112,12 +114,13 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 size = wp.max(size, finite_size(acceleration(shared, j)))
                 most = wp.max(most, wp.abs(tension[k]))
         mass = wp.float64(chain.mass)
-        if wp.static(kind.arms > 0):
+        if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
-                arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
-                speed = speed_of_arm(shared, mine)
-                square = square + speed * speed / (arm.inverse_inertia * mass)
-                turning = wp.vec2d(angular, wp.float64(0.0)) / (arm.inverse_inertia * arm.reach * mass)
+                reach = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm].reach
+                inverse_inertia = shared.motions[mine.body].inverse_inertia
+                speed = shared.poses[mine.body].speed
+                square = square + speed * speed / (inverse_inertia * mass)
+                turning = wp.vec2d(angular, wp.float64(0.0)) / (inverse_inertia * reach * mass)
                 size = wp.max(size, Real(finite_size(turning)))
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
         energy = wp.float64(0.5) * mass * block_total(shared, square, i)
@@ -126,13 +129,13 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return energy, relative_residual(worst, most_tension, mass, gravity, wp.float64(chain.stiffness))
 
     @wp.func
-    def stop(shared: kinds.Shared, i: int):
+    def stop(shared: Shared, i: int):
         """The thread's rollers at rest."""
         for k in range(wp.static(rollers_per_thread)):
             set_velocity(shared, k * wp.static(threads) + i, vec2())
 
     @wp.func
-    def kick_drift(shared: kinds.Shared, i: int, kick: Real, h: Real):
+    def kick_drift(shared: Shared, i: int, kick: Real, h: Real):
         """v += kick a, then x += h v, of the thread's rollers."""
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
@@ -147,8 +150,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         launch_bounds=(threads, blocks),
     )
     def relax_block(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
+        ensemble: Ensemble,
+        state: State,
         tallies: Tallies,
         settling: wp.array[Settling],
         order: wp.array[wp.int32],
@@ -159,7 +162,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         i = wp.tid() % wp.static(threads)
         shared = shared_of(state, number)
         mine = begin(ensemble, state, shared, order[number], i)
-        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.slots))
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
         barrier()
@@ -172,11 +175,11 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             forces.contacts(ensemble, state, tallies, shared, mine, still, touch)
             barrier()
             angular = wp.float64(0.0)
-            if wp.static(kind.arms > 0):
+            if wp.static(kind.parts.arms > 0):
                 moment = wrenches.moment_on(shared, i)
                 wrench = wrenches.wrench_of(wrenches.acting_on(shared, i, moment, 0))
                 if mine.arm >= 0:
-                    angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
+                    angular = rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)
             if now.steps % ENERGY_EVERY == 0:
                 energy, residual = energy_and_residual(ensemble, shared, mine, tension, angular)
@@ -185,15 +188,16 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                     stop(shared, i)
             if now.settled == 0:
                 kick_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
-                if wp.static(kind.arms > 0):
+                if wp.static(kind.parts.arms > 0):
                     if mine.arm >= 0:
                         turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
                 now.steps = now.steps + 1
             barrier()
         row.put_back(state, shared, mine)
-        if wp.static(kind.arms > 0):
+        if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
-                arms.end_arm(ensemble, state, shared, mine)
+                at = ensemble.drives[mine.variant].first_body + mine.body
+                state.bodies[at] = bodies.state_of(shared.poses[mine.body])
         if i == 0:
             settling[mine.variant] = now
 

@@ -1,4 +1,4 @@
-"""Shared memory of a block: the arrays of `structs.Shared`, how long each is, and where it lies.
+"""Shared memory of a block: its arrays, how long each is, and where it lies.
 
 Up to `DECLARED` bytes of them a kernel declares; the rows of longer chains lie in what each launch asks for, where the
 GPU has that much, else in global memory. Blocks of several variants have all of theirs in what the launch asks for, one
@@ -14,10 +14,8 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import types
 from .kind import DECLARED, WARP, BlockKind
 from .sync import sync
-from .wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
 
 COURSE = 32
 """Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
@@ -45,32 +43,32 @@ def shared_rows(Real: type) -> int:
 
 def joint_rows(kind: BlockKind) -> int:
     """Rows beside these for the friction of joints (`block_joints`)."""
-    if not kind.joint_friction or (kind.threads == WARP and not kind.measuring):
+    if not kind.friction.joints or (kind.shape.threads == WARP and not kind.measuring):
         return 0
-    return 1 if kind.threads == WARP and kind.Real == wp.float64 else 2
+    return 1 if kind.shape.threads == WARP and kind.Real == wp.float64 else 2
 
 
 def extremes(kind: BlockKind) -> int:
     """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
     and what threads without a link are held against.
     """
-    return 2 * (kind.sprockets + 2)
+    return 2 * (kind.parts.sprockets + 2)
 
 
 def strand_bits(kind: BlockKind) -> int:
     """Bits of the strand that a link is on: of a sprocket each, on none, or that there is no such link."""
-    return (kind.sprockets + 1).bit_length()
+    return (kind.parts.sprockets + 1).bit_length()
 
 
 def strand_words(kind: BlockKind) -> int:
     """Numbers that hold these bits of all links of a thread."""
-    return -(-kind.rollers_per_thread // (STRAND_WORD // strand_bits(kind)))
+    return -(-kind.shape.rollers_per_thread // (STRAND_WORD // strand_bits(kind)))
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
     """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
-    first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.slots, first + kind.slots + kind.joint_friction * kind.threads
+    first = kind.shape.threads // WARP * extremes(kind)
+    return first, first + kind.shape.slots, first + kind.shape.slots + kind.friction.joints * kind.shape.threads
 
 
 def parts_of_a_body(kind: BlockKind) -> int:
@@ -79,42 +77,36 @@ def parts_of_a_body(kind: BlockKind) -> int:
     A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
     no rollers has none.
     """
-    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.room
-
-
-def _of_bodies(kind: BlockKind) -> dict[str, int]:
-    """Values of each array of what bodies are and do."""
-    sprockets, measuring = kind.sprockets, kind.measuring
-    if not kind.paired:
-        counts = {"motions": sprockets, "course": 2 * COURSE * kind.prescribed, "poses": kind.bodies + kind.profiles}
-        counts |= {"mounts": sprockets, "mount_sums": sprockets * measuring} if kind.moving else {}
-        return counts | {"sprocket_sums": sprockets * measuring}
-    counts = {"wheels": WHEEL_ROWS * kind.wheels, "gears": GEAR_ROWS * sprockets, "box": 1}
-    counts |= {"spins": sprockets, "led": COURSE * kind.prescribed, "sprocket_sums": sprockets * measuring}
-    counts |= {"hubs": sprockets, "mount_sums": sprockets * measuring} if kind.moving else {}
-    counts |= {"tensioners": kind.tensioners, "pushes": kind.tensioners}
-    counts |= {"meters": kind.tensioners, "tensioner_sums": kind.tensioners} if measuring else {}
-    counts |= {"arm_sums": kind.arms * measuring, "wheel_stages": kind.bodies * kind.rk4}
-    return counts | {"lines": LINE_ROWS * kind.guides}
+    return kind.shape.threads if kind.shape.threads == WARP or kind.shape.slots > ORDERED else kind.shape.room
 
 
 def _small(kind: BlockKind) -> dict[str, int]:
     """Values of each array but the rows of rollers, and of their parts in sums."""
-    sprockets, guides = kind.sprockets, kind.guides
-    counts = _of_bodies(kind) | {"teeth": sprockets, "bands": sprockets, "bars": guides, "chain": 1}
-    counts |= {
-        "sliding": (sprockets + guides) * kind.contact_friction,
-        "joint": int(kind.joint_friction),
-        "links": int(kind.varied_links),
+    sprockets, guides, measuring = kind.parts.sprockets, kind.parts.guides, kind.measuring
+    counts = {
+        "motions": kind.parts.bodies,
+        "led_angle": COURSE * kind.parts.prescribed,
+        "led_speed": COURSE * kind.parts.prescribed,
+        "poses": kind.parts.bodies + kind.profiles,
+        "mounts": sprockets * kind.moving,
+        "mount_sums": sprockets * kind.moving * measuring,
+        "sprocket_sums": sprockets * measuring,
+        "teeth": sprockets,
+        "bands": sprockets,
+        "bars": guides,
+        "chain": 1,
+        "box": 2,
+        "sliding": (sprockets + guides) * kind.friction.contacts,
+        "joint": int(kind.friction.joints),
+        "links": int(kind.links == "varied"),
+        "strand_of": kind.shape.threads * strand_words(kind) * measuring,
     }
-    if kind.measuring:
-        counts |= {"strand_of": kind.threads * strand_words(kind)}
     return {name: count for name, count in counts.items() if count > 0}
 
 
 @dataclass(frozen=True)
 class Room:
-    """How much of what a block's threads share there is, and where it lies; arrays by their names in `structs.Shared`.
+    """How much of what a block's threads share there is, and where it lies; arrays by their names in `Shared`.
 
     Attributes:
         parts, rows, seen: values of these; the others are never in global memory.
@@ -148,9 +140,9 @@ def size_of(dtype: Any) -> int:
 
 def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
-    fields = types(kind.Real).Shared.vars
-    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
-    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.slots
+    fields = kind.types.Shared.vars
+    parts = (3 if (kind.moving or kind.measuring) else 1) * kind.parts.bodies * parts_of_a_body(kind)
+    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
     seen = seen_rows(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:
@@ -160,16 +152,16 @@ def room(kind: BlockKind) -> Room:
     shared = _small(kind)
     used = needed(shared)
     large = [{"rows": rows}, {"parts": parts}, {"seen": seen}]
-    asks = used + sum(map(needed, large)) > DECLARED and kind.shared_bytes > DECLARED
-    used += OF_A_THREAD * kind.threads * asks
+    asks = used + sum(map(needed, large)) > DECLARED and kind.shape.shared_bytes > DECLARED
+    used += OF_A_THREAD * kind.shape.threads * asks
     asked: list[str] = []
     for counts in large:
         counts = {name: count for name, count in counts.items() if count > 0}
-        if used + needed(counts) <= kind.shared_bytes:
+        if used + needed(counts) <= kind.shape.shared_bytes:
             used += needed(counts)
             shared |= counts
             asked += counts if asks else ()
-    if kind.variants_per_block > 1:
+    if kind.shape.variants_per_block > 1:
         asked = list(shared)
     places, end = {}, 0
     for name in asked:
@@ -180,7 +172,7 @@ def room(kind: BlockKind) -> Room:
 
 def asked_of_a_block(kind: BlockKind) -> int:
     """Bytes that a launch takes for each block, of what is asked for."""
-    return kind.variants_per_block * room(kind).asked + OF_A_THREAD * kind.block_threads
+    return kind.shape.variants_per_block * room(kind).asked + OF_A_THREAD * kind.shape.block_threads
 
 
 PART = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
@@ -201,10 +193,10 @@ def view(Real: type) -> wp.Function:
 
 def _array(kind: BlockKind, of: Room, name: str) -> wp.Function:
     """The function that gives an array of the block's own shared memory, or the variant's part of it; empty if none."""
-    dtype = types(kind.Real).Shared.vars[name].type.dtype
+    dtype = kind.types.Shared.vars[name].type.dtype
 
     @wp.func_native(_code(kind, of, name, size_of(dtype)))
-    def array(like: types(kind.Real).Shared, place: int) -> wp.array[dtype]: ...
+    def array(like: kind.types.Shared, place: int) -> wp.array[dtype]: ...
 
     return array
 
@@ -217,7 +209,7 @@ def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
     memory = f"__shared__ __align__({ALIGNED}) char memory[{count * size}];"
     if name in of.places:
         # found anew from the thread's number, `place` would take a register
-        place = f"(threadIdx.x / {WARP}) * {of.asked} + " if kind.variants_per_block > 1 else ""
+        place = f"(threadIdx.x / {WARP}) * {of.asked} + " if kind.shape.variants_per_block > 1 else ""
         memory = f"""extern __shared__ __align__({ALIGNED}) char of_launch[];
     char* const memory = of_launch + {place}{of.places[name]};"""
     return f"""
@@ -225,7 +217,7 @@ def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
 #if defined(__CUDA_ARCH__)
     {memory}
 #else
-    static char memories[{kind.variants_per_block}][{count * size}];
+    static char memories[{kind.shape.variants_per_block}][{count * size}];
     char* const memory = memories[place];
 #endif
     return {{(decltype(like.{name}.data))memory, {count}}};
@@ -235,42 +227,32 @@ def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
 @cache
 def shared_arrays(kind: BlockKind) -> wp.Function:
     """The function that gives the arrays which the threads of a block share of a variant."""
-    kinds, of, together = types(kind.Real), room(kind), sync(kind).together
+    kinds, of, together, variants = kind.types, room(kind), sync(kind).together, kind.shape.variants_per_block
+    Shared = kinds.Shared
     part = view(kind.Real)
     found = SimpleNamespace(**{name: _array(kind, of, name) for name in kinds.Shared.vars})
 
     @wp.func
     def in_shared_memory(place: int):
         """The arrays that lie in shared memory, of the variant at `place` of the block's."""
-        shared = kinds.Shared()
+        shared = Shared()
         shared.rows = found.rows(shared, place)
         shared.seen = found.seen(shared, place)
         shared.strand_of = found.strand_of(shared, place)
         shared.poses = found.poses(shared, place)
-        shared.wheels = found.wheels(shared, place)
-        shared.gears = found.gears(shared, place)
-        shared.spins = found.spins(shared, place)
-        shared.led = found.led(shared, place)
-        shared.hubs = found.hubs(shared, place)
-        shared.wheel_stages = found.wheel_stages(shared, place)
-        shared.tensioners = found.tensioners(shared, place)
-        shared.pushes = found.pushes(shared, place)
-        shared.meters = found.meters(shared, place)
-        shared.tensioner_sums = found.tensioner_sums(shared, place)
-        shared.arm_sums = found.arm_sums(shared, place)
-        shared.lines = found.lines(shared, place)
-        shared.box = found.box(shared, place)
+        shared.motions = found.motions(shared, place)
+        shared.mounts = found.mounts(shared, place)
+        shared.led_angle = found.led_angle(shared, place)
+        shared.led_speed = found.led_speed(shared, place)
         shared.teeth = found.teeth(shared, place)
         shared.bands = found.bands(shared, place)
         shared.bars = found.bars(shared, place)
         shared.sliding = found.sliding(shared, place)
         shared.chain = found.chain(shared, place)
+        shared.box = found.box(shared, place)
         shared.joint = found.joint(shared, place)
         shared.links = found.links(shared, place)
         shared.parts = found.parts(shared, place)
-        shared.motions = found.motions(shared, place)
-        shared.course = found.course(shared, place)
-        shared.mounts = found.mounts(shared, place)
         shared.sprocket_sums = found.sprocket_sums(shared, place)
         shared.mount_sums = found.mount_sums(shared, place)
         return shared
@@ -282,9 +264,11 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         Warp asks for memory at each launch: as much as a tile would take, which nothing else uses.
         """
         if wp.static(of.asked > 0):
-            wp.tile_zeros(shape=wp.static(kind.variants_per_block * of.asked // 8), dtype=wp.float64, storage="shared")
+            wp.tile_zeros(
+                shape=wp.static(kind.shape.variants_per_block * of.asked // 8), dtype=wp.float64, storage="shared"
+            )
             together()
-        shared = in_shared_memory(number % wp.static(kind.variants_per_block))
+        shared = in_shared_memory(number % wp.static(variants))
         first = number * wp.static(of.values)
         if wp.static("rows" not in of.shared):
             shared.rows = part(state.rows, first, wp.static(of.rows))

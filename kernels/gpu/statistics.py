@@ -1,35 +1,26 @@
 """What a block looks at every `look_every` steps: tensions by size, mid-strand, slips, notes of sums."""
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
-from ..batches import NOTES, notes_due
-from ..number import whole
-from ..slip import follow_slip, mid_wrap
-from ..structs import Drive, types
-from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
-from ..tension_bins import BINS, bins_per_force, count_tension
+from ..modules import own_module
+from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
+from ..structs import ContactSums, Drive, LinkTally, Note, Tallies, types
+from ..sums import gathered_powers, merge_contact, merge_extremes, merge_roller, merge_tension
 from .kind import BlockKind, Mine
-from .link_forces import link_forces
+from .links import link_forces
 from .observe import block_observing
-from .roller_rows import roller_rows
+from .rollers import roller_rows
 from .shared_memory import view
-
-
-@dataclass(frozen=True)
-class StatisticsFunctions:
-    """What takes a block's statistics."""
-
-    look: wp.Function
-    note: wp.Function
 
 
 @wp.func
 def seen_on(drive: Drive, tallies: Tallies, category: int):
     """Tensions that links have seen on a strand so far, link by link in order, whatever the block's threads."""
-    note = StrandNote()
+    note = Note()
     first = drive.first_tally + category * drive.rollers
     for at in range(first, first + drive.rollers):
         note.links = note.links + tallies.link[at].samples
@@ -38,22 +29,21 @@ def seen_on(drive: Drive, tallies: Tallies, category: int):
 
 
 @cache
-def block_statistics(kind: BlockKind) -> StatisticsFunctions:
+def block_statistics(kind: BlockKind) -> SimpleNamespace:
     """The functions that take one variant's statistics on a block."""
-    Real, threads, sprockets, moving = kind.Real, kind.threads, kind.sprockets, kind.moving
-    kinds, row, observe = types(Real), roller_rows(kind), block_observing(kind)
+    Real, threads, sprockets, moving = kind.Real, kind.shape.threads, kind.parts.sprockets, kind.moving
+    kinds, row, observe = kind.types, roller_rows(kind), block_observing(kind)
+    Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
     links, lengths_of = link_forces(kind), view(Real)
     link_of, length_of = links.link_of, links.length_of
 
     @wp.func
-    def look(
-        ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, tallies: Tallies, shared: kinds.Shared, mine: Mine
-    ):
+    def look(ensemble: Ensemble, state: kinds.State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine):
         """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
         drive = ensemble.drives[mine.variant]
         per_force = bins_per_force(drive.tension_scale)
-        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.slots))
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         j = int(mine.thread)
         while j < n:
             tension, rate, force = link_of(shared, j, n, length_of(shared, lengths, j))
@@ -68,15 +58,12 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             before = state.strands[first + wp.where(s > 0, s, wp.static(sprockets)) - 1]
             roller = mid_wrap(before, state.strands[first + s], n)
             seat = state.seat[mine.memory + s * n + roller]
-            if wp.static(kind.paired):
-                sign = wp.float64(shared.spins[s].sign)
-            else:
-                sign = shared.motions[s].sign
+            sign = wp.float64(shared.motions[s].sign)
             slip = sums.slip[first + s]
             sums.slip[first + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
 
     @wp.func
-    def note(ensemble: kinds.Ensemble, tallies: Tallies, sums: Sums, shared: kinds.Shared, mine: Mine, step: int):
+    def note(ensemble: Ensemble, tallies: Tallies, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
 
         All threads must be past the look before.
@@ -87,21 +74,87 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             if mine.thread == 0:
                 loose = seen_on(drive, tallies, wp.static(sprockets))
                 for k in range(first, end):
-                    of_chain = ChainNote()
-                    of_chain.tension = loose.tension
-                    of_chain.samples = loose.links
-                    sums.chain_notes[mine.variant * NOTES + k] = of_chain
+                    sums.chain_notes[mine.variant * NOTES + k] = loose
             s = mine.sprocket
             if s >= 0:
                 of_strand = seen_on(drive, tallies, s)
                 of_strand.samples = sums.strand[drive.first_sprocket + s].samples
                 of_strand.displacement = sums.strand[drive.first_sprocket + s].displacement
-                of_sprocket = whole(shared.sprocket_sums[s])
                 for k in range(first, end):
                     at = (drive.first_sprocket + s) * NOTES + k
                     sums.strand_notes[at] = of_strand
-                    sums.sprocket_notes[at] = of_sprocket
+                    sums.sprocket_notes[at] = gathered_powers(shared.sprocket_sums[s])
                     if wp.static(moving):
-                        sums.mount_notes[at] = whole(shared.mount_sums[s])
+                        sums.mount_notes[at] = shared.mount_sums[s]
 
-    return StatisticsFunctions(look=look, note=note)
+    return SimpleNamespace(**locals())
+
+
+@wp.func
+def whole_note(sums: Any, drive: Drive, k: int, note: Note):
+    """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
+    for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+        note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
+        note.links = note.links + sums.strand_notes[s * NOTES + k].links
+    note.samples = note.links / wp.int64(drive.rollers)
+    return note
+
+
+@wp.func
+def contact_sums(tallies: Tallies, at: int):
+    """The sums of one roller's contacts with one partner."""
+    found = ContactSums()
+    found.force_max = tallies.force_max[at]
+    found.impacts = tallies.impacts[at]
+    found.contacts = tallies.contacts[at]
+    found.missed = tallies.missed[at]
+    found.impulse = tallies.impulse[at]
+    found.dissipated = tallies.dissipated[at]
+    found.friction = tallies.friction[at]
+    return found
+
+
+@cache
+def collect_kernel(Real: type) -> wp.Kernel:
+    """The kernel that adds up the tallies of variants whose blocks are of a precision."""
+    kinds = types(Real, blocks=True)
+
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "collect", Real))
+    def collect(drives: wp.array[Drive], tallies: Tallies, sums: kinds.Sums):
+        """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
+        variant = wp.tid()
+        drive = drives[variant]
+        n = drive.rollers
+        chain = sums.chain[variant]
+        samples = wp.int64(0)
+        for c in range(drive.sprockets + 1):
+            strand = LinkTally()
+            for i in range(n):
+                tally = tallies.link[drive.first_tally + c * n + i]
+                strand = merge_tension(strand, tally)
+                strand.samples = strand.samples + tally.samples
+            chain = merge_tension(chain, strand)
+            samples = samples + strand.samples
+            if c < drive.sprockets:
+                mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
+                mine.links = mine.links + strand.samples
+                chain = merge_extremes(chain, mine.tension_min, mine.tension_max)
+                sums.strand[drive.first_sprocket + c] = mine
+        chain.samples = samples / wp.int64(n)
+        for k in range(variant * NOTES, (variant + 1) * NOTES):
+            sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
+        for i in range(n):
+            chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
+        for b in range(drive.bodies):
+            chain = merge_roller(chain, tallies.body[drive.first_body + b])
+        sums.chain[variant] = chain
+        memory = drive.first_contact
+        for p in range(drive.sprockets + drive.guides):
+            at = drive.first_sprocket + drive.first_guide + p
+            total = ContactSums()
+            for i in range(n):
+                total = merge_contact(total, contact_sums(tallies, memory + i))
+            sums.contact[at] = total
+            memory = memory + n
+
+    return collect

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..sum_structs import LinkTally, RollerTally
+from ..structs import LinkTally, RollerTally
 from .kind import WARP, BlockKind
 
 LARGEST = """
@@ -96,21 +96,6 @@ def lowest_bit(mask: int) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    asm volatile("red.global.add.f64 [%0], %1;" :: "l"(__cvta_generic_to_global(sums.data + at)), "d"(value));
-#else
-    sums.data[at] += value;
-#endif
-""")
-def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
-    """Adds `value` to what stands at `at` in global memory, and does not wait for it.
-
-    Where no other thread adds to it, the sum is that of one addition after the other.
-    """
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
     asm volatile("red.global.max.s64 [%0], %1;" ::
         "l"(__cvta_generic_to_global(values.data + at)), "l"(__double_as_longlong(value)));
 #else
@@ -122,18 +107,6 @@ def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
 
     As whole numbers, bits of positive numbers have their order.
     """
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("red.global.add.u32 [%0], 1;" :: "l"(__cvta_generic_to_global(counts.data + at)));
-#else
-    counts.data[at] += 1;
-#endif
-""")
-def count_at(counts: wp.array[wp.int32], at: int):
-    """One more at `at` in global memory, without a wait."""
     ...
 
 
@@ -221,7 +194,7 @@ FIBERS_OR = """
 @cache
 def sync(kind: BlockKind) -> SimpleNamespace:
     """The functions by which the threads of a block of a kind wait for each other and add up together."""
-    Real, threads = kind.Real, kind.threads
+    Real, threads = kind.Real, kind.shape.threads
 
     @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
     def barrier():
@@ -268,14 +241,4 @@ def sync(kind: BlockKind) -> SimpleNamespace:
         """Largest `value` of the threads of this warp."""
         ...
 
-    return SimpleNamespace(
-        barrier=barrier,
-        together=together,
-        any_thread=any_thread,
-        hand_over=hand_over,
-        taken_over=taken_over,
-        among_rollers=among_rollers,
-        warp_sum=warp_sum,
-        group_sum=group_sum,
-        warp_max=warp_max,
-    )
+    return SimpleNamespace(**locals())

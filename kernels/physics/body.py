@@ -1,21 +1,29 @@
 """Bodies: what carries teeth and guides and is moved by the chain's wrench on it.
 
 A body has three coordinates, its center (x, y) and its angle; each is free, held, or prescribed. A sprocket whose
-center is fixed and that has no balance wheel only turns (`Mount.active` = 0); the others follow `mount`. What is
-prescribed takes its mean speed over a leapfrog step, which leads it exactly from place to place.
+center is fixed and that has no balance wheel, or an arm, only turns (`Mount.active` = 0); the others follow `mount`.
+What is prescribed takes its mean speed over a leapfrog step, which leads it exactly from place to place.
 
-`body_rates` has the accelerations of all coordinates, `leapfrog_body` and `rk4_body` take a body on by one integrator
-each, `body_at` observes it. A new kind of body adds its own forces in `body_rates`.
+`body_rates` has the accelerations of all coordinates, `leapfrog_body` and `stage_body` take a body on by an
+integrator, `body_at` observes it. A new kind of body adds its own moment to the load on its angle.
+
+Coordinates and rates are numbers (`number`); forces, moments and accelerations are rounded. Between two looks at its
+angle a heading may be turned by the small angle of a step, by the series of sine and cosine to the fifth order, whose
+next terms are below 1e-14 for steps of a hundredth of a radian.
 """
+
+from typing import Any
 
 import warp as wp
 
-from ..fast_math import reciprocal
-from ..integrate import Rk4Stage
-from ..number import sine_cosine
-from ..structs import BodyStages, BodyState, Curves, Drive, Motion, Mount, Pose, Wrench
+from ..native import reciprocal
+from ..number import Pair, add, leading, mul, number_of, rounded, settled, sine_cosine, sub, trimmed  # noqa: F401
+from ..structs import BodyState, Pose, types
 from .motion import prescribed_acceleration, prescribed_at
 from .mount import PRESCRIBED, accelerations, holding_force, mounted_energy, prescribed_center, prescribing_power
+from .tooth import reach_of
+
+BLOCKS = types(wp.float32, blocks=True)
 
 
 @wp.func
@@ -26,12 +34,61 @@ def heading_of(body: BodyState):
 
 
 @wp.func
-def pose_of(body: BodyState):
-    """A body as contacts see it."""
-    heading = heading_of(body)
-    pose = Pose()
-    pose.cosine = heading[0]
-    pose.sine = heading[1]
+def faced(pose: Pose, cosine: wp.float64, sine: wp.float64):
+    """A body that heads where cosine and sine say."""
+    pose.cosine = cosine
+    pose.sine = sine
+    return pose
+
+
+@wp.func
+def faced(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
+    """The same at float32."""
+    pose.cosine = cosine
+    pose.sine = sine
+    pose.reach_cosine = reach_of(cosine, pose.radius, pose.grid)
+    pose.reach_sine = reach_of(sine, pose.radius, pose.grid)
+    return pose
+
+
+@wp.func
+def swung(pose: Pose, turn: wp.float64):
+    """A body whose heading is turned by a small angle [rad], and back to length one."""
+    square = turn * turn
+    less = 1.0 - square * (0.5 - square * wp.static(wp.float64(1.0 / 24.0)))
+    sine = turn * (1.0 - square * (wp.static(wp.float64(1.0 / 6.0)) - square * wp.static(wp.float64(1.0 / 120.0))))
+    x = pose.cosine * less - pose.sine * sine
+    y = pose.cosine * sine + pose.sine * less
+    scale = 1.5 - 0.5 * (x * x + y * y)
+    return faced(pose, x * scale, y * scale)
+
+
+@wp.func
+def swung(pose: BLOCKS.Pose, turn: wp.float32):
+    """The same at float32, by what is added to cosine and sine."""
+    square = turn * turn
+    less = -0.5 * square * (1.0 - square * wp.static(1.0 / 12.0))
+    sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
+    c = pose.cosine
+    s = pose.sine
+    x = settled(c.high, c.low + (less * c.high - sine * s.high))
+    return faced(pose, x, settled(s.high, s.low + (less * s.high + sine * c.high)))
+
+
+@wp.func
+def aligned(pose: Any):
+    """A body that heads where its angle says, all of it such as float64 can hold."""
+    pose.angle = trimmed(pose.angle)
+    pose.speed = trimmed(pose.speed)
+    pose.center = trimmed(pose.center)
+    pose.velocity = trimmed(pose.velocity)
+    sine, cosine = sine_cosine(pose.angle)
+    return faced(pose, cosine, sine)
+
+
+@wp.func
+def posed(pose: Any, body: Any):
+    """A pose with a body's coordinates and rates; it heads where it did."""
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
@@ -40,92 +97,92 @@ def pose_of(body: BodyState):
 
 
 @wp.func
+def pose_of(body: BodyState):
+    """A body as contacts see it."""
+    return aligned(posed(Pose(), body))
+
+
+@wp.func
+def in_plain(body: BodyState):
+    """A body's state in plain numbers."""
+    return body
+
+
+@wp.func
+def in_plain(body: BLOCKS.BodyState):
+    """The same at float32."""
+    plain = BLOCKS.Instant()
+    plain.angle = rounded(body.angle)
+    plain.speed = leading(body.speed)
+    plain.center = leading(body.center)
+    plain.velocity = leading(body.velocity)
+    return plain
+
+
+@wp.func
 def body_rates(
-    time: wp.float64,
-    body: BodyState,
-    heading: wp.vec2d,
-    wrench: Wrench,
-    load: wp.float64,
-    motion: Motion,
-    mount: Mount,
-    curves: Curves,
+    time: Any, off: Any, body: Any, heading: Any, wrench: Any, load: Any, motion: Any, mount: Any, curves: Any
 ):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 for a prescribed angle that
     nothing else hangs on.
 
     Args:
         time: for what is prescribed [s].
-        body: its coordinates and rates; its angle and speed must be those of `time`.
+        off: the body's center from where it is at home [m] (`mount.off_home`).
+        body: its coordinates and rates in plain numbers; its speed must be that of `time`.
         heading: cosine and sine of its angle.
-        wrench: of the chain on it.
+        wrench: of the chain and of tensioners on it.
         load: load moment [N m], if its angle is free.
         motion, mount, curves: how it is turned and held.
     """
-    zero = wp.float64(0.0)
-    rates = wp.vec3d(zero, zero, zero)
+    zero = type(load)(0.0)
+    rates = wp.vector(zero, zero, zero)
     if mount.active == 0:
         rates[2] = (wrench.moment + load) * motion.inverse_inertia  # whose inverse is zero where the angle is led
     else:
-        turning = wp.vec3d(zero, zero, load)
+        turning = wp.vector(zero, zero, load)
         if motion.prescribed == 1:
             angle, speed = prescribed_at(time, motion, curves)
             body.speed = speed
-            turning = wp.vec3d(wp.float64(1.0), prescribed_acceleration(time, motion, curves), zero)
-        driven = wp.vec2d()
+            turning = wp.vector(type(load)(1.0), prescribed_acceleration(time, motion, curves), zero)
+        driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
             place, velocity, driven = prescribed_center(time, mount)
-        rates = accelerations(driven, body.center - mount.home, body, heading, wrench, turning, mount)
+        rates = accelerations(driven, off, body, heading, wrench, turning, mount)
     return rates
 
 
 @wp.func
-def leapfrog_body(
-    time: wp.float64,
-    kick: wp.float64,
-    h: wp.float64,
-    body: BodyState,
-    rates: wp.vec3d,
-    ahead: wp.float64,
-    motion: Motion,
-    mount: Mount,
-):
-    """A body a step `h` after `time`; `kick` as `leapfrog_kick`, `ahead` the angle then where it is prescribed."""
+def leapfrog_body(after: Any, kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
+    """A body a step `h` on, at `after` [s]; `kick` as `leapfrog_kick`, `ahead` its angle then if that is prescribed."""
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
     body.angle = wp.where(led, ahead, body.angle + h * speed)
     body.speed = speed
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(time + h, mount)
+        center, velocity, growth = prescribed_center(after, mount)
         body.velocity = (center - body.center) * reciprocal(h)
         body.center = center
     elif mount.active != 0:
-        body.velocity = body.velocity + kick * wp.vec2d(rates[0], rates[1])
+        body.velocity = body.velocity + kick * wp.vector(rates[0], rates[1])
         body.center = body.center + h * body.velocity
     return body
 
 
 @wp.func
-def rk4_body(
-    at: Rk4Stage,
-    body: BodyState,
-    stages: BodyStages,
-    rates: wp.vec3d,
-    motion: Motion,
-    mount: Mount,
-    curves: Curves,
-):
-    """A body where the next of the four stages evaluates it, after the fourth at the step's end, and its `stages`."""
-    straight = wp.vec2d(rates[0], rates[1])
+def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: Any, curves: Any):
+    """A body where the next stage of a step evaluates it, after the last at the step's end, and its `stages`."""
+    straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
     if at.number == 0:
-        stages = BodyStages()
+        stages = type(stages)()
         stages.base = body
     stages.slopes.angle = stages.slopes.angle + at.weight * turning
     stages.slopes.speed = stages.slopes.speed + at.weight * rates[2]
     stages.slopes.center = stages.slopes.center + at.weight * moving
     stages.slopes.velocity = stages.slopes.velocity + at.weight * straight
-    if at.number == 3:
+    if at.last == 1:
         body.angle = stages.base.angle + stages.slopes.angle
         body.speed = stages.base.speed + stages.slopes.speed
         body.center = stages.base.center + stages.slopes.center
@@ -138,72 +195,117 @@ def rk4_body(
     if motion.prescribed == 1:
         angle, speed = prescribed_at(at.after, motion, curves)
         body.angle = angle
-        body.speed = speed
+        body.speed = number_of(speed)
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(at.after, mount)
         body.center = center
-        body.velocity = velocity
+        body.velocity = number_of(velocity)
     return body, stages
 
 
 @wp.func
-def body_at(
-    time: wp.float64,
-    lag: wp.float64,
-    body: BodyState,
-    rates: wp.vec3d,
-    driven: wp.float64,
-    motion: Motion,
-    mount: Mount,
-):
-    """A body with its rates at `time`, `lag` after their instant; `driven` is the speed of a prescribed angle."""
-    body.speed = wp.where(motion.prescribed == 1, driven, body.speed + lag * rates[2])
+def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any):
+    """A body in plain numbers with its rates at `time`, `lag` after their instant; `driven` is the speed of a
+    prescribed angle.
+    """
+    seen = in_plain(body)
+    seen.speed = wp.where(motion.prescribed == 1, driven, seen.speed + lag * rates[2])
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount)
-        body.velocity = velocity
+        seen.velocity = velocity
     else:
-        body.velocity = body.velocity + lag * wp.vec2d(rates[0], rates[1])
-    return body
+        seen.velocity = seen.velocity + lag * wp.vector(rates[0], rates[1])
+    return seen
 
 
 @wp.func
-def body_energy(body: BodyState, motion: Motion, mount: Mount):
+def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
     """Kinetic and potential energy of a body with its rates at one instant [J]; 0 of one that is led."""
-    energy = wp.float64(0.0)
+    energy = type(body.speed)(0.0)
     if mount.active != 0:
-        energy = mounted_energy(body, heading_of(body), mount)
+        energy = mounted_energy(off, body, heading, mount)
     elif motion.prescribed == 0:
-        energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
+        energy = type(body.speed)(0.5) * body.speed * body.speed / motion.inverse_inertia
     return energy
 
 
 @wp.func
-def held_by(
-    time: wp.float64,
-    body: BodyState,
-    wrench: Wrench,
-    load: wp.float64,
-    motion: Motion,
-    mount: Mount,
-    curves: Curves,
-):
+def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, load: Any, motion: Any, mount: Any, curves: Any):
     """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
     Arguments as of `body_rates`, with the body's rates at `time`.
     """
-    heading = heading_of(body)
-    rates = body_rates(time, body, heading, wrench, load, motion, mount, curves)
-    held = holding_force(body.center - mount.home, body, heading, wrench, rates, mount)
+    rates = body_rates(time, off, body, heading, wrench, load, motion, mount, curves)
+    held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 
 
 @wp.func
-def in_box(drive: Drive, p: wp.vec2d):
+def in_box(low: Any, high: Any, p: Any):
     """Whether `p` is finite and in the box that rollers and bodies' centers of a drive stay in."""
-    return p[0] > drive.low[0] and p[0] < drive.high[0] and p[1] > drive.low[1] and p[1] < drive.high[1]
+    return p[0] > low[0] and p[0] < high[0] and p[1] > low[1] and p[1] < high[1]
 
 
 @wp.func
-def turns_soundly(angle: wp.float64, speed: wp.float64):
+def turns_soundly(angle: Any, speed: Any):
     """Whether a body's angle and angular velocity are finite."""
-    return wp.isfinite(angle) and wp.isfinite(speed)
+    return wp.isfinite(rounded(angle)) and wp.isfinite(rounded(speed))
+
+
+@wp.func
+def stop_moment(angle: Any, speed: Any, arm: Any):
+    """Moment [N m] of the stop that an arm leans on, and what of it is elastic."""
+    zero = type(angle)(0.0)
+    elastic = zero
+    moment = zero
+    if angle < arm.low:
+        elastic = arm.stop_stiffness * (arm.low - angle)
+        moment = wp.max(elastic - arm.stop_damping * speed, zero)
+    elif angle > arm.high:
+        elastic = arm.stop_stiffness * (arm.high - angle)
+        moment = wp.min(elastic - arm.stop_damping * speed, zero)
+    return moment, elastic
+
+
+@wp.func
+def own_moment(body: Any, heading: Any, arm: Any):
+    """Moment [N m] on an arm of all but contacts and tensioners: weight, spring, damper, stops, as in (a).
+
+    Args:
+        body: its angle and speed.
+        heading: cosine and sine of its angle.
+        arm: its data.
+    """
+    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
+    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
+    stop, elastic = stop_moment(body.angle, body.speed, arm)
+    weight = x * arm.gravity[1] - y * arm.gravity[0]
+    return weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
+
+
+@wp.func
+def relaxed_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
+    """An arm after a step of relaxation, omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
+    body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
+    body.angle = body.angle + h * body.speed
+    return body
+
+
+@wp.func
+def arm_energy(kinetic: Any, body: Any, heading: Any, arm: Any):
+    """Energy of an arm [J]: what it has as a body, `kinetic`, and that of its springs and its weight."""
+    half = type(body.speed)(0.5)
+    turned = body.angle - arm.free_angle
+    energy = kinetic + half * arm.stiffness * turned * turned
+    beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
+    energy += half * arm.stop_stiffness * beyond * beyond
+    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
+    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
+    return energy - x * arm.gravity[0] - y * arm.gravity[1]
+
+
+@wp.func
+def arm_dissipation(body: Any, arm: Any):
+    """Power [W] that an arm's damper and stops take."""
+    stop, elastic = stop_moment(body.angle, body.speed, arm)
+    return arm.damping * body.speed * body.speed - (stop - elastic) * body.speed

@@ -22,9 +22,8 @@ from typing import Any
 
 import warp as wp
 
-from ..fast_math import product, products, quotient
-from ..number import pair_vector
-from ..structs import Pose, Wheel
+from ..native import product, products, quotient
+from ..number import leading
 from .friction import bounded, friction
 from .impact import contact_force, elastic_force
 
@@ -129,7 +128,7 @@ def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
         force: of the damper or of friction on the roller [N].
         relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
         acceleration: of the roller, with all that acts on it [m/s^2].
-        lag: half a step with leapfrog, 0 with rk4 [s].
+        lag: half a step with leapfrog, else 0 [s].
     """
     return power_taken(force[0], force[1], relative[0] - lag * acceleration[0], relative[1] - lag * acceleration[1])
 
@@ -147,21 +146,11 @@ def reaction(arm: Any, force: Any):
 
 
 @wp.func
-def surface_velocity(body: Pose, arm: wp.vec2d):
+def surface_velocity(body: Any, arm: Any):
     """Velocity of a body's material point [m/s], `arm` from its center."""
-    return wp.vec2d(body.velocity[0] - body.speed * arm[1], body.velocity[1] + body.speed * arm[0])
-
-
-@wp.func
-def center_of(body: Pose):
-    """Center of a body [m]."""
-    return body.center
-
-
-@wp.func
-def center_of(body: Wheel):
-    """Center of a body [m]."""
-    return pair_vector(body.center, body.center_low)
+    v = leading(body.velocity)
+    omega = leading(body.speed)
+    return type(arm)(v[0] - omega * arm[1], v[1] + omega * arm[0])
 
 
 @wp.func

@@ -1,4 +1,4 @@
-r"""Roller on a guide-bar: a flat face with rounded ends, the chain on the left of its direction of travel.
+"""Roller on a guide-bar: a flat face with rounded ends, the chain on the left of its direction of travel.
 
 With t the face's direction, n = (-t_y, t_x), q = r - a and Rr the roller's radius (Pedersen et al. 2004, eq. (21)-(23),
 conditions A, B, C, all surfaces offset by the roller's radius):
@@ -15,9 +15,8 @@ from typing import Any
 
 import warp as wp
 
-from ..fast_math import inside, inverse_root, root
-from ..number import PairVector, cross, pair_of, pair_vector
-from ..structs import Line, Pose
+from ..native import inside, inverse_root, load_constant, root
+from ..number import PairVector, add, component, cross, difference, fused, leading, mul, sub, vector  # noqa: F401
 from .contact import turned
 
 
@@ -55,68 +54,44 @@ def guide_gap(along: Any, across: Any, bar: Any):
 
 
 @wp.func
-def line_of(bar: Any):
-    """A straight guide-bar's line, in pairs."""
-    x = pair_of(bar.start[0])
-    y = pair_of(bar.start[1])
-    along = pair_of(bar.direction[0])
-    across = pair_of(bar.direction[1])
-    line = Line()
-    line.start = wp.vec2f(x.high, y.high)
-    line.start_low = wp.vec2f(x.low, y.low)
-    line.direction = wp.vec2f(along.high, across.high)
-    line.direction_low = wp.vec2f(along.low, across.low)
-    line.slack = 1.0e-6 * (bar.length + 2.0 * (bar.end_radius + bar.roller_radius))
-    return line
-
-
-@wp.func
-def start_of(line: Line):
-    """Start of a guide's line [m]."""
-    return pair_vector(line.start, line.start_low)
-
-
-@wp.func
 def line_coordinates(p: wp.vec2d, t: wp.vec2d):
     """Components of `p` along the direction `t` and across it [m]."""
     return wp.dot(p, t), p[1] * t[0] - p[0] * t[1]
 
 
 @wp.func
-def line_coordinates(p: PairVector, t: wp.vec2f, low: wp.vec2f):
-    """The same at float32, `t` + `low` the high and low parts of the direction."""
-    along = wp.dot(p.high, t) + (wp.dot(p.low, t) + wp.dot(p.high, low))
-    rest = (p.low[1] * t[0] + p.high[1] * low[0]) - (p.low[0] * t[1] + p.high[0] * low[1])
-    return along, cross(p.high[1], p.high[0], t[1], t[0]) + rest
+def line_coordinates(p: PairVector, t: PairVector):
+    """The same at float32."""
+    along = wp.dot(p.high, t.high) + (wp.dot(p.low, t.high) + wp.dot(p.high, t.low))
+    rest = (p.low[1] * t.high[0] + p.high[1] * t.low[0]) - (p.low[0] * t.high[1] + p.high[0] * t.low[1])
+    return along, cross(p.high[1], p.high[0], t.high[1], t.high[0]) + rest
 
 
 @wp.func
-def line_coordinates(p: PairVector, line: Line):
-    """The same of a point `p` from the start of a line, by float32 alone."""
-    x = (p.high[0] - line.start[0]) + (p.low[0] - line.start_low[0])
-    y = (p.high[1] - line.start[1]) + (p.low[1] - line.start_low[1])
-    return x * line.direction[0] + y * line.direction[1], y * line.direction[0] - x * line.direction[1]
+def near_coordinates(p: wp.vec2d, bar: Any):
+    """Where `p` is along a bar, or a profile's chord, and across it [m]."""
+    return line_coordinates(p - bar.start, bar.direction)
 
 
 @wp.func
-def near_bar(p: wp.vec2d, bar: Any):
+def near_coordinates(p: PairVector, bar: Any):
+    """The same by float32 alone, which is off by less than the bar's `slack`."""
+    q = (p.high - bar.start.high) + (p.low - bar.start.low)
+    t = leading(bar.direction)
+    return q[0] * t[0] + q[1] * t[1], q[1] * t[0] - q[0] * t[1]
+
+
+@wp.func
+def near_bar(p: Any, bar: Any):
     """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
-    along, across = line_coordinates(p - bar.start, bar.direction)
-    reach = bar.end_radius + bar.roller_radius
-    return inside(across, -bar.end_radius, bar.roller_radius) & inside(along, -reach, bar.length + reach)
-
-
-@wp.func
-def near_bar(p: PairVector, line: Line, bar: Any):
-    """The same at float32, which is off by less than the line's `slack`."""
-    along, across = line_coordinates(p, line)
-    reach = bar.end_radius + bar.roller_radius + line.slack
-    near = inside(across, -bar.end_radius - line.slack, bar.roller_radius + line.slack)
+    along, across = near_coordinates(p, bar)
+    reach = bar.end_radius + bar.roller_radius + bar.slack
+    near = inside(across, -bar.end_radius - bar.slack, bar.roller_radius + bar.slack)
     return near & inside(along, -reach, bar.length + reach)
 
 
 @wp.func
-def carried(bar: Any, body: Pose):
+def carried(bar: Any, body: Any):
     """A guide-bar, given in the frame of the body that carries it, where the body is now."""
     start = turned(bar.start, body.cosine, body.sine)
     bar.start = body.center + start
@@ -125,7 +100,7 @@ def carried(bar: Any, body: Pose):
 
 
 @wp.func
-def on_guide(p: wp.vec2d, v: Any, surface: Any, bar: Any):
+def on_guide(p: Any, v: Any, surface: Any, bar: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller on a guide-bar, eq. (21)-(23).
 
     Args:
@@ -134,18 +109,140 @@ def on_guide(p: wp.vec2d, v: Any, surface: Any, bar: Any):
         surface: velocity of the body that carries the bar, where the roller is [m/s]; zero on the ground.
         bar: the guide-bar (`structs.Guide`).
     """
-    t = bar.direction
+    t = leading(bar.direction)
     length = bar.length
-    x, y = line_coordinates(p, t)
-    penetration, normal_along, normal_across = guide_gap(type(length)(x), type(length)(y), bar)
+    along, across = line_coordinates(p, bar.direction)
+    penetration, normal_along, normal_across = guide_gap(type(length)(along), type(length)(across), bar)
     face = type(v)(type(length)(t[0]), type(length)(t[1]))
     return penetration, turned(face, normal_along, normal_across), surface - v
 
 
 @wp.func
-def on_guide(p: PairVector, v: wp.vec2f, line: Line, bar: Any):
-    """The same on a guide-bar that does not move, `line` saying where it is."""
-    t = line.direction
-    along, across = line_coordinates(p, t, line.direction_low)
-    penetration, normal_along, normal_across = guide_gap(along, across, bar)
-    return penetration, turned(t, normal_along, normal_across), -v
+def piece_height(u: Any, w: Any, curvature: Any):
+    """Height over a piece's face [m] and the normal's components along its tangent and normal, (a) and (b).
+
+    Args:
+        u, w: the roller's center from the piece's start, along its tangent and normal [m].
+        curvature: k [1/m].
+    """
+    one = type(u)(1.0)
+    g = type(u)(2.0) * w - curvature * (u * u + w * w)
+    square = wp.max(one - curvature * g, type(u)(1.0e-12))  # 0 in an arc's center only
+    inverse = inverse_root(square)
+    return g / (one + square * inverse), -curvature * u * inverse, (one - curvature * w) * inverse
+
+
+@wp.func
+def place_along(u: wp.float64, w: wp.float64, curvature: wp.float64):
+    """How far from a piece's start its face is nearest [m]."""
+    place = u
+    if curvature != wp.float64(0.0):
+        place = wp.atan2(curvature * u, wp.float64(1.0) - curvature * w) / curvature
+    return place
+
+
+@wp.func
+def in_frame(q: Any, body: Any):
+    """`q`, from a body's center, in that body's own frame [m]."""
+    x = component(q, 0)
+    y = component(q, 1)
+    return vector(x * body.cosine + y * body.sine, y * body.cosine - x * body.sine)
+
+
+@wp.func
+def near_profile(q: Any, guide: Any):
+    """1 where a roller at `q`, in the frame of the guide's body, is in the box about the guide's chord, else 0."""
+    along, across = near_coordinates(q, guide)
+    return inside(along, guide.low[0], guide.high[0]) & inside(across, guide.low[1], guide.high[1])
+
+
+@wp.func
+def ahead_of(p: wp.vec2d, t: wp.vec2d):
+    """Whether a point has come past where a direction `t` begins."""
+    return wp.dot(p, t) >= wp.float64(0.0)
+
+
+@wp.func
+def ahead_of(p: PairVector, t: PairVector):
+    """The same in pairs, wherever it is asked and whatever is fused there."""
+    rest = fused(p.high[0], t.low[0], p.high[1] * t.low[1])
+    rest = fused(p.low[0], t.high[0], fused(p.low[1], t.high[1], rest))
+    return fused(p.high[0], t.high[0], fused(p.high[1], t.high[1], rest)) >= 0.0
+
+
+@wp.func
+def is_past(q: Any, i: int, pieces: Any):
+    """Whether a roller is past the start of piece `i` of all."""
+    piece = load_constant(pieces, i)
+    return ahead_of(difference(q, piece.start), piece.direction)
+
+
+@wp.func
+def piece_coordinates(q: Any, i: int, pieces: Any):
+    """u, w [m] and curvature [1/m] of a roller over piece `i` of all, see (a)."""
+    piece = load_constant(pieces, i)
+    u, w = line_coordinates(difference(q, piece.start), piece.direction)
+    return u, w, piece.curvature
+
+
+@wp.func
+def piece_beyond(q: Any, number: int, first: int, pieces: Any):
+    """+1 where a roller is past piece `number` of a profile whose first is `first`, -1 where it is before, else 0."""
+    step = wp.where(is_past(q, first + number, pieces), 0, -1)
+    return wp.where(is_past(q, first + number + 1, pieces), 1, step)
+
+
+@wp.func
+def nearest_piece(q: Any, count: int, first: int, pieces: Any):
+    """The piece of a profile that a roller is over, the one whose face is nearest; if over none, the nearer end's."""
+    begun = wp.length(leading(difference(q, load_constant(pieces, first).start)))
+    ending = wp.length(leading(difference(q, load_constant(pieces, first + count).start)))
+    nearest = wp.where(begun < ending, 0, count - 1)
+    least = type(begun)(1.0e38)
+    for number in range(count):
+        if piece_beyond(q, number, first, pieces) == 0:
+            u, w, curvature = piece_coordinates(q, first + number, pieces)
+            height, along, across = piece_height(u, w, curvature)
+            if wp.abs(height) < least:
+                least = wp.abs(height)
+                nearest = number
+    return nearest
+
+
+@wp.func
+def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
+    """The piece of a guide that a roller at `q` is over or, beyond the guide's ends, was over last.
+
+    Args:
+        q: in the frame of the guide's body [m].
+        kept: the piece of the step before, of which this one is a neighbor; negative: all are searched.
+        guide: `structs.Guide`, its `first_piece` counted among all.
+        pieces: of all.
+    """
+    if kept < 0:
+        return nearest_piece(q, guide.pieces, guide.first_piece, pieces)
+    return wp.clamp(kept + piece_beyond(q, kept, guide.first_piece, pieces), 0, guide.pieces - 1)
+
+
+@wp.func
+def on_profile(q: Any, number: int, guide: Any, pieces: Any):
+    """Penetration [m] of a roller on a guide's profile and the normal, in the frame of the guide's body.
+
+    The penetration is not positive where they do not touch, and where the roller is behind the guide.
+
+    Args:
+        q: in that frame [m].
+        number: of the roller's piece.
+        guide: `structs.Guide`, its `first_piece` counted among all; the penetration has the type of its lengths.
+        pieces: of all.
+    """
+    u, w, curvature = piece_coordinates(q, guide.first_piece + number, pieces)
+    length = guide.length
+    height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(curvature))
+    penetration = guide.roller_radius - height
+    if height <= -guide.end_radius or piece_beyond(q, number, guide.first_piece, pieces) != 0:
+        penetration = type(length)(0.0)
+    t = leading(load_constant(pieces, guide.first_piece + number).direction)
+    x = type(u)(along) * t[0] - type(u)(across) * t[1]
+    y = type(u)(along) * t[1] + type(u)(across) * t[0]
+    return penetration, type(t)(x, y)

@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from ..fast_math import larger, reciprocal, smaller
+from ..native import larger, reciprocal, smaller
 
 
 @wp.func

@@ -1,4 +1,4 @@
-r"""How a body turns: prescribed angle and speed, and the load moment of a free one (Pedersen et al. 2004, eq. (4)).
+"""How a body turns: prescribed angle and speed, and the load moment of a free one (Pedersen et al. 2004, eq. (4)).
 
 Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, phi' = Omega S(t / t_ramp) or tabulated:
 
@@ -9,17 +9,75 @@ oppose the actual speed:
 
     M = -{w [T0 + sum_h T_h cos(h phi_f + psi_h)] + b omega + q omega |omega|} S(t / t_load)
 
-Angles are kept in float64 at every precision: they are a few numbers a step, and seats hang on them.
+Times and angles are numbers (`number`): they are a few a step, and seats hang on them. Speeds, moments and
+accelerations are rounded.
 """
 
 from typing import Any
 
 import warp as wp
 
-from ..fast_math import quotient
-from ..number import sine_cosine
-from ..structs import Curves, Motion
-from .table import table_at
+from ..native import quotient
+from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401  # noqa: F401
+
+CELL_VALUES = wp.constant(5)
+
+
+@wp.func
+def cell_at(x: Any, table: Any):
+    """Where `x` is in a table: cell, place in it from 0 to 1, cells beyond the ends, and how often it began anew."""
+    u = (x - table.start) / table.spacing
+    place = rounded(u)
+    cells = type(place)(table.cells)
+    rounds = type(place)(0.0)
+    if table.repeats == 1:
+        rounds = wp.floor(place / cells)
+        u = u - rounds * cells
+    within = u
+    if not (rounded(u) >= type(place)(0.0)):  # before it, or no number: the variant is diverging
+        within = number_of(type(place)(0.0))
+    if rounded(u) >= cells:
+        within = number_of(cells)
+    cell = wp.min(int(rounded(within)), table.cells - 1)
+    return cell, within - type(place)(cell), u - within, rounds
+
+
+@wp.func
+def cubic(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
+    """c_0 + c_1 w + c_2 w^2 + c_3 w^3."""
+    return c0 + w * (c1 + w * (c2 + w * c3))
+
+
+@wp.func
+def value_at(x: Any, table: Any, values: Any):
+    """Value of a table at `x`, rounded."""
+    cell, place, beyond, rounds = cell_at(x, table)
+    at = table.first + CELL_VALUES * cell
+    c2, c3 = leading(values[at + 2]), leading(values[at + 3])
+    return cubic(rounded(place), leading(values[at]), leading(values[at + 1]), c2, c3)
+
+
+@wp.func
+def slope_at(x: Any, table: Any, values: Any):
+    """Slope of a table at `x`, rounded; 0 beyond its ends."""
+    cell, place, beyond, rounds = cell_at(x, table)
+    at = table.first + CELL_VALUES * cell
+    w = rounded(place)
+    c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
+    slope = (c1 + w * (2.0 * c2 + 3.0 * w * c3)) / rounded(table.spacing)
+    return wp.where(rounded(beyond) == type(w)(0.0), slope, type(w)(0.0))
+
+
+@wp.func
+def integral_at(x: Any, table: Any, values: Any):
+    """Value of a table at `x`, and its integral from x = 0."""
+    cell, w, beyond, rounds = cell_at(x, table)
+    at = table.first + CELL_VALUES * cell
+    c0, c1, c2, c3 = values[at], values[at + 1], values[at + 2], values[at + 3]
+    value = cubic(w, c0, c1, c2, c3)
+    integral = values[at + 4] + table.spacing * w * cubic(w, c0, c1 / 2.0, c2 / 3.0, c3 / 4.0)
+    integral = integral + rounds * values[table.first + CELL_VALUES * table.cells]
+    return value, integral + beyond * table.spacing * value
 
 
 @wp.func
@@ -41,59 +99,68 @@ def ramp_slope(time: Any, duration: Any):
 
 
 @wp.func
-def ramp_integral(time: wp.float64, duration: wp.float64):
+def ramp_integral(time: Any, duration: Any):
     """Integral of `ramp` from 0 to `time` [s]."""
-    if time >= duration:
-        return time - wp.float64(0.5) * duration
+    if leading(time) >= leading(duration):
+        return time - 0.5 * duration
     u = time / duration
-    return duration * u * u * u * (wp.float64(1.0) - wp.float64(0.5) * u)
+    return duration * u * u * u * (1.0 - 0.5 * u)
 
 
 @wp.func
-def ramped(time: wp.float64, speed: wp.float64, ramp_time: wp.float64):
-    """phi, phi' and phi'' of a speed that is ramped up."""
-    return speed * ramp_integral(time, ramp_time), speed * ramp(time, ramp_time), speed * ramp_slope(time, ramp_time)
-
-
-@wp.func
-def course_at(time: wp.float64, motion: Motion, curves: Curves):
+def course_at(time: Any, motion: Any, curves: Any):
     """phi, phi' and phi'' of a prescribed body, before its harmonics."""
-    phi, rate, growth = ramped(time, motion.speed, motion.ramp_time)
+    phi = motion.speed * ramp_integral(time, motion.ramp_time)
+    rate = rounded(motion.speed) * ramp(rounded(time), rounded(motion.ramp_time))
+    growth = rounded(motion.speed) * ramp_slope(rounded(time), rounded(motion.ramp_time))
     if motion.drive_table.cells > 0:
-        rate, phi, growth = table_at(time, motion.drive_table, curves.tables)
+        value, integral = integral_at(time, motion.drive_table, curves.tables)
+        phi = integral
+        rate = rounded(value)
+        growth = slope_at(time, motion.drive_table, curves.tables)
     return phi, rate, growth
 
 
 @wp.func
-def prescribed_at(time: wp.float64, motion: Motion, curves: Curves):
+def phase_sine(harmonic: wp.vec3d):
+    """Sine of a harmonic's phase."""
+    sine, cosine = sine_cosine(harmonic[2])
+    return sine
+
+
+@wp.func
+def phase_sine(harmonic: wp.vec4f):
+    """The same at float32, where it stands with the harmonic."""
+    return harmonic[3]
+
+
+@wp.func
+def prescribed_at(time: Any, motion: Any, curves: Any):
     """Angle [rad] and angular velocity [rad/s] of a prescribed body."""
     phi, rate, growth = course_at(time, motion, curves)
     angle = phi
-    factor = wp.float64(1.0)
+    factor = type(rate)(1.0)
     rows = motion.drive_harmonics
     for j in range(rows.first, rows.first + rows.count):
         harmonic = curves.harmonics[j]
-        argument = harmonic[0] * phi + harmonic[2]
-        sine, cosine = sine_cosine(argument)
-        start, _ = sine_cosine(harmonic[2])
-        angle = angle + harmonic[1] / harmonic[0] * (sine - start)
-        factor = factor + harmonic[1] * cosine
+        sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
+        angle = angle + harmonic[1] / harmonic[0] * (sine - phase_sine(harmonic))
+        factor = factor + harmonic[1] * leading(cosine)
     return motion.start_angle + motion.sign * angle, motion.sign * rate * factor
 
 
 @wp.func
-def prescribed_acceleration(time: wp.float64, motion: Motion, curves: Curves):
+def prescribed_acceleration(time: Any, motion: Any, curves: Any):
     """Angular acceleration [rad/s^2] of a prescribed body."""
     phi, rate, growth = course_at(time, motion, curves)
-    factor = wp.float64(1.0)
-    slope = wp.float64(0.0)
+    factor = type(rate)(1.0)
+    slope = type(rate)(0.0)
     rows = motion.drive_harmonics
     for j in range(rows.first, rows.first + rows.count):
         harmonic = curves.harmonics[j]
-        argument = harmonic[0] * phi + harmonic[2]
-        sine, cosine = sine_cosine(argument)
-        factor = factor + harmonic[1] * cosine
-        slope = slope - harmonic[0] * harmonic[1] * sine
+        sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
+        factor = factor + harmonic[1] * leading(cosine)
+        slope = slope - harmonic[0] * harmonic[1] * leading(sine)
     return motion.sign * (growth * factor + rate * rate * slope)
 
 
@@ -104,29 +171,48 @@ def resisted(torque: Any, speed: Any, sign: Any, load: Any):
 
 
 @wp.func
-def free_load(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
-    """Load moment [N m] of a body that is free to turn, counter-clockwise."""
-    turned = angle - motion.start_angle
-    forward = motion.sign * turned
-    torque = motion.load[0]
-    if motion.load_table.cells > 0:
-        x = wp.where(motion.load_table.over_angle == 1, forward, time)
-        tabulated, integral, slope = table_at(x, motion.load_table, curves.tables)
-        torque = torque + tabulated
-    rows = motion.load_harmonics
-    for j in range(rows.first, rows.first + rows.count):
-        harmonic = curves.harmonics[j]
-        _, cosine = sine_cosine(harmonic[0] * forward + harmonic[2])
-        torque = torque + harmonic[1] * cosine
-    return resisted(torque, speed, motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
+def forward_angle(angle: Any, motion: Any):
+    """phi_f [rad] of a body at an angle."""
+    return motion.sign * (angle - motion.start_angle)
 
 
 @wp.func
-def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
-    """As `free_load`; 0 of a body whose angle is prescribed."""
-    if motion.prescribed == 1:
-        return wp.float64(0.0)
-    return free_load(time, angle, speed, motion, curves)
+def tabulated_over(time: Any, angle: Any, motion: Any):
+    """Time [s] or forward angle [rad], over whichever a load is tabulated."""
+    x = time
+    if motion.load_table.over_angle == 1:
+        x = forward_angle(angle, motion)
+    return x
+
+
+@wp.func
+def free_load(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, curves: Any):
+    """Load moment [N m] of a body that is free to turn, counter-clockwise.
+
+    Args:
+        time: rounded [s].
+        tabulated: what of T0 is [N m].
+        angle, speed: of the body.
+        motion, curves: its load.
+    """
+    torque = motion.load[0] + tabulated
+    rows = motion.load_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        harmonic = curves.harmonics[j]
+        torque = torque + harmonic[1] * cosine_of(harmonic[0] * forward_angle(angle, motion) + harmonic[2])
+    return resisted(torque, leading(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
+
+
+@wp.func
+def load_moment(time: Any, angle: Any, speed: Any, motion: Any, curves: Any):
+    """The load moment [N m] at a time [s]; 0 of a body whose angle is prescribed."""
+    load = type(motion.inverse_inertia)(0.0)
+    if motion.prescribed == 0:
+        tabulated = type(load)(0.0)
+        if motion.load_table.cells > 0:
+            tabulated = value_at(tabulated_over(time, angle, motion), motion.load_table, curves.tables)
+        load = free_load(leading(time), tabulated, angle, speed, motion, curves)
+    return load
 
 
 @wp.func

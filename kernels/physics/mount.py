@@ -18,20 +18,40 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import BodyState, Mount
+from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub  # noqa: F401
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
 
 
 @wp.func
-def prescribed_center(time: wp.float64, mount: Mount):
+def sine_cosine_of(argument: wp.float64):
+    """Sine and cosine of where a prescribed center is in its motion."""
+    return wp.sin(argument), wp.cos(argument)
+
+
+@wp.func
+def sine_cosine_of(argument: Pair):
+    """The same at float32."""
+    sine, cosine = sine_cosine(argument)
+    return sine, cosine
+
+
+@wp.func
+def prescribed_center(time: Any, mount: Any):
     """Place [m], velocity and acceleration of a prescribed center."""
-    argument = mount.frequency * time + mount.phase
-    along = mount.offset + mount.amplitude * wp.sin(argument)
-    rate = mount.amplitude * mount.frequency * wp.cos(argument)
-    growth = -mount.amplitude * mount.frequency * mount.frequency * wp.sin(argument)
+    sine, cosine = sine_cosine_of(mount.frequency * time + mount.phase)
+    along = mount.offset + mount.amplitude * sine
+    amplitude, frequency = leading(mount.amplitude), leading(mount.frequency)
+    rate = amplitude * frequency * rounded(cosine)
+    growth = -amplitude * frequency * frequency * leading(sine)
     return mount.home + along * mount.direction, rate * mount.direction, growth * mount.direction
+
+
+@wp.func
+def off_home(center: Any, mount: Any):
+    """A body's center from where it is at home [m]."""
+    return rounded(difference(center, mount.home))
 
 
 @wp.func
@@ -80,10 +100,9 @@ def accelerations(driven: Any, apart: Any, body: Any, heading: Any, wrench: Any,
 
 
 @wp.func
-def mounted_energy(body: BodyState, heading: wp.vec2d, mount: Mount):
+def mounted_energy(apart: Any, body: Any, heading: Any, mount: Any):
     """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
-    half = wp.float64(0.5)
-    apart = body.center - mount.home
+    half = type(body.speed)(0.5)
     arm = eccentric(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
     energy += body.speed * wp.dot(left(arm), body.velocity)

@@ -50,13 +50,6 @@ plunger where it is pushed back below
     x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
 
 x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
-
-**float32.** The touched point p turns with its body. From numbers that stand (`Stroke`) the extension is a pair,
-
-    x = (c - r_0) . d + (p . d) cos theta + (p' . d) sin theta
-    dx/dtheta = (p' . d) cos theta - (p . d) sin theta,                                     (13)
-
-p' being p turned by +90 degrees. The second is the lever, too, at which the force along d turns the body.
 """
 
 import math
@@ -64,10 +57,27 @@ from typing import Any
 
 import warp as wp
 
-from ..number import Pair, apart, log_of_sum, logarithm, minus, pair, pair_of, plus, rounded, times, trimmed
-from ..structs import BodyState, Push, Stroke, Tensioner, TensionerState, Wheel, Wrench, float32
-from ..sum_structs import TensionerFlows
-from .body import heading_of
+from ..number import (  # noqa: F401
+    Pair,
+    add,
+    component,
+    difference,
+    leading,
+    log_of_sum,
+    logarithm,
+    mul,
+    number_of,
+    rounded,
+    sub,
+    trimmed,
+    vector,
+)
+from ..precision import at_float32
+from ..structs import Push, Tensioner, TensionerFlows, TensionerState, types
+
+BLOCKS = types(wp.float32, blocks=True)
+BlockFlows = at_float32(TensionerFlows, {})
+"""Of one step, without pairs."""
 
 ROUNDS = wp.constant(60)
 """Newton's steps at most; from the pressure before, two or three do."""
@@ -84,58 +94,38 @@ WEIGHTS = [0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.10122853
 
 
 @wp.func
-def touch_of(center: wp.vec2d, heading: wp.vec2d, speed: wp.float64, velocity: wp.vec2d, tensioner: Tensioner):
-    """Place [m] and velocity [m/s] of the point of a body that the plunger touches.
+def touch_arm(body: Any, tensioner: Any):
+    """The point of a body that the plunger touches, from the body's center [m].
 
     Args:
-        center, velocity: of the body [m], [m/s].
-        heading: cosine and sine of its angle.
-        speed: its angular velocity [rad/s].
-        tensioner: with the point in the body's own frame, from its center.
+        body: with cosine and sine of its angle.
+        tensioner: with the point in the body's own frame.
     """
-    p = tensioner.point
-    arm = wp.vec2d(p[0] * heading[0] - p[1] * heading[1], p[0] * heading[1] + p[1] * heading[0])
-    return center + arm, velocity + speed * wp.vec2d(-arm[1], arm[0])
+    x = component(tensioner.point, 0)
+    y = component(tensioner.point, 1)
+    return vector(x * body.cosine - y * body.sine, x * body.sine + y * body.cosine)
 
 
 @wp.func
-def extension(place: wp.vec2d, tensioner: Tensioner):
-    """x [m] of the touched point, eq. (1)."""
-    return wp.dot(place - tensioner.home, tensioner.direction)
+def extension(center: Any, arm: Any, tensioner: Any):
+    """x [m] of the point `arm` from a body's center, eq. (1)."""
+    q = center + arm - tensioner.home
+    d = tensioner.direction
+    return component(q, 0) * component(d, 0) + component(q, 1) * component(d, 1)
 
 
 @wp.func
-def lever_of(wheel: Wheel, stroke: Stroke):
-    """dx/dtheta [m], eq. (13)."""
-    return wheel.cosine.high * stroke.across.high - wheel.sine.high * stroke.along.high
+def stroke_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
+    """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s], eq. (1)."""
+    return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading(tensioner.direction))
 
 
 @wp.func
-def extension(wheel: Wheel, stroke: Stroke):
-    """The same at float32, eq. (13)."""
-    x = times(pair(wheel.center[0], wheel.center_low[0]), stroke.direction_x)
-    y = times(pair(wheel.center[1], wheel.center_low[1]), stroke.direction_y)
-    turned = plus(times(wheel.cosine, stroke.along), times(wheel.sine, stroke.across))
-    return plus(plus(plus(x, y), minus(stroke.home)), turned)
-
-
-@wp.func
-def stroke_rate(lever: wp.float32, speed: wp.float32, velocity: wp.vec2f, tensioner: float32.Tensioner):
-    """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s]."""
-    return wp.dot(velocity, tensioner.direction) + speed * lever
-
-
-@wp.func
-def tensioner_wrench(force: wp.float64, arm: wp.vec2d, tensioner: Tensioner):
-    """What a tensioner that pushes with `force` [N] does to its body.
-
-    Args:
-        arm: from the body's center to the touched point [m].
-    """
-    wrench = Wrench()
-    wrench.force = force * tensioner.direction
-    wrench.moment = arm[0] * wrench.force[1] - arm[1] * wrench.force[0]
-    return wrench
+def stroke_of(body: Any, tensioner: Any):
+    """Extension x [m] of a tensioner and its rate [m/s], from the pose of the body that it touches."""
+    arm = touch_arm(body, tensioner)
+    rate = stroke_rate(leading(arm), leading(body.speed), leading(body.velocity), tensioner)
+    return extension(body.center, arm, tensioner), rate
 
 
 @wp.func
@@ -221,30 +211,30 @@ def inflow(pressure: Any, rate: Any, tensioner: Any):
 
 
 @wp.func
-def filling(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+def filling(x: wp.float64, state: Any, tensioner: Any):
     """The chamber's volume V [m^3], and what phi + `room_left` is with the oil in it, eq. (6): mu."""
     return chamber_volume(x, tensioner), state.content
 
 
 @wp.func
-def filling(x: Pair, state: float32.TensionerState, tensioner: float32.Tensioner):
+def filling(x: Pair, state: Any, tensioner: Any):
     """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 2e-9."""
     reach = x
     if x.high < tensioner.bottom:
-        reach = pair_of(tensioner.bottom)
-    part = plus(times(reach, tensioner.area / tensioner.volume), 1.0)
-    return chamber_volume(x, tensioner), apart(state.content, logarithm(part))
+        reach = number_of(tensioner.bottom)
+    part = tensioner.area / tensioner.volume * reach + 1.0
+    return chamber_volume(x, tensioner), difference(state.content, logarithm(part))
 
 
 @wp.func
-def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Tensioner):
+def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Any):
     """What a step's inflow [m^3] leaves of V [m^3], and the logarithm of its part of V_0."""
     room = wp.max(volume - inflow, wp.float64(0.01) * volume)
     return room, wp.log(room / tensioner.volume)
 
 
 @wp.func
-def room_left(volume: wp.float32, inflow: wp.float32, tensioner: float32.Tensioner):
+def room_left(volume: wp.float32, inflow: wp.float32, tensioner: Any):
     """The same at float32, the logarithm that of its part of V."""
     part = wp.max(-inflow / volume, -0.99)
     return volume + volume * part, log_of_sum(part)
@@ -371,38 +361,31 @@ def tensioner_force(x: Any, rate: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def stroke_of(body: BodyState, tensioner: Tensioner):
-    """Extension x [m] of a tensioner and its rate [m/s], from the body that it touches."""
-    place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-    return extension(place, tensioner), wp.dot(velocity, tensioner.direction)
+def no_push(tensioner: Tensioner):
+    """A push of nothing."""
+    return Push()
 
 
 @wp.func
-def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
-    """What a tensioner does to its body."""
-    heading = heading_of(body)
-    place, velocity = touch_of(body.center, heading, body.speed, body.velocity, tensioner)
-    push = Push()
-    push.extension = extension(place, tensioner)
-    push.rate = wp.dot(velocity, tensioner.direction)
+def no_push(tensioner: BLOCKS.Tensioner):
+    """The same at float32."""
+    return BLOCKS.Push()
+
+
+@wp.func
+def push_by(body: Any, remembered: Any, tensioner: Any):
+    """What a tensioner does to its body, of which it knows the pose."""
+    arm = touch_arm(body, tensioner)
+    lever = leading(arm)
+    push = no_push(tensioner)
+    push.extension = extension(body.center, arm, tensioner)
+    push.rate = stroke_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
     force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
     push.force = force
     push.pressure = pressure
-    push.wrench = tensioner_wrench(force, place - body.center, tensioner)
+    push.wrench.force = force * leading(tensioner.direction)
+    push.wrench.moment = lever[0] * push.wrench.force[1] - lever[1] * push.wrench.force[0]
     return push
-
-
-@wp.func
-def push_by(wheel: Wheel, state: float32.TensionerState, stroke: Stroke, tensioner: float32.Tensioner):
-    """The same at float32: its push, and the moment [N m] and force (x, y) [N] on its body."""
-    lever = lever_of(wheel, stroke)
-    push = float32.Push()
-    push.extension = extension(wheel, stroke)
-    rate = stroke_rate(lever, wheel.speed.high, wheel.velocity, tensioner)
-    force, pressure = tensioner_force(push.extension, rate, state, tensioner)
-    push.force = force
-    push.pressure = pressure
-    return push, force * wp.vec3f(lever, tensioner.direction[0], tensioner.direction[1])
 
 
 @wp.func
@@ -518,7 +501,7 @@ def no_flows(h: wp.float64):
 @wp.func
 def no_flows(h: wp.float32):
     """The same at float32."""
-    return float32.TensionerFlows()
+    return BlockFlows()
 
 
 @wp.func
@@ -530,7 +513,7 @@ def content_after(content: wp.float64, gain: wp.float64):
 @wp.func
 def content_after(content: Pair, gain: wp.float32):
     """The same at float32."""
-    return trimmed(plus(content, log_of_sum(gain / wp.exp(content.high))))
+    return trimmed(content + log_of_sum(gain / wp.exp(content.high)))
 
 
 @wp.func

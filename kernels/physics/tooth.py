@@ -33,10 +33,8 @@ from typing import Any
 
 import warp as wp
 
-from ..fast_math import inverse_root, larger, reciprocal, root
+from ..native import inverse_root, larger, load_constant, reciprocal, root
 from ..number import Pair, PairVector, fused, leading, pair, rounded_sum
-from ..rows import load_constant
-from ..structs import Pose, Wheel
 from .contact import turned
 
 
@@ -186,7 +184,7 @@ def grid_of(radius: wp.float32):
 
 
 @wp.func
-def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Pose, sprocket: Any):
+def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
     """A roller in the gap of a seat.
 
     Args:
@@ -204,7 +202,7 @@ def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Pose, sprocket: Any):
 
 
 @wp.func
-def in_gap(p: PairVector, direction: wp.vec4f, body: Wheel, sprocket: Any):
+def in_gap(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
     """The same from pairs, (a); `direction` has high parts (x, y) and low parts (x, y)."""
     c = body.reach_cosine
     s = body.reach_sine
@@ -215,16 +213,16 @@ def in_gap(p: PairVector, direction: wp.vec4f, body: Wheel, sprocket: Any):
     rest_x = (c.high * direction[2] + c.low * x) - (s.high * direction[3] + s.low * y)
     rest_y = (s.high * direction[2] + s.low * x) + (c.high * direction[3] + c.low * y)
     q = wp.vec2f((p.high[0] - to_x) + (p.low[0] - rest_x), (p.high[1] - to_y) + (p.low[1] - rest_y))
-    e = turned(wp.vec2f(x, y), body.cosine.high, body.sine.high)
+    e = body.inverse_radius * wp.vec2f(to_x + rest_x, to_y + rest_y)
     xi = wp.dot(q, e)
     return e, sprocket.pitch_radius + xi, xi, q[1] * e[0] - q[0] * e[1]
 
 
 @wp.func
-def seat_from(p: wp.vec2d, number: int, direction: wp.vec2d, body: Pose, sprocket: Any, seats: wp.array[wp.vec2d]):
+def seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
     """As `tracked_seat`, from seat `number`, which points to `direction` at angle zero."""
     e, radial, xi, lateral = in_gap(p, direction, body, sprocket)
-    step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+    step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
     tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
     while step != 0 and tries > 0:
         number = wrapped_seat(number + step, sprocket.teeth)
@@ -234,24 +232,8 @@ def seat_from(p: wp.vec2d, number: int, direction: wp.vec2d, body: Pose, sprocke
         e = next_e
         xi = next_xi
         lateral = next_lateral
-        step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+        step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
         tries = tries - 1
-    return number, e, xi, lateral
-
-
-@wp.func
-def seat_from(p: PairVector, number: int, direction: wp.vec4f, body: Wheel, sprocket: Any, seats: wp.array[wp.vec4f]):
-    """The same from pairs; at most the next seat."""
-    e, radial, xi, lateral = in_gap(p, direction, body, sprocket)
-    step = seat_step(radial, lateral, sprocket.half_pitch_tangent)
-    if step != 0:
-        number = wrapped_seat(number + step, sprocket.teeth)
-        next_e, radial, next_xi, next_lateral = in_gap(
-            p, load_constant(seats, sprocket.first_seat + number), body, sprocket
-        )
-        e = next_e
-        xi = next_xi
-        lateral = next_lateral
     return number, e, xi, lateral
 
 

@@ -11,16 +11,16 @@ import warp as wp
 from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
 from warpchain import Drive
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.buckets import BlockShape, block_shape, room_for
+from warpchain.engine.arrays import empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
+from warpchain.engine.buckets import block_shape, room_for
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind
-from warpchain.kernels.gpu.observe import collect
+from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
+from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
@@ -39,18 +39,16 @@ def fibers() -> Iterator[None]:
 
 def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     """The kind of the block kernel for an ensemble of like drives."""
+    varied, rubs = bool(packed.links["varied_links"].any()), bool(packed.joints["rubs"].any())
     return BlockKind(
         packed.real,
-        shape.threads,
-        shape.rollers_per_thread,
-        int(packed.drives["sprockets"][0]),
-        int(packed.drives["guides"][0]),
-        moving=bool(packed.mounts["active"].any()),
+        shape,
+        Parts(int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0]), prescribed=1),
         measuring=measuring,
-        rk4=bool(packed.drives["integrator"].any()),
-        joint_friction=bool(packed.joints["rubs"].any()),
-        varied_links=bool(packed.links["varied_links"].any()),
-        body_warp=shape.body_warp,
+        integrator=int(packed.drives["integrator"].max()),
+        moving=bool(packed.mounts["active"].any()),
+        friction=Friction(joints=rubs, by_speed=rubs),
+        links="varied" if varied else "lengths",
     )
 
 
@@ -66,19 +64,20 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
     of = room(kind)
     with fibers():
         large = blocks * of.values, blocks * of.part_values
-        ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
-        sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+        ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", large)
+        sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
         kernel = block_kernel(kind, 4, FRAME)
         order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
-        wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+        wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}
-    bodies = state.bodies.numpy()
+    bodies = rows_of(state.bodies, "state", "bodies", packed.real)
     held["sprockets"] = {name: np.array(bodies[name]) for name in ("angle", "speed", "center", "velocity")}
     names = ("chain", "strand", "sprocket", "mount", "contact")
-    return held | {"frames": frames, "sums": {name: getattr(sums, name) for name in names}}
+    found = {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in names}
+    return held | {"frames": frames, "sums": found}
 
 
 def shapes(drives: list[Drive]) -> dict[str, Any]:
@@ -108,7 +107,8 @@ def settle(_: Path) -> dict[str, Any]:
     """Settling, by both shapes of blocks."""
     drive = pair()
     still = elastic(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
-    return {f"{shape.threads}": settled(still, drive, shape) for shape in (BlockShape(64, 1), BlockShape(32, 2))}
+    shapes = {"64": BlockShape(96, 1), "32": BlockShape(32, 2)}
+    return {name: settled(still, drive, shape) for name, shape in shapes.items()}
 
 
 def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     with fibers():
         settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
         state, order = upload_state(still, "cpu", (0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
-        kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.rollers_per_thread, 2, 0), 4)
-        inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]
+        kernel = block_relax_kernel(BlockKind(wp.float64, shape, Parts(2, 0)), 4)
+        inputs = [upload_ensemble(still, "cpu", blocks=True), state, empty_tallies(still, "cpu"), settling, order, 4000]
         wp.launch(kernel, dim=shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
     return {"settling": settling, "rollers": state.rollers}

@@ -11,7 +11,7 @@ from warpchain.assembly.table_cells import Cells, cells_of, hermite, slopes_of
 from warpchain.drive import SpeedTable, TorqueTable, dumps_drive
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
-from warpchain.kernels.physics.table import table_at
+from warpchain.kernels.physics.motion import integral_at, slope_at
 
 TURN = 2 * np.pi
 
@@ -24,7 +24,8 @@ def look(
     out: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    value, integral, slope = table_at(x[i], table, values)
+    value, integral = integral_at(x[i], table, values)
+    slope = slope_at(x[i], table, values)
     out[i] = wp.vec3d(value, integral, slope)
 
 

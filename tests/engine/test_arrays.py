@@ -20,7 +20,7 @@ from warpchain.engine.arrays import (
     upload_state,
 )
 from warpchain.engine.pack import pack
-from warpchain.kernels import structs, sum_structs
+from warpchain.kernels import structs
 from warpchain.results.schedule import Schedule
 
 KEPT = {
@@ -51,8 +51,8 @@ def test_each_array_has_its_row(real):
         "ensemble": kinds.Ensemble,
         "curves": structs.Curves,
         "state": kinds.State,
-        "sums": sum_structs.Sums,
-        "tallies": sum_structs.Tallies,
+        "sums": structs.Sums,
+        "tallies": structs.Tallies,
     }
     assert of_group.keys() == TABLE.keys()
     for group, struct in of_group.items():

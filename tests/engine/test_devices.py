@@ -14,21 +14,15 @@ from warpchain import Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.buckets import (
-    BODY_WARP,
-    LONGER_ROW,
-    MANY,
+    FEW,
     ROOMS,
-    ROW,
     VARIANTS_PER_BLOCK,
-    BlockShape,
     Bucket,
     _distinct,
     block_shape,
     kernel_kind,
-    kernel_shape,
-    of_shape,
+    resident,
     room_for,
-    row_of,
     rows_apart,
 )
 from warpchain.engine.cpu import CpuEngine
@@ -36,7 +30,7 @@ from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.kind import DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.shared_memory import ORDERED, room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
@@ -122,54 +116,55 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
     assert launch_steps(162.0, 7) == 7  # a frame buffer this small
 
 
-def test_registers_of_a_block_fit_a_multiprocessor():
-    for precision in ("float64", "float32"):
-        for links in (*ROOMS, 2048, 4096, 16_384):
-            for each, measuring in product((1, 4, 8, 100), (False, True)):
-                shape = block_shape(links, each, precision=precision)
-                assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
-                assert shape.resident(precision, measuring, 1) <= 2
-
-
-def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
-    def variants_per_block(real, links, each, most_shared, **more):
-        shape = block_shape(links, each)
-        kind = BlockKind(
-            real, sprockets=2, guides=0, tabulated=False, linear_hysteretic=True, **of_shape(shape), **more
-        )
-        bucket = Bucket(kind, np.arange(7), None, each, most_shared)
-        return [kernel_kind(name, bucket).variants_per_block for name in ("advance", "measure", "relax")]
-
-    # of an H200, and of a workstation's GPU, on which seven fit one by one and four abreast
-    large, small = 232_448, 101_376
-    assert variants_per_block(wp.float32, 128, 16, large) == [1, VARIANTS_PER_BLOCK, 1]
-    assert variants_per_block(wp.float32, 192, 16, large) == [VARIANTS_PER_BLOCK, VARIANTS_PER_BLOCK, 1]
-    assert variants_per_block(wp.float32, 128, 16, large, contact_friction=True, joint_friction=True) == [
-        1,
-        VARIANTS_PER_BLOCK,
-        1,
+def kinds_of(real=wp.float64, *, links=128, each=100, most_shared=DECLARED, guides=0, **more):
+    """The kinds of the kernels of drives with two sprockets: without metrics, with, and settling."""
+    kind = BlockKind(real, block_shape(links, each, most_shared), Parts(2, guides), links="alike", **more)
+    return [
+        kernel_kind(name, Bucket(kind, np.arange(7), None, most_shared)) for name in ("advance", "measure", "relax")
     ]
+
+
+def test_registers_of_a_block_fit_a_multiprocessor():
+    for real, links, each in product((wp.float64, wp.float32), (*ROOMS, 2048, 4096, 16_384), (1, 4, 8, 100)):
+        for kind in kinds_of(real, links=links, each=each, linear_hysteretic=True, most_shared=232_448):
+            assert 65536 // (kind.shape.threads * resident(kind)) >= 64, kind
+
+
+def test_a_drive_has_two_kernels_however_many_there_are():
+    for links in (128, 192, 512):
+        few, many = ({repr(kinds_of(links=links, each=each)) for each in of} for of in ((1,), (2, 3, 8, 100)))
+        assert len(few) == len(many) == 1
+        (settling,) = {repr(kinds_of(links=links, each=each)[2]) for each in (1, 3, 100)}  # and settles by one
+        assert settling
+
+
+def test_variants_share_a_block_where_a_multiprocessor_has_memory_for_enough_of_them():
+    def shared(real, links, most_shared, **more):
+        kinds = kinds_of(real, links=links, most_shared=most_shared, **{"linear_hysteretic": True} | more)
+        return [kind.shape.variants_per_block for kind in kinds]
+
+    # of an H200, and of a workstation's GPU, on which seven fit one by one and four together
+    large, small, several = 232_448, 101_376, VARIANTS_PER_BLOCK
+    assert shared(wp.float32, 128, large) == [1, several, 1]
+    assert shared(wp.float32, 192, large) == [several, several, 1]
+    assert shared(wp.float32, 128, large, friction=Friction(True, True)) == [1, several, 1]
     one_by_one = [
-        variants_per_block(wp.float32, 128, 15, large),
-        variants_per_block(wp.float32, 192, 16, small),
-        variants_per_block(wp.float64, 128, 16, large),
-        variants_per_block(wp.float64, 192, 16, large),
-        variants_per_block(wp.float32, 128, 16, large, moving=True),
-        variants_per_block(wp.float32, 256, 16, large),
+        shared(wp.float32, 192, small),
+        shared(wp.float64, 128, large),
+        shared(wp.float64, 192, large),
+        shared(wp.float32, 128, large, moving=True),
+        shared(wp.float32, 256, large),
     ]
     assert one_by_one == [[1, 1, 1]] * len(one_by_one)
 
 
-def test_short_kernels_abreast_at_float32_are_more_on_a_multiprocessor():
-    shape = block_shape(128, 100)
-    kind = BlockKind(wp.float32, sprockets=2, guides=0, variants_per_block=VARIANTS_PER_BLOCK, **of_shape(shape))
-    rows = [
-        row_of(replace(kind, **of))
-        for of in ({}, {"contact_friction": True}, {"rollers_per_thread": 6}, {"variants_per_block": 1})
-    ]
-    assert rows == [20, 16, 16, 0]
-    assert shape.resident("float32", True, 100, True, row_of(kind)) == 20
-    assert shape.resident("float32", True, 16, True, row_of(kind)) == 16
+def test_short_kernels_that_share_blocks_are_more_on_a_multiprocessor():
+    kind = kinds_of(wp.float32, linear_hysteretic=True, most_shared=232_448)[1]
+    rubs, longer = (
+        replace(kind, friction=Friction(True)),
+        replace(kind, shape=replace(kind.shape, rollers_per_thread=6)),
+    )
+    assert [resident(one) for one in (kind, rubs, longer)] == [20, 16, 16]
 
 
 def test_blocks_have_room_for_the_chain_and_little_more():
@@ -177,19 +172,15 @@ def test_blocks_have_room_for_the_chain_and_little_more():
     most = room_for(links)
     assert (most >= links).all()
     assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 1280, 2560, 4096, 5120, 16_384]
-    for each in (1, BODY_WARP + 1, MANY):
+    for each in (1, FEW + 1):
         shapes = [block_shape(int(r), each) for r in most]
         assert [shape.room for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
-        assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
-        assert all(shape.body_warp == (each == 1 and 32 < shape.room < 512) for shape in shapes)
-    # at float32 two warps have chains of 161 to 256 links, where they are neither few nor many
-    shapes = [block_shape(room, each, precision="float32") for room, each in ((192, 3), (192, 6), (192, 8), (256, 6))]
-    assert shapes == [BlockShape(192, 1), BlockShape(64, 3), BlockShape(32, 6, low_occupancy=True), BlockShape(64, 4)]
-    assert all(block_shape(128, each, precision="float32") == block_shape(128, each) for each in (1, 3, 5, 8, 100))
+        assert all(shape.threads == 32 or shape.room <= ORDERED or shape.room > 512 for shape in shapes)
+        assert all(shape.body_warp == (each == 1 and shape.room <= 512) for shape in shapes)
     # longer chains have one shape however many they are: their order is that of threads
-    assert all(block_shape(int(r), 1) == block_shape(int(r), MANY) for r in most if r > 512)
-    assert [block_shape(room, MANY) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
+    assert all(block_shape(int(r), 1) == block_shape(int(r), FEW + 1) for r in most if r > 512)
+    assert [block_shape(room, FEW + 1) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -197,20 +188,15 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 @pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
 def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
-    few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
-    kind = BlockKind(wp.float64, sprockets=3, guides=1, moving=moves, **of_shape(few))
-    bucket = Bucket(kind, np.arange(7), None, 1)
-    other = Bucket(BlockKind(wp.float64, sprockets=2, guides=0, **of_shape(many)), np.arange(5), None, 1)
+    kind = BlockKind(wp.float64, block_shape(room_, 1, most), Parts(3, 1), moving=moves)
+    bucket = Bucket(kind, np.arange(7), None)
+    other = Bucket(BlockKind(wp.float64, block_shape(32, FEW + 1, most), Parts(2, 0)), np.arange(5), None)
     there = rows_apart([other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
-        shape = kernel_shape(name, bucket)
-        assert shape.room >= room_
-        allowed = most if room_ > 512 else DECLARED
-        mine = BlockKind(
-            wp.float64, shape.threads, shape.rollers_per_thread, 3, 1, moving, measuring, shared_bytes=allowed
-        )
-        assert kernel_kind(name, bucket) == replace(mine, body_warp=shape.body_warp)
-        of = room(mine)
+        found = kernel_kind(name, bucket)
+        assert found.shape.room >= room_
+        assert (found.moving, found.measuring) == (moving, measuring)
+        of = room(found)
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.part_values
     # a roller has 6 values, 48 bytes: 1,024 need 49,152 of 47,000 bytes, 4,096 need 196,608 of 232,448
     assert (there[0] >= 7 * 6 * room_) == (room_ >= 1024 and most == DECLARED)
@@ -300,7 +286,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
     drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
     processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, (BODY_WARP + 1) * processors, MANY * processors, ROW * processors):
+    for count in (1, (FEW + 1) * processors, 16 * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
@@ -327,7 +313,7 @@ def test_metrics_leave_a_large_crowds_rollers_their_bits(name, precision):
     smooth = {"chain.joint": None, "contact.sprocket.friction": 0.0}
     smooth |= {"contact.guide.friction": 0.0, "contact.guide.rolling": False}
     drive = two_sprockets() if name == "two sprockets" else load_drive(drive_path("marine")).with_values(smooth)
-    count = LONGER_ROW * wp.get_device("cuda:0").sm_count
+    count = 20 * wp.get_device("cuda:0").sm_count
     ends = []
     for start in (0, 400):  # metrics of all steps, or of the last one alone
         packed = pack([drive], [Schedule(resolve_step(drive), 400, start, 400, 0)]).at_precision(precision)

@@ -23,7 +23,7 @@ STEPS = 96
 def beyond(how: str) -> None:
     """Reads the value after an array's last, as an array, as a row of one, or as a view that is too long."""
     from warpchain.kernels.gpu.shared_memory import PART
-    from warpchain.kernels.rows import accessors
+    from warpchain.kernels.native import accessors
 
     load_row = accessors(wp.float64).load_row
 
@@ -90,7 +90,7 @@ def settle_on_blocks() -> None:
 
     from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
     from warpchain.engine.settling import elastic
-    from warpchain.kernels.gpu.kind import BlockKind
+    from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
     from warpchain.kernels.gpu.relax import block_relax_kernel
     from warpchain.kernels.relaxation import Settling
 
@@ -98,7 +98,11 @@ def settle_on_blocks() -> None:
     still = elastic(ensemble_of(drives)[0])
     settling = wp.array(begun(still), dtype=Settling, device="cpu")
     ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0))
-    kind = BlockKind(wp.float64, 32, -(-drives[0].chain.links // 32), len(drives[0].sprockets), len(drives[0].guides))
+    shape, parts = (
+        BlockShape(32, -(-drives[0].chain.links // 32)),
+        Parts(len(drives[0].sprockets), len(drives[0].guides)),
+    )
+    kind = BlockKind(wp.float64, shape, parts)
     order = wp.array([1, 0], dtype=wp.int32, device="cpu")
     inputs = [ensemble, state, empty_tallies(still, "cpu"), settling, order, STEPS]
     wp.launch(block_relax_kernel(kind, 4), dim=64, inputs=inputs, block_dim=32, device="cpu")
@@ -152,7 +156,7 @@ def cases():
     """What is run, by name."""
     import blocks as of
 
-    from warpchain.engine.buckets import BlockShape
+    from warpchain.kernels.gpu.kind import BlockShape
 
     every = (of.marine, of.equal_sprockets, of.moving_sprockets, of.unusual_contacts, of.rk4, of.rubbing, of.bending)
     every += (of.rubbing_on_moving_sprockets, of.uneven, of.bending_rk4)

@@ -9,19 +9,21 @@ import warp as wp
 from blocks import some_of
 
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.kind import DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
 
-LARGE = [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
+LARGE = [
+    (BlockKind(wp.float64, BlockShape(672, 1), Parts(3, 1), measuring=True, moving=True), 1),
+    (BlockKind(wp.float64, BlockShape(800, 1), Parts(2, 0)), 1),
+    (BlockKind(wp.float64, BlockShape(224, 1), Parts(31, 0), moving=True), 4),
+]
 
 
-@pytest.mark.parametrize(("form", "blocks"), some_of(LARGE, [], LARGE[:1]))
-def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
-    kernel = block_kernel(
-        BlockKind(wp.float64, *form, tabulated=False), blocks, FRAME
-    )  # ptxas refuses more than 48 KiB
+@pytest.mark.parametrize(("kind", "blocks"), some_of(LARGE, [], LARGE[:1]))
+def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, kind, blocks):
+    kernel = block_kernel(kind, blocks, FRAME)  # ptxas refuses more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
@@ -29,11 +31,11 @@ def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, bloc
 @pytest.mark.long
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     # 1,024 rollers at float64: 6 rows of 8 bytes, 49,152 of them, which no kernel may declare
-    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, tabulated=False)
+    kind = BlockKind(wp.float64, BlockShape(256, 4, shared_bytes=232_448), Parts(2, 0))
     of = room(kind)
     assert "rows" in of.places and of.asked >= 1024 * 48
     assert all(place % 16 == 0 for place in of.places.values())
-    assert room(replace(kind, shared_bytes=DECLARED)).asked == 0
+    assert room(replace(kind, shape=replace(kind.shape, shared_bytes=DECLARED))).asked == 0
     module = block_kernel(kind, 2, FRAME).module
     wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
@@ -41,15 +43,24 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
 
 
 FORMS = {
-    "many": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, tabulated=False), 16, FRAME),
+    "many": lambda real: block_kernel(BlockKind(real, BlockShape(32, 4), Parts(2, 1), measuring=True), 16, FRAME),
     "moving": lambda real: block_kernel(
-        BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True, tabulated=False), 4, FRAME
+        BlockKind(real, BlockShape(160, 1), Parts(2, 1), moving=True, measuring=True), 4, FRAME
     ),
-    "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
+    "few": lambda real: block_kernel(BlockKind(real, BlockShape(160, 1), Parts(2, 1), measuring=True), 4, FRAME),
     "rk4, bending": lambda real: block_kernel(
-        BlockKind(real, 32, 4, 2, 1, measuring=True, rk4=True, joint_friction=True, tabulated=False), 8, frame_of(NAMES)
+        BlockKind(
+            real,
+            BlockShape(32, 4),
+            Parts(2, 1),
+            measuring=True,
+            integrator=1,
+            friction=Friction(joints=True, by_speed=True),
+        ),
+        8,
+        frame_of(NAMES),
     ),
-    "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
+    "relax": lambda real: block_relax_kernel(BlockKind(real, BlockShape(160, 1), Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
 USUAL = [(75, "few", "float32"), (75, "moving", "float64"), (90, "rk4, bending", "float64"), (90, "relax", "float64")]

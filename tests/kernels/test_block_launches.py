@@ -25,13 +25,21 @@ from drives import timing, two_sprockets
 
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.batch import stacks_of
-from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import (
+    TABLE,
+    assign_rows,
+    empty_sums,
+    empty_tallies,
+    rows_of,
+    upload_ensemble,
+    upload_state,
+)
 from warpchain.engine.checkpoint import Keeper, States, stop_of
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.schedule import Schedule
@@ -56,7 +64,7 @@ def test_where_launches_end_does_not_matter(fibers, drives, precision):
     for name in ("rollers", "bodies", "tensioners"):
         np.testing.assert_array_equal(getattr(once[0], name).numpy(), getattr(twice[0], name).numpy(), err_msg=name)
     for name in ("chain", "strand", "sprocket", "mount", "contact", "arm", "tensioner"):
-        mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
+        mine, theirs = once[1][name], twice[1][name]
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
 
 
@@ -75,7 +83,7 @@ def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, mea
     for name in ("rollers", "bodies", "seat", "impact_speed"):
         np.testing.assert_array_equal(getattr(alone[0], name).numpy(), getattr(together[0], name).numpy(), err_msg=name)
     for name in ("chain", "strand", "sprocket", "contact", "tension_counts"):
-        np.testing.assert_array_equal(getattr(alone[1], name).numpy(), getattr(together[1], name).numpy(), err_msg=name)
+        np.testing.assert_array_equal(alone[1][name], together[1][name], err_msg=name)
     rollers, n = together[0].rollers.numpy(), variants[0].chain.links
     first, third = packed.first_value(0), packed.first_value(2)
     assert (rollers[first : first + n] != rollers[third : third + n]).any()
@@ -95,13 +103,13 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     serial.close()
     settling = wp.array(start, dtype=Settling, device="cpu")
     ensemble, state, tallies = (
-        upload_ensemble(still, "cpu"),
+        upload_ensemble(still, "cpu", blocks=True),
         upload_state(still, "cpu", (0, 0)),
         empty_tallies(still, "cpu"),
     )
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
     threads = 32 * -(-drive.chain.links // 32)
-    kernel = block_relax_kernel(BlockKind(wp.float64, threads, 1, 2, 0), 4)
+    kernel = block_relax_kernel(BlockKind(wp.float64, BlockShape(threads, 1), Parts(2, 0)), 4)
     for _ in range(40):
         inputs = [ensemble, state, tallies, settling, order, 1000]
         wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
@@ -127,12 +135,12 @@ def test_block_kernel_settles_an_arm(fibers):
     serial.start_settling(start)
     for future in serial.settle(20_000):
         future.result()
-    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", (1, 1))
+    ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
-    kind = BlockKind(wp.float64, 128, 1, 3, 2, arms=1, tensioners=1, profiles=True)
+    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 2, arms=1, tensioners=1), profiles=True)
     inputs = [ensemble, state, tallies, settling, order, 20_000]
-    wp.launch(block_relax_kernel(kind, 4), dim=128, inputs=inputs, block_dim=128, device="cpu")
+    wp.launch(block_relax_kernel(kind, 4), dim=160, inputs=inputs, block_dim=160, device="cpu")
     ours, theirs = settling.numpy(), serial.settling()
     assert ours["settled"][0] == theirs["settled"][0] == 1
     assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
@@ -145,8 +153,11 @@ class Blocks:
 
     def __init__(self, packed, shape):
         self.packed, self.shape = packed, shape
-        self.ensemble, self.state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, 2))
-        self.sums, self.tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+        self.ensemble, self.state = (
+            upload_ensemble(packed, "cpu", blocks=True),
+            upload_state(packed, "cpu", large(packed, shape, 2)),
+        )
+        self.sums, self.tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
 
     def single_engines(self):
         return [(self, 0)]
@@ -154,11 +165,11 @@ class Blocks:
     def held(self):
         return {"state": self.state, "sums": self.sums, "tallies": self.tallies}
 
-    def fetch(self, array):
-        return array.numpy().copy()
+    def fetch(self, group, name):
+        return rows_of(getattr(self.held()[group], name), group, name, self.packed.real).copy()
 
-    def put(self, array, values):
-        array.numpy()[...] = values
+    def put(self, group, name, values):
+        assign_rows(getattr(self.held()[group], name), values)
 
     def advance(self, steps):
         kernel = block_kernel(kind_of(self.packed, self.shape), 4, self.packed.frame)

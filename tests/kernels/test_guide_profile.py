@@ -5,7 +5,7 @@ import pytest
 import raw
 import warp as wp
 
-from warpchain.kernels.physics.profile import piece_height, place_along
+from warpchain.kernels.physics.guide import piece_height, place_along
 from warpchain.results.channels import FRAME
 
 ROLLER_RADIUS = 0.004

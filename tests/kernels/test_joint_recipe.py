@@ -31,7 +31,12 @@ assert abs(run.metrics["energy_residual_relative"][0].as_py()) < 1e-5
 @pytest.mark.long
 def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
     changes = recipe("A new moment in the joints")
-    paths = ["kernels/physics/joint.py", "kernels/structs.py", "warpchain/drive/chain.py", "warpchain/engine/fill.py"]
+    paths = [
+        "kernels/physics/friction.py",
+        "kernels/structs.py",
+        "warpchain/drive/chain.py",
+        "warpchain/engine/fill.py",
+    ]
     assert [path for path, _, _ in changes] == paths
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
     run_in(grown(tmp_path, changes), SEALED, tmp_path / "drive.toml")

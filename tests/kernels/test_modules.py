@@ -14,7 +14,7 @@ import warp as wp
 
 from warpchain.kernels import modules
 from warpchain.kernels.cpu import serial
-from warpchain.kernels.gpu.kind import BlockKind
+from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
 from warpchain.kernels.physics import impact
 from warpchain.results.channels import FRAME, FrameLayout, frame_of
 
@@ -53,7 +53,7 @@ def test_no_kernel_is_hashed_by_warp():
 
 
 def test_whatever_a_kernel_is_made_for_tells_it_apart():
-    kind = BlockKind(wp.float64, 32, 4, 2, 1)
+    kind = BlockKind(wp.float64, BlockShape(32, 4), Parts(2, 1))
     asked = frame_of(["joint_friction_power"])
     forms = [
         ("advance", wp.float64, 264, FRAME),
@@ -124,7 +124,7 @@ def copied(tmp_path, monkeypatch):
         ("cpu/serial.py", ["cpu/serial.py"]),
         ("cpu/teeth.py", ["cpu/serial.py", "cpu/relax.py"]),
         ("relaxation.py", ["cpu/relax.py", "gpu/relax.py"]),
-        ("gpu/wrench.py", ["gpu/block.py", "gpu/relax.py"]),
+        ("gpu/contacts.py", ["gpu/block.py", "gpu/relax.py"]),
         ("physics/link.py", list(KERNEL_FILES)),
         ("cpu/rig.py", []),
     ],

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.gpu.kind import BlockKind
-from warpchain.kernels.gpu.near_mask import BITS, near_mask
+from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.near import BITS, near_mask
 
 # one number; three, the last not full; one roller; a number a roller, as there may be 31 partners
 KINDS = [
-    BlockKind(wp.float64, 32, 6, 3, 1),
-    BlockKind(wp.float64, 32, 16, 3, 1),
-    BlockKind(wp.float64, 128, 1, 4, 5),
-    BlockKind(wp.float64, 32, 2, 20, 11),
+    BlockKind(wp.float64, BlockShape(32, 6), Parts(3, 1)),
+    BlockKind(wp.float64, BlockShape(32, 16), Parts(3, 1)),
+    BlockKind(wp.float64, BlockShape(160, 1), Parts(4, 5)),
+    BlockKind(wp.float64, BlockShape(32, 2), Parts(20, 11)),
 ]
 
 
@@ -21,12 +21,8 @@ def walked(kind: BlockKind):
     of = near_mask(kind)
     with_slot, any_of, first, rest, differ = of.with_slot, of.any_of, of.first, of.rest, of.differ
     of_teeth, of_bars, both, without = of.of_teeth, of.of_bars, of.both, of.without
-    rollers_per_thread, threads, Bits, most = (
-        kind.rollers_per_thread,
-        kind.threads,
-        of.Bits,
-        kind.rollers_per_thread * (kind.sprockets + kind.guides),
-    )
+    rollers_per_thread, threads, Bits = kind.shape.rollers_per_thread, kind.shape.threads, of.Bits
+    most = rollers_per_thread * (kind.parts.sprockets + kind.parts.guides)
 
     @wp.func
     def walk(bits: Bits, seen: wp.array3d[int], thread: int, which: int):
@@ -54,22 +50,20 @@ def walked(kind: BlockKind):
     return walk_all, threads, most
 
 
-@pytest.mark.parametrize(
-    "kind", KINDS, ids=lambda kind: f"{kind.rollers_per_thread} rollers, {kind.sprockets + kind.guides} partners"
-)
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.shape.rollers_per_thread} rollers, {kind.parts}")
 def test_walks_go_through_rollers_and_partners_in_order(kind):
     kernel, threads, most = walked(kind)
-    partners, count = kind.sprockets + kind.guides, 24
+    partners, count = kind.parts.sprockets + kind.parts.guides, 24
     assert partners <= BITS
     rng = np.random.default_rng(5)
     share = rng.choice([0.0, 0.1, 0.9], (count, 1, 1))
-    near, before = (rng.random((count, kind.rollers_per_thread, partners)) < share for _ in range(2))
+    near, before = (rng.random((count, kind.shape.rollers_per_thread, partners)) < share for _ in range(2))
     before[::3] = near[::3]  # nothing has changed
     seen = wp.full((4, count, most + 1), -1, dtype=int, device="cpu")
     changed = wp.zeros(count, dtype=int, device="cpu")
     words = [wp.array(of @ (1 << np.arange(partners)), dtype=int, device="cpu") for of in (near, before)]
     wp.launch(kernel, dim=count, inputs=[*words, seen, changed], device="cpu")
-    teeth = np.arange(partners) < kind.sprockets
+    teeth = np.arange(partners) < kind.parts.sprockets
     for which, of in enumerate((near & ~before, near & teeth, near & ~teeth, near | before)):
         for thread in range(count):
             wanted = [100 * (int(k) * threads + thread) + int(p) for k, p in np.argwhere(of[thread])]

@@ -34,8 +34,8 @@ def alike(packed, steps):
 
 def assert_alike(once, often, sums=tuple(TABLE["sums"])):
     np.testing.assert_array_equal(once.rollers(), often.rollers())
-    np.testing.assert_array_equal(once.fetch(once.state.seat), often.fetch(often.state.seat))
-    np.testing.assert_array_equal(once.fetch(once.state.impact_speed), often.fetch(often.state.impact_speed))
+    np.testing.assert_array_equal(once.fetch("state", "seat"), often.fetch("state", "seat"))
+    np.testing.assert_array_equal(once.fetch("state", "impact_speed"), often.fetch("state", "impact_speed"))
     for name in sums:
         np.testing.assert_array_equal(once.sums()[name], often.sums()[name], err_msg=name)
 

@@ -1,6 +1,7 @@
 """Pairs of float32 against float64: arithmetic, headings, tooth gaps and guide-bars; no float64 in the time loop."""
 
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,44 +9,41 @@ import warp as wp
 from blocks import some_of
 from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
 
-from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
+from warpchain.engine.arrays import harmonic_rows, seat_directions
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind
-from warpchain.kernels.number import (
-    apart,
+from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
+    Pair,
+    add,
+    component,
     counted,
     cross,
     difference,
-    gathered,
+    div,
     leading,
     log_of_sum,
     logarithm,
+    mul,
+    number_of,
     pair_of,
-    pair_vector,
-    plus,
     sine_cosine,
-    times,
+    sub,
     trimmed,
+    vector,
     whole,
 )
-from warpchain.kernels.physics.body import pose_of
-from warpchain.kernels.physics.contact import center_of
-from warpchain.kernels.physics.curve import integral_at, value_at
-from warpchain.kernels.physics.guide import line_of, on_guide, start_of
-from warpchain.kernels.physics.motion import load_moment, prescribed_at
-from warpchain.kernels.physics.profile import in_frame, on_profile, tracked_piece
-from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
-from warpchain.kernels.physics.table import table_at
-from warpchain.kernels.physics.tooth import in_teeth, tracked_seat
-from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
-from warpchain.kernels.sum_structs import SprocketSums
-from warpchain.kernels.sums import add_powers
+from warpchain.kernels.physics.body import aligned, leapfrog_body, pose_of, posed, swung
+from warpchain.kernels.physics.guide import in_frame, on_guide, on_profile, tracked_piece
+from warpchain.kernels.physics.motion import integral_at, load_moment, prescribed_at, value_at
+from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
+from warpchain.kernels.precision import as_float32
+from warpchain.kernels.structs import BodyState, Curves, Guide, Motion, Piece, Sprocket, Tabulated, types
+from warpchain.kernels.sums import add_powers, gathered_powers
 from warpchain.results.channels import FRAME
 
 EPS = 2.0**-24
 """Largest relative rounding of float32."""
-GEAR = types(wp.float32)
-EXACT = types(wp.float64)
+BLOCKS = types(wp.float32, blocks=True)
 
 
 def launched(kernel, count, *inputs, width=1):
@@ -59,26 +57,55 @@ def given(values, dtype=wp.float64):
     return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
 
 
+def both(full, count=1, **values):
+    """Rows of a struct of float64, and the same as blocks at float32 keep them, as arrays."""
+    rows = np.zeros(count, dtype=full.numpy_dtype())
+    for name, value in values.items():
+        rows[name] = value
+    made = getattr(BLOCKS, full.key)
+    return given(rows, full), given(as_float32(rows, np.dtype(made.numpy_dtype())), made)
+
+
+@wp.func
+def blocks_pose(body: BodyState, radius: wp.float64):
+    """A body as blocks at float32 see it."""
+    state = BLOCKS.BodyState()
+    state.angle = pair_of(body.angle)
+    state.speed = pair_of(body.speed)
+    state.center = vector(pair_of(body.center[0]), pair_of(body.center[1]))
+    pose = BLOCKS.Pose()
+    pose.radius = pair_of(radius)
+    if radius > wp.float64(0.0):
+        pose.inverse_radius = 1.0 / pose.radius.high
+        pose.grid = grid_of(pose.radius.high)
+    return aligned(posed(pose, state))
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def arithmetic(a: wp.array[wp.float64], b: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
     x = pair_of(a[i])
     y = pair_of(b[i])
     out[i, 0] = whole(x)
-    out[i, 1] = whole(plus(x, y))
-    out[i, 2] = whole(times(x, y))
-    out[i, 3] = wp.float64(apart(x, y))
+    out[i, 1] = whole(x + y)
+    out[i, 2] = whole(x * y)
+    out[i, 3] = wp.float64(difference(x, y))
     out[i, 4] = whole(trimmed(x))
     out[i, 5] = whole(trimmed(pair_of(whole(trimmed(x)))))
     out[i, 6] = wp.float64(cross(x.high, y.high, y.low, x.low))
     out[i, 7] = whole(counted(i * 1_000_003, pair_of(b[i])))
+    out[i, 8] = whole(x - y)
+    out[i, 9] = whole(x / y)
+    out[i, 10] = whole(0.5 - x * 0.75 + y.high)
+    v = vector(x, y) - vector(y, x) * 2.0
+    out[i, 11] = whole(component(v, 1))
 
 
 def test_pairs_have_48_bits():
     generator = np.random.default_rng(1)
     a = generator.uniform(0.5, 2.0, 1000) * generator.choice([-1, 1], 1000)
     b = a + generator.choice([1e-6, 1e-3, 1.0], 1000) * generator.uniform(-1, 1, 1000)
-    found = launched(arithmetic, 1000, given(a), given(b), width=8)
+    found = launched(arithmetic, 1000, given(a), given(b), width=12)
     x, y = found[:, 0], np.float32(b) + np.float32(b - np.float32(b)).astype(float)
     # a low part is rounded at 2^-24 of half a unit of the high part's last place; each operation rounds a few of them
     bit = EPS**2
@@ -94,6 +121,25 @@ def test_pairs_have_48_bits():
     assert (np.abs(found[:, 6] - exact) <= 2 * EPS * np.abs(exact)).all()
     steps = np.arange(1000) * 1_000_003
     assert (np.abs(found[:, 7] - steps * y) <= 16 * bit * np.abs(steps * y)).all()
+    assert np.abs(found[:, 8] - (x - y)).max() <= 4 * bit * 4
+    assert (np.abs(found[:, 9] - x / y) <= 16 * bit * np.abs(x / y)).all()
+    assert np.abs(found[:, 10] - (0.5 - 0.75 * x + np.float32(y))).max() <= 12 * bit * 5
+    assert np.abs(found[:, 11] - (y - 2.0 * x)).max() <= 12 * bit * 6
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def with_literals(a: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    x = a[0]
+    out[0, 0] = 0.5 * x - x * 0.25
+    out[0, 1] = 1.5 - x / 3.0
+    out[0, 2] = 2.0 + x
+
+
+def test_literals_beside_float64_are_float64():
+    """A literal is float32 in a kernel: whole numbers and halves are exact in it."""
+    x = 0.1234567890123
+    found = launched(with_literals, 1, given([x]), width=3)[0]
+    assert found.tolist() == [0.5 * x - x * 0.25, 1.5 - x / 3.0, 2.0 + x]
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -135,14 +181,11 @@ def test_sine_and_cosine_of_pairs(largest):
 TEETH, R, CLEARANCE = 31, 0.4321, 2e-4
 
 
-def gap_of(kinds):
-    """A sprocket's tooth gap of either precision."""
-    gap = kinds.Sprocket()
+def gap():
+    """A sprocket's tooth gap."""
     half = np.radians(137.0 / 2)
-    gap.teeth, gap.exact_radius, gap.pitch_radius, gap.clearance = TEETH, R, R, CLEARANCE
-    gap.cos_half_seat, gap.sin_half_seat, gap.half_pitch_tangent = np.cos(half), np.sin(half), np.tan(np.pi / TEETH)
-    gap.tip_reach = R + 0.05
-    return gap
+    seat = {"cos_half_seat": np.cos(half), "sin_half_seat": np.sin(half), "half_pitch_tangent": np.tan(np.pi / TEETH)}
+    return {"teeth": TEETH, "exact_radius": R, "pitch_radius": R, "clearance": CLEARANCE, "tip_reach": R + 0.05} | seat
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -150,8 +193,8 @@ def gaps(
     points: wp.array[wp.vec2d],
     angles: wp.array[wp.float64],
     center: wp.vec2d,
-    exact: EXACT.Sprocket,
-    gear: GEAR.Sprocket,
+    exact: wp.array[Sprocket],
+    gear: wp.array[BLOCKS.Sprocket],
     seats: wp.array[wp.vec2d],
     split: wp.array[wp.vec4f],
     out: wp.array2d[wp.float64],
@@ -161,13 +204,13 @@ def gaps(
     body = BodyState()
     body.angle = angles[i]
     body.center = center
-    wheel = wheel_at(body, exact.exact_radius)
+    pose = blocks_pose(body, exact[0].exact_radius)
     p = wp.vec2d(whole(x), whole(y)) - center
-    number, e, xi, lateral = tracked_seat(p, -1, pose_of(body), exact, seats)
-    penetration, normal, relative = in_teeth(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact)
-    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), center_of(wheel))
-    found, e_found, xi_found, lateral_found = tracked_seat(at, -1, wheel, gear, split)
-    ours, facing, moving = in_teeth(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear)
+    number, e, xi, lateral = tracked_seat(p, -1, pose_of(body), exact[0], seats)
+    penetration, normal, relative = in_teeth(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact[0])
+    at = difference(vector(x, y), pose.center)
+    found, e_found, xi_found, lateral_found = tracked_seat(at, -1, pose, gear[0], split)
+    ours, facing, moving = in_teeth(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear[0])
     out[i, 0] = wp.float64(wp.abs(found - number))
     out[i, 1] = wp.float64(ours) - penetration
     out[i, 2] = wp.float64(facing[0]) - normal[0]
@@ -188,8 +231,9 @@ def test_tooth_gaps_in_pairs_are_those_of_float64():
     points = center + np.stack(
         [R * np.cos(at) + away_by * np.cos(turn), R * np.sin(at) + away_by * np.sin(turn)], axis=1
     )
-    inputs = [given(points, wp.vec2d), given(angles), wp.vec2d(*center), gap_of(EXACT), gap_of(GEAR)]
-    tables = [given(directions, wp.vec2d), given(split_seats(directions), wp.vec4f)]
+    inputs = [given(points, wp.vec2d), given(angles), wp.vec2d(*center), *both(Sprocket, **gap())]
+    split = seat_directions(SimpleNamespace(seats=directions), True)
+    tables = [given(directions, wp.vec2d), given(split, wp.vec4f)]
     found = np.abs(launched(gaps, count, *inputs, *tables, width=6))
     assert not found[:, 0].any()
     # the vector from the seat is off by 2^-37 of R and a few roundings of itself; clearance and direction round too
@@ -199,27 +243,23 @@ def test_tooth_gaps_in_pairs_are_those_of_float64():
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def bars(points: wp.array[wp.vec2d], exact: EXACT.Guide, bar: GEAR.Guide, out: wp.array2d[wp.float64]):
+def bars(points: wp.array[wp.vec2d], exact: wp.array[Guide], bar: wp.array[BLOCKS.Guide], out: wp.array2d[wp.float64]):
     i = wp.tid()
     x, y = pair_of(points[i][0]), pair_of(points[i][1])
-    p = wp.vec2d(whole(x), whole(y)) - exact.start
+    p = wp.vec2d(whole(x), whole(y)) - exact[0].start
     still = wp.vec2d()
-    penetration, normal, relative = on_guide(p, still, still, exact)
-    line = line_of(bar)
-    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), start_of(line))
-    ours, facing, moving = on_guide(at, wp.vec2f(), line, bar)
+    penetration, normal, relative = on_guide(p, still, still, exact[0])
+    at = difference(vector(x, y), bar[0].start)
+    ours, facing, moving = on_guide(at, wp.vec2f(), wp.vec2f(), bar[0])
     out[i, 0] = wp.float64(ours) - penetration
     out[i, 1] = wp.float64(facing[0]) - normal[0]
     out[i, 2] = wp.float64(facing[1]) - normal[1]
 
 
-def guide_of(kinds):
-    """A bar of either precision."""
-    bar = kinds.Guide()
-    angle = 0.7
-    bar.start, bar.direction = wp.vec2d(1.1, -0.3), wp.vec2d(np.cos(angle), np.sin(angle))
-    bar.length, bar.end_radius, bar.roller_radius = 3.0, 0.25, 0.03125
-    return bar
+def bar():
+    """A bar at both precisions."""
+    size = {"length": 3.0, "end_radius": 0.25, "roller_radius": 0.03125}
+    return both(Guide, start=(1.1, -0.3), direction=(np.cos(0.7), np.sin(0.7)), **size)
 
 
 def test_guide_bars_in_pairs_are_those_of_float64():
@@ -227,7 +267,7 @@ def test_guide_bars_in_pairs_are_those_of_float64():
     along, across = generator.uniform(-0.2, 3.2, 20_000), generator.uniform(-0.02, 0.0312, 20_000)
     t = np.array([np.cos(0.7), np.sin(0.7)])
     points = np.array([1.1, -0.3]) + along[:, None] * t + across[:, None] * np.array([-t[1], t[0]])
-    found = np.abs(launched(bars, len(points), given(points, wp.vec2d), guide_of(EXACT), guide_of(GEAR), width=3))
+    found = np.abs(launched(bars, len(points), given(points, wp.vec2d), *bar(), width=3))
     flat = (along > 1e-6) & (along < 3.0 - 1e-6)
     # on the face the distance from it is rounded, a few times; over the ends the place along the bar too
     assert found[flat, 0].max() <= 4 * EPS * 0.0625
@@ -239,36 +279,27 @@ def test_guide_bars_in_pairs_are_those_of_float64():
 def faces(
     points: wp.array[wp.vec2d],
     body: BodyState,
-    exact: EXACT.Guide,
-    guide: GEAR.Guide,
+    exact: wp.array[Guide],
+    guide: wp.array[BLOCKS.Guide],
     pieces: wp.array[Piece],
-    rows: wp.array[wp.vec4f],
+    rows: wp.array[BLOCKS.Piece],
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
     x, y = pair_of(points[i][0]), pair_of(points[i][1])
     pose = pose_of(body)
-    carrier = wheel_of(pose, wp.float64(0.0))
+    carrier = blocks_pose(body, wp.float64(0.0))
     q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
-    number = tracked_piece(q, -1, exact, pieces)
-    penetration, normal = on_profile(q, number, exact, pieces)
-    at = difference(pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low)), center_of(carrier))
-    p = in_frame(at, carrier)
-    ours = tracked_piece(p, -1, guide, rows)
-    deep, facing = on_profile(p, ours, guide, rows)
-    out[i, 0] = wp.float64(wp.abs(tracked_piece(p, wp.max(ours - 1, 0), guide, rows) - ours))
+    number = tracked_piece(q, -1, exact[0], pieces)
+    penetration, normal = on_profile(q, number, exact[0], pieces)
+    p = in_frame(difference(vector(x, y), carrier.center), carrier)
+    ours = tracked_piece(p, -1, guide[0], rows)
+    deep, facing = on_profile(p, ours, guide[0], rows)
+    out[i, 0] = wp.float64(wp.abs(tracked_piece(p, wp.max(ours - 1, 0), guide[0], rows) - ours))
     out[i, 1] = wp.float64(wp.abs(ours - number))
     out[i, 2] = wp.float64(deep) - penetration
     out[i, 3] = wp.float64(facing[0]) - normal[0]
     out[i, 4] = wp.float64(facing[1]) - normal[1]
-
-
-def face_of(kinds, count):
-    """A guide of either precision with `count` pieces."""
-    guide = kinds.Guide()
-    guide.pieces, guide.first_piece, guide.length = count, 1, 0.5
-    guide.end_radius, guide.roller_radius = 0.02, 0.004
-    return guide
 
 
 def test_profiles_in_pairs_are_those_of_float64():
@@ -291,8 +322,9 @@ def test_profiles_in_pairs_are_those_of_float64():
         place = place + length * np.sinc(0.5 * curvature * length / np.pi) * np.array([np.cos(middle), np.sin(middle)])
         heading += curvature * length
     points = np.array([3.9, 1.3]) + np.array(points) @ turn.T
-    guides = [face_of(kinds, len(lengths)) for kinds in (EXACT, GEAR)]
-    tables = [given(pieces, Piece), given(split_pieces(pieces), wp.vec4f)]
+    face = {"pieces": len(lengths), "first_piece": 1, "length": 0.5, "end_radius": 0.02, "roller_radius": 0.004}
+    guides = both(Guide, **face)
+    tables = both(Piece, len(pieces), **{name: pieces[name] for name in pieces.dtype.names})
     found = np.abs(launched(faces, len(points), given(points, wp.vec2d), body, *guides, *tables, width=5))
     assert not found[:, :2].any()
     # along and across a piece are rounded, and k u^2 / 2 <= 0.05 with what is made of them
@@ -302,42 +334,38 @@ def test_profiles_in_pairs_are_those_of_float64():
 
 @wp.kernel(enable_backward=False, module="unique")
 def led(
-    motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
+    motions: wp.array[Motion],
+    ours: wp.array[BLOCKS.Motion],
+    curves: Curves,
+    rows: BLOCKS.Curves,
+    h: wp.float64,
+    every: int,
+    out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
-    spin = spin_of(motion)
-    motion_row, rate = ramped_course(counted(i * every, pair_of(h)), spin)
-    to = led_along(motion_row, rate, spin, rows)
-    out[i, 0] = whole(to.angle) - angle
-    out[i, 1] = wp.float64(to.speed) - speed
-    wheel = Wheel()
-    wheel.angle = pair_of(angle)
-    wheel.speed = pair_of(speed)
-    motion.prescribed = 0
-    spin.prescribed = 0
-    time = wp.float64(i * every) * h
-    load = load_moment(time, angle, speed, motion, curves)
-    out[i, 2] = wp.float64(spin_load(wp.float32(time), spin.load[0], wheel, spin, rows)) - load
-
-
-def motion_of(**values):
-    motion = Motion()
-    motion.sign, motion.speed, motion.ramp_time, motion.start_angle = -1.0, 52.36, 0.3, 0.123
-    for name, value in values.items():
-        setattr(motion, name, value)
-    return motion
+    time = counted(i * every, h)
+    angle, speed = prescribed_at(time, motions[0], curves)
+    angle_found, speed_found = prescribed_at(counted(i * every, pair_of(h)), ours[0], rows)
+    out[i, 0] = whole(angle_found) - angle
+    out[i, 1] = wp.float64(speed_found) - speed
+    load = load_moment(time, angle, speed, motions[1], curves)
+    found = load_moment(counted(i * every, pair_of(h)), pair_of(angle), pair_of(speed), ours[1], rows)
+    out[i, 2] = wp.float64(found) - load
 
 
 @pytest.mark.parametrize("ramp", [0.0, 0.3])
 def test_prescribed_angles_in_pairs(ramp):
     harmonics = np.array([[6.0, 0.002, 0.4], [0.5, 0.03, -1.0], [3.0, 2500.0, 0.7], [20.0, 400.0, 0.1]])
-    motion = motion_of(prescribed=1, ramp_time=ramp, load=wp.vec3d(9000.0, 50.0, 0.1), load_ramp_time=ramp)
-    motion.drive_harmonics.count, motion.load_harmonics.first, motion.load_harmonics.count = 2, 2, 2
-    curves = Curves()
+    rows = np.zeros(2, dtype=Motion.numpy_dtype())
+    rows["sign"], rows["speed"], rows["ramp_time"], rows["start_angle"] = -1.0, 52.36, ramp, 0.123
+    rows["prescribed"], rows["load"], rows["load_ramp_time"] = [1, 0], (9000.0, 50.0, 0.1), ramp
+    rows["drive_harmonics"]["count"], rows["load_harmonics"]["first"], rows["load_harmonics"]["count"] = 2, 2, 2
+    motions = both(Motion, 2, **{name: rows[name] for name in rows.dtype.names})
+    curves, ours = Curves(), BLOCKS.Curves()
     curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
-    rows = given(np.column_stack([harmonics, np.sin(harmonics[:, 2])]), wp.vec4f)
-    found = np.abs(launched(led, 20_000, motion, curves, rows, 1.7e-6, 100, width=3))  # 3.4 s, 178 rad
+    ours.harmonics = given(harmonic_rows(SimpleNamespace(harmonics=harmonics), True), wp.vec4f)
+    ours.tables = wp.zeros(1, dtype=Pair, device="cpu")
+    found = np.abs(launched(led, 20_000, *motions, curves, ours, 1.7e-6, 100, width=3))  # 3.4 s, 178 rad
     # amplitude, phase and the sine of the phase are float32: a / h of each times their rounding
     assert found[:, 0].max() <= 16 * EPS**2 * 178 + 3 * EPS * (0.002 / 6 + 0.03 / 0.5)
     assert found[:, 1].max() <= 8 * EPS * 52.36
@@ -347,17 +375,17 @@ def test_prescribed_angles_in_pairs(ramp):
 @wp.kernel(enable_backward=False, module="unique")
 def tabled(
     points: wp.array[wp.float64],
-    table: Tabulated,
+    table: wp.array[Tabulated],
+    ours: wp.array[BLOCKS.Tabulated],
     values: wp.array[wp.float64],
-    pairs: wp.array[SplitTable],
-    parts: wp.array[wp.vec2f],
+    pairs: wp.array[Pair],
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    value, integral, slope = table_at(points[i], table, values)
-    ours, way = integral_at(pair_of(points[i]), pairs[0], parts)
-    out[i, 0] = whole(ours) - value
-    out[i, 1] = wp.float64(value_at(pair_of(points[i]), pairs[0], parts)) - value
+    value, integral = integral_at(points[i], table[0], values)
+    found, way = integral_at(pair_of(points[i]), ours[0], pairs)
+    out[i, 0] = whole(found) - value
+    out[i, 1] = wp.float64(value_at(pair_of(points[i]), ours[0], pairs)) - value
     out[i, 2] = whole(way) - integral
 
 
@@ -372,12 +400,9 @@ def test_tables_in_pairs_are_those_of_float64(repeats):
     values[:, 4] = np.append(0.0, np.cumsum(each)[:-1])
     flat = np.concatenate([np.zeros(5), values.ravel(), [each.sum()]])
     points = generator.uniform(start - 1.5 * cells * spacing, start + 2.5 * cells * spacing, 20_000)
-    table = Tabulated()
-    table.cells, table.first, table.repeats, table.start, table.spacing = cells, first, repeats, start, spacing
-    motions = np.zeros(1, dtype=Motion.numpy_dtype())
-    for name in ("cells", "first", "repeats", "start", "spacing"):
-        motions["drive_table"][name] = getattr(table, name)
-    inputs = [table, given(flat), given(split_tables(motions), SplitTable), given(split(flat), wp.vec2f)]
+    table = {"cells": cells, "first": first, "repeats": repeats, "start": start, "spacing": spacing}
+    pairs = given(as_float32(flat, np.dtype(Pair.numpy_dtype())), Pair)
+    inputs = [*both(Tabulated, **table), given(flat), pairs]
     found = np.abs(launched(tabled, len(points), given(points), *inputs, width=3))
     inside = np.abs((points - start) / spacing - np.rint((points - start) / spacing)) > 1e-9  # off the cells' edges,
     if not repeats:  # where these values jump
@@ -389,28 +414,32 @@ def test_tables_in_pairs_are_those_of_float64(repeats):
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def turning(spin: Spin, moment: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
-    body = BodyState()
-    wheel = wheel_at(body, wp.float64(0.4))
-    nowhere = Led()
+def turning(moment: wp.float64, inverse_inertia: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
+    pose = blocks_pose(BodyState(), wp.float64(0.4))
+    motion = BLOCKS.Motion()
+    rates = wp.vec3f(0.0, 0.0, wp.float32(moment) * wp.float32(inverse_inertia))
+    step = wp.float32(h)
+    nowhere = number_of(float(0.0))
     for _ in range(steps):
-        wheel = spun(wheel, wp.float32(h) * wp.float32(moment) * spin.inverse_inertia, wp.float32(h), nowhere, spin)
-    out[0, 0] = whole(wheel.angle)
-    out[0, 1] = whole(wheel.speed)
-    sine, cosine = sine_cosine(whole(wheel.angle))
-    out[0, 2] = whole(wheel.cosine) - cosine
-    out[0, 3] = whole(wheel.sine) - sine
-    out[0, 4] = whole(wheel.reach_cosine) - wp.float64(0.4) * whole(wheel.cosine)
-    out[0, 5] = whole(wheel.reach_sine) - wp.float64(0.4) * whole(wheel.sine)
+        body = BLOCKS.BodyState()
+        body.angle = pose.angle
+        body.speed = pose.speed
+        moved = leapfrog_body(nowhere, step, step, body, rates, nowhere, motion, BLOCKS.Mount())
+        pose = swung(posed(pose, moved), difference(moved.angle, body.angle))
+    out[0, 0] = whole(pose.angle)
+    out[0, 1] = whole(pose.speed)
+    sine, cosine = sine_cosine(whole(pose.angle))
+    out[0, 2] = whole(pose.cosine) - cosine
+    out[0, 3] = whole(pose.sine) - sine
+    out[0, 4] = whole(pose.reach_cosine) - wp.float64(0.4) * whole(pose.cosine)
+    out[0, 5] = whole(pose.reach_sine) - wp.float64(0.4) * whole(pose.sine)
 
 
 @pytest.mark.parametrize("steps", [32, 1_000_000])
-def test_a_wheel_that_turns_freely_keeps_its_phase(steps):
+def test_a_body_that_turns_freely_keeps_its_phase(steps):
     # constant moment from rest: speed a h n, angle a h^2 n (n + 1) / 2; float32 alone would have lost every increment
-    spin = Spin()
-    spin.sign, spin.inverse_inertia = 1.0, 0.25
     h, moment = 2.0**-19, 100.0
-    angle, speed, *off = launched(turning, 1, spin, moment, h, steps, width=6)[0]
+    angle, speed, *off = launched(turning, 1, moment, 0.25, h, steps, width=6)[0]
     a = moment * 0.25
     assert speed == pytest.approx(a * h * steps, rel=1e-11)
     assert angle == pytest.approx(a * h * h * steps * (steps + 1) / 2, rel=1e-11)
@@ -420,20 +449,17 @@ def test_a_wheel_that_turns_freely_keeps_its_phase(steps):
     assert np.abs(off[2:]).max() <= 2.0**-36 * 0.4
 
 
-narrowed = types(wp.float32).narrowed
-
-
 @wp.kernel(enable_backward=False, module="unique")
 def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: wp.array2d[wp.float64]):
-    sums = narrowed(SprocketSums())
+    sums = BLOCKS.SprocketSums()
     for k in range(speed.shape[0]):
         if k % 32 == 0:
-            sums = gathered(sums)
+            sums = gathered_powers(sums)
         sums = add_powers(sums, speed[k], moment[k], -moment[k], 1.0)
-    found = whole(sums)
-    out[0, 0] = found.moment
-    out[0, 1] = found.contact_work
-    out[0, 2] = found.load_work
+    sums = gathered_powers(sums)
+    out[0, 0] = whole(sums.moment.sum)
+    out[0, 1] = whole(sums.contact_work.sum)
+    out[0, 2] = whole(sums.load_work.sum)
 
 
 def test_moments_and_works_of_many_steps():
@@ -452,18 +478,22 @@ def each_of(kinds, usual, long):
 
 
 LOOPS = {
-    "plain": BlockKind(
-        wp.float32, 32, 4, 2, 0, low_occupancy=True, tabulated=False, stribeck=False, linear_hysteretic=True
-    ),
+    "plain": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), linear_hysteretic=True),
     "friction": BlockKind(
-        wp.float32, 32, 6, 2, 1, contact_friction=True, joint_friction=True, varied_links=True, tabulated=False
+        wp.float32,
+        BlockShape(32, 6),
+        Parts(2, 1),
+        friction=Friction(contacts=True, joints=True, by_speed=True),
+        links="varied",
     ),
-    "few": BlockKind(wp.float32, 160, 1, 2, 1, body_warp=True, tabulated=False),
-    "tables, profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, contact_friction=True),
+    "few": BlockKind(wp.float32, BlockShape(160, 1), Parts(2, 1)),
+    "tables, profiles": BlockKind(
+        wp.float32, BlockShape(32, 4), Parts(2, 2), profiles=True, friction=Friction(contacts=True, by_speed=True)
+    ),
     "arm, moving": BlockKind(
-        wp.float32, 32, 4, 2, 1, moving=True, arms=1, tensioners=1, profiles=True, tabulated=False
+        wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), moving=True, profiles=True
     ),
-    "pushed, rk4": BlockKind(wp.float32, 32, 4, 2, 0, rk4=True, moving=True, tensioners=1),
+    "pushed, rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0, tensioners=1), integrator=1, moving=True),
 }
 """Each has what others lack; together they have all that drives may have."""
 
@@ -480,12 +510,16 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
 
 
 MEASURING = {
-    "plain": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, tabulated=False),
+    "plain": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), measuring=True),
     "friction": BlockKind(
-        wp.float32, 32, 6, 2, 1, measuring=True, contact_friction=True, joint_friction=True, tabulated=False
+        wp.float32,
+        BlockShape(32, 6),
+        Parts(2, 1),
+        measuring=True,
+        friction=Friction(contacts=True, joints=True, by_speed=True),
     ),
-    "arm": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, arms=1, tensioners=1, profiles=True, tabulated=False),
-    "rk4": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, rk4=True, tabulated=False),
+    "arm": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), measuring=True, profiles=True),
+    "rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), measuring=True, integrator=1),
 }
 
 
@@ -497,14 +531,14 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     # contacts' sums, watched forces and all of the motion are in what goes around without float64
     assert len(free) > 0.7 * len(loop)
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
-    if not MEASURING[name].rk4:  # of the two steps in the code the one that nearly all are has none at all
+    if not MEASURING[name].staged:  # of the two steps in the code the one that nearly all are has none at all
         common = largest_part_without_float64(ptx)
         assert len(common) > 0.25 * len(loop)
         assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
     # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
     # tensioners, and what these have metered
     counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
-    arms = MEASURING[name].arms
+    arms = MEASURING[name].parts.arms
     assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts
 
 

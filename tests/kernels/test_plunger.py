@@ -5,53 +5,57 @@ import pytest
 import warp as wp
 from tensioner_rig import moved, tensioner
 
-from warpchain.engine.arrays import strokes
-from warpchain.kernels.number import pair_of, rounded, whole
-from warpchain.kernels.physics.body import heading_of
-from warpchain.kernels.physics.spin import wheel_at
+from warpchain.kernels.number import leading, pair_of, vector, whole
+from warpchain.kernels.physics.body import pose_of
 from warpchain.kernels.physics.tensioner import (
     extension,
-    lever_of,
     resting_state,
+    stroke_rate,
     tensioner_energy,
     tensioner_force,
     tensioner_step,
-    tensioner_wrench,
-    touch_of,
+    touch_arm,
 )
-from warpchain.kernels.structs import BodyState, Stroke, Tensioner, float32, types
+from warpchain.kernels.precision import as_float32
+from warpchain.kernels.structs import BodyState, Tensioner, types
 from warpchain.kernels.sums import metered
 
 COLUMNS = ("force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content")
 
 
-narrowed = types(wp.float32).narrowed
+BLOCKS = types(wp.float32, blocks=True)
 
 
 def given(values, dtype=wp.float64):
     return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
 
 
-def plunger_like(t):
-    """The same tensioner at float32."""
-    made = float32.Tensioner()
+def both(t):
+    """A tensioner, and the same as blocks at float32 keep it, as arrays."""
+    row = np.zeros(1, dtype=Tensioner.numpy_dtype())
     for name in Tensioner.vars:
         value = getattr(t, name)
-        setattr(made, name, wp.vec2f(*value) if isinstance(value, wp.vec2d) else value)
-    return made
+        row[name] = tuple(value) if isinstance(value, wp.vec2d) else value
+    made = as_float32(row, np.dtype(BLOCKS.Tensioner.numpy_dtype()))
+    return given(row, Tensioner), given(made, BLOCKS.Tensioner)
 
 
 @wp.kernel(enable_backward=False, module="unique")
 def lead(
     places: wp.array[wp.float64],
     h: wp.float64,
-    exact: Tensioner,
-    t: float32.Tensioner,
+    exact: wp.array[Tensioner],
+    ours: wp.array[BLOCKS.Tensioner],
     every: int,
     out: wp.array2d[wp.float64],
 ):
-    state = narrowed(resting_state(places[0], exact))
-    meter = float32.TensionerMeter()
+    t = ours[0]
+    rest = resting_state(places[0], exact[0])
+    state = BLOCKS.TensionerState()
+    state.content = pair_of(rest.content)
+    state.pressure = wp.float32(rest.pressure)
+    state.farthest = wp.float32(rest.farthest)
+    meter = BLOCKS.TensionerFlows()
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
@@ -61,15 +65,14 @@ def lead(
         force, pressure = tensioner_force(x, rate, state, t)
         if i % every == 0:
             row = i // every - 1
-            total = whole(meter)
             out[row, 0] = wp.float64(force)
             out[row, 1] = wp.float64(pressure)
             out[row, 2] = wp.float64(tensioner_energy(x, state, t))
-            out[row, 3] = total.leaked
-            out[row, 4] = total.supplied
-            out[row, 5] = total.leak_loss
-            out[row, 6] = total.valve_loss
-            out[row, 7] = total.supply_work
+            out[row, 3] = whole(meter.leaked)
+            out[row, 4] = whole(meter.supplied)
+            out[row, 5] = whole(meter.leak_loss)
+            out[row, 6] = whole(meter.valve_loss)
+            out[row, 7] = whole(meter.supply_work)
             out[row, 8] = whole(state.content)
 
 
@@ -80,7 +83,7 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
     places = 1e-4 * np.sin(2.0 * np.pi * 5.0 * np.arange(steps + 1) / steps) + 1.5e-3
     h = 1.0 / (200.0 * steps / 5.0)
     out = wp.zeros((steps // every, len(COLUMNS)), dtype=wp.float64, device="cpu")
-    wp.launch(lead, dim=1, inputs=[given(places), h, t, plunger_like(t), every, out], device="cpu")
+    wp.launch(lead, dim=1, inputs=[given(places), h, *both(t), every, out], device="cpu")
     found = dict(zip(COLUMNS, out.numpy().T, strict=True))
     exact = moved(t, places, h)
     wanted = {key: exact[key][every::every] for key in COLUMNS[:-1]}
@@ -94,33 +97,34 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def touch(angles: wp.array[wp.float64], stroke: Stroke, t: Tensioner, center: wp.vec2d, out: wp.array2d[wp.float64]):
+def touch(
+    angles: wp.array[wp.float64],
+    exact: wp.array[Tensioner],
+    ours: wp.array[BLOCKS.Tensioner],
+    center: wp.vec2d,
+    out: wp.array2d[wp.float64],
+):
     i = wp.tid()
     body = BodyState()
     body.angle = angles[i]
-    body.center = center
-    place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, t)
-    wheel = wheel_at(body, wp.float64(0.0))
-    one = tensioner_wrench(wp.float64(1.0), place - body.center, t)
-    out[i, 0] = whole(extension(wheel, stroke)) - extension(place, t)
-    out[i, 1] = wp.float64(lever_of(wheel, stroke)) - one.moment
-    out[i, 2] = wp.float64(rounded(wheel.angle)) - angles[i]
+    pose = pose_of(body)
+    arm = touch_arm(pose, exact[0])
+    found = BLOCKS.Pose()
+    found.cosine = pair_of(pose.cosine)
+    found.sine = pair_of(pose.sine)
+    arm_found = touch_arm(found, ours[0])
+    x = extension(vector(pair_of(center[0]), pair_of(center[1])), arm_found, ours[0])
+    out[i, 0] = whole(x) - extension(center, arm, exact[0])
+    rate = stroke_rate(leading(arm_found), float(1.0), wp.vec2f(), ours[0])
+    out[i, 1] = wp.float64(rate) - stroke_rate(arm, wp.float64(1.0), wp.vec2d(), exact[0])
 
 
 def test_the_extension_in_pairs_is_that_of_float64():
     t = tensioner(point=wp.vec2d(0.21, -0.037), home=wp.vec2d(1.312, 0.433), direction=wp.vec2d(-0.6, 0.8))
-    row = np.zeros(1, dtype=Tensioner.numpy_dtype())
-    for name in ("point", "home", "direction"):
-        row[name] = tuple(getattr(t, name))
-    made, stroke = strokes(row), Stroke()
-    for name in made.dtype.names:
-        pair = getattr(stroke, name)
-        pair.high, pair.low = (float(made[name][part][0]) for part in ("high", "low"))
-        setattr(stroke, name, pair)
     angles = np.random.default_rng(7).uniform(-0.5, 0.5, 5000)
-    out = wp.zeros((len(angles), 3), dtype=wp.float64, device="cpu")
-    wp.launch(touch, len(angles), inputs=[given(angles), stroke, t, wp.vec2d(1.1, 0.47), out], device="cpu")
+    out = wp.zeros((len(angles), 2), dtype=wp.float64, device="cpu")
+    wp.launch(touch, len(angles), inputs=[given(angles), *both(t), wp.vec2d(1.1, 0.47), out], device="cpu")
     found = np.abs(out.numpy())
-    # headings to 5e-12, products and sums of numbers below 1.5 m to a few parts in 2^48
-    assert found[:, 0].max() <= 5e-12 * 0.22 + 16 * 2.0**-48 * 1.5
+    # products and sums of numbers below 1.5 m to a few parts in 2^48; the rate is the lever, in float32
+    assert found[:, 0].max() <= 16 * 2.0**-48 * 1.5
     assert found[:, 1].max() <= 4 * 2.0**-24 * 0.22

@@ -5,12 +5,14 @@ import pytest
 import warp as wp
 from grown import grown, recipe, run_in
 
-from warpchain.kernels.gpu.observe import collect
-from warpchain.kernels.number import Pair, RecentSum, gathered, whole
-from warpchain.kernels.structs import Drive, float32, types
-from warpchain.kernels.sum_structs import (
+from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.number import Pair, PairVector, RecentSum
+from warpchain.kernels.precision import as_float32, as_float64
+from warpchain.kernels.structs import (
+    PAIRS,
     ArmSums,
     ContactSums,
+    Drive,
     LinkTally,
     MountSums,
     RollerTally,
@@ -19,11 +21,13 @@ from warpchain.kernels.sum_structs import (
     Tallies,
     TensionerFlows,
     TensionerSums,
+    types,
 )
+from warpchain.kernels.sums import gathered_powers
 
 KEPT = SprocketSums, MountSums, ArmSums, TensionerSums
-"""Sums that blocks keep in shared memory, at float32 in pairs."""
-narrowed = types(wp.float32).narrowed
+"""Sums that blocks at float32 keep in pairs."""
+BLOCKS = types(wp.float32, blocks=True)
 
 
 def leaves(dtype, name=""):
@@ -39,64 +43,53 @@ def at(rows, leaf):
     return rows
 
 
-def there_and_back(full, Real):
-    """The kernel that keeps a struct as a block does, and gives it back."""
-    narrowed = types(Real).narrowed
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def kernel(given: wp.array[full], found: wp.array[full]):
-        found[0] = whole(narrowed(given[0]))
-
-    return kernel
-
-
-@pytest.mark.parametrize("Real", [wp.float64, wp.float32], ids=["float64", "float32"])
-@pytest.mark.parametrize("full", [*KEPT, TensionerFlows], ids=lambda full: full.key)
-def test_every_field_has_its_way_there_and_back(full, Real):
-    given = np.zeros(1, dtype=full.numpy_dtype())
+@pytest.mark.parametrize("full", [*KEPT, TensionerFlows, *PAIRS], ids=lambda full: full.key)
+def test_every_field_has_its_way_there_and_back(full):
+    given = np.zeros(3, dtype=full.numpy_dtype())
     for k, leaf in enumerate(leaves(given.dtype)):
         at(given, leaf)[...] = (k + 1) * np.pi
-    found = wp.zeros(1, dtype=full, device="cpu")
-    wp.launch(there_and_back(full, Real), 1, inputs=[wp.array(given, dtype=full, device="cpu"), found], device="cpu")
+    made = getattr(BLOCKS, full.key)
+    found = as_float64(as_float32(given, np.dtype(made.numpy_dtype())), given.dtype)
     for leaf in leaves(given.dtype):
-        once = leaf.endswith(("_min", "_max")) or (full is TensionerFlows and leaf == "lift")
-        close = 0.0 if Real == wp.float64 else 2.0**-24 if once else 2.0**-47
-        np.testing.assert_allclose(at(found.numpy(), leaf), at(given, leaf), rtol=close, err_msg=leaf)
+        of = made
+        for name in leaf.split("."):
+            of = of.vars[name].type
+        close = 2.0**-47 if of in (Pair, PairVector, RecentSum) else 2.0**-24
+        np.testing.assert_allclose(at(found, leaf), at(given, leaf), rtol=close, err_msg=leaf)
+        assert at(found, leaf).all(), leaf
 
 
-def test_blocks_keep_the_sums_of_every_body_by_the_same_names():
-    double, single = types(wp.float64).Shared.vars, types(wp.float32).Shared.vars
+def test_blocks_keep_every_sum_by_its_name():
+    double, single = types(wp.float64, blocks=True), BLOCKS
+    assert list(double.Sums.vars) == list(single.Sums.vars) == list(Sums.vars)
     for full in KEPT:
-        (name,) = (
-            f"{field}_sums" for field, var in Sums.vars.items() if var.type.dtype is full and "note" not in field
-        )
-        made = single[name].type.dtype
-        assert double[name].type.dtype is full
-        assert made is getattr(float32, full.key)
-        assert list(made.vars) == list(full.vars)
+        made = getattr(single, full.key)
+        assert getattr(double, full.key) is full
+        assert [name for name in made.vars if not name.startswith("unused")] == list(full.vars)
+        added = [
+            name for name, var in full.vars.items() if var.type == wp.float64 and not name.endswith(("_min", "_max"))
+        ]
+        assert all(made.vars[name].type in (Pair, RecentSum) for name in added)
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def gathering(out: wp.array[SprocketSums], kept: wp.array[wp.float32]):
-    sums = narrowed(SprocketSums())
-    sums.moment.recent = 1.0
-    sums.contact_work.recent = 2.0
-    sums.load_work.recent = 3.0
-    out[0] = whole(sums)
-    sums = gathered(sums)
-    kept[0] = sums.moment.recent + sums.contact_work.recent + sums.load_work.recent
-    out[1] = whole(sums)
+def gathering(sums: wp.array[BLOCKS.SprocketSums]):
+    sums[1] = gathered_powers(sums[0])
 
 
 def test_recent_terms_of_sums_are_gathered():
-    recent = [name for name, var in float32.SprocketSums.vars.items() if var.type is RecentSum]
+    recent = [name for name, var in BLOCKS.SprocketSums.vars.items() if var.type is RecentSum]
     assert recent == ["moment", "contact_work", "load_work"]
-    assert float32.SprocketSums.vars["speed"].type is Pair
-    out, kept = wp.zeros(2, dtype=SprocketSums, device="cpu"), wp.ones(1, dtype=wp.float32, device="cpu")
-    wp.launch(gathering, 1, inputs=[out, kept], device="cpu")
-    assert kept.numpy()[0] == 0.0
-    for rows in out.numpy():
-        assert [rows[name] for name in recent] == [1.0, 2.0, 3.0]
+    assert BLOCKS.SprocketSums.vars["speed"].type is Pair
+    rows = np.zeros(2, dtype=BLOCKS.SprocketSums.numpy_dtype())
+    for k, name in enumerate(recent, start=1):
+        rows[name]["recent"][0] = k
+    sums = wp.array(rows, dtype=BLOCKS.SprocketSums, device="cpu")
+    wp.launch(gathering, 1, inputs=[sums], device="cpu")
+    assert not any(sums.numpy()[name]["recent"][1] for name in recent)
+    found = as_float64(sums.numpy(), np.dtype(SprocketSums.numpy_dtype()))
+    for row in found:
+        assert [row[name] for name in recent] == [1.0, 2.0, 3.0]
 
 
 def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
@@ -111,7 +104,9 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
         setattr(tallies, name, wp.array(rows, dtype=dtype, device="cpu"))
     for name, var in Sums.vars.items():
         setattr(sums, name, wp.zeros(64, dtype=var.type.dtype, device="cpu"))
-    wp.launch(collect, 1, inputs=[wp.array(drive, dtype=Drive, device="cpu"), tallies, sums], device="cpu")
+    wp.launch(
+        collect_kernel(wp.float64), 1, inputs=[wp.array(drive, dtype=Drive, device="cpu"), tallies, sums], device="cpu"
+    )
     contact, chain, strand = (getattr(sums, name).numpy()[0] for name in ("contact", "chain", "strand"))
     assert {name: contact[name] for name in ContactSums.vars if contact[name] == 0} == {}
     assert {name: chain[name] for name in RollerTally.vars if chain[name] == 0} == {}
@@ -122,7 +117,7 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
 ON_FIBERS = """
 import warp as wp
 from blocks import assert_steps_of_the_cpu, marine
-from warpchain.kernels.sum_structs import SprocketSums
+from warpchain.kernels.structs import SprocketSums
 
 wp.config.enable_cpu_blocks = True
 assert "moment_max" in SprocketSums.vars

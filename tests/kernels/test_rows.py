@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.rows import LANES, accessors, whole_lanes
+from warpchain.kernels.native import LANES, accessors, whole_lanes
 
 
 @pytest.mark.parametrize("Real", [wp.int32, wp.float32, wp.float64], ids=lambda kind: kind.__name__)

@@ -5,10 +5,8 @@ import pytest
 import warp as wp
 
 from warpchain.engine.outcomes import batch_durations
-from warpchain.kernels.batches import NOTES, notes_due
-from warpchain.kernels.slip import follow_slip
-from warpchain.kernels.structs import Drive
-from warpchain.kernels.sum_structs import SlipSums
+from warpchain.kernels.statistics import NOTES, follow_slip, notes_due
+from warpchain.kernels.structs import Drive, SlipSums
 
 
 @wp.kernel

@@ -8,8 +8,9 @@ import warp as wp
 from scipy.integrate import quad
 from tensioner_rig import loaded, looked, moved, still, tensioner
 
-from warpchain.kernels.physics.tensioner import extension, tensioner_wrench, touch_of
-from warpchain.kernels.structs import Tensioner
+from warpchain.kernels.physics.body import faced
+from warpchain.kernels.physics.tensioner import extension, push_by, touch_arm
+from warpchain.kernels.structs import Pose, Tensioner, TensionerState
 
 PRESSURES = np.geomspace(1e3, 1e8, 40)
 N = 1.4
@@ -290,30 +291,29 @@ def test_without_a_ratchet_it_stands_on_the_bottom_of_its_chamber():
 
 @wp.kernel(enable_backward=False)
 def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
-    place, velocity = touch_of(
-        wp.vec2d(wp.float64(1.0), wp.float64(2.0)),
-        wp.vec2d(wp.cos(angle), wp.sin(angle)),
-        wp.float64(3.0),
-        wp.vec2d(wp.float64(0.1), wp.float64(0.2)),
-        t,
-    )
-    wrench = tensioner_wrench(wp.float64(10.0), place - wp.vec2d(wp.float64(1.0), wp.float64(2.0)), t)
-    out[0] = place
-    out[1] = velocity
-    out[2] = wrench.force
-    out[3] = wp.vec2d(wrench.moment, extension(place, t))
+    body = Pose()
+    body.center = wp.vec2d(wp.float64(1.0), wp.float64(2.0))
+    body.velocity = wp.vec2d(wp.float64(0.1), wp.float64(0.2))
+    body.speed = wp.float64(3.0)
+    body = faced(body, wp.cos(angle), wp.sin(angle))
+    push = push_by(body, TensionerState(), t)
+    out[0] = touch_arm(body, t)
+    out[1] = push.wrench.force
+    out[2] = wp.vec2d(push.wrench.moment, push.rate)
+    out[3] = wp.vec2d(push.extension, extension(body.center, touch_arm(body, t), t))
 
 
 def test_the_touched_point_moves_with_its_body_and_is_pushed():
     angle, point = 0.4, np.array([0.3, -0.1])
-    t = Tensioner()
-    t.point, t.home, t.direction = wp.vec2d(*point), wp.vec2d(1.2, 1.9), wp.vec2d(0.6, 0.8)
+    t = Tensioner()  # a spring that pushes with 10 N wherever it is
+    t.point, t.home, t.direction, t.preload = wp.vec2d(*point), wp.vec2d(1.2, 1.9), wp.vec2d(0.6, 0.8), 10.0
     out = wp.zeros(4, dtype=wp.vec2d, device="cpu")
     wp.launch(touch, dim=1, inputs=[t, angle, out], device="cpu")
-    place, velocity, force, (moment, x) = out.numpy()
-    arm = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ point
-    assert place == pytest.approx(np.array([1.0, 2.0]) + arm)
-    assert velocity == pytest.approx(np.array([0.1, 0.2]) + 3.0 * np.array([-arm[1], arm[0]]))
+    arm, force, (moment, rate), x = out.numpy()
+    turned = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ point
+    assert arm == pytest.approx(turned)
+    velocity = np.array([0.1, 0.2]) + 3.0 * np.array([-turned[1], turned[0]])
+    assert rate == pytest.approx(velocity @ [0.6, 0.8])
     assert force == pytest.approx([6.0, 8.0])
-    assert moment == pytest.approx(arm[0] * 8.0 - arm[1] * 6.0)
-    assert x == pytest.approx((place - [1.2, 1.9]) @ [0.6, 0.8])
+    assert moment == pytest.approx(turned[0] * 8.0 - turned[1] * 6.0)
+    assert x == pytest.approx([(np.array([1.0, 2.0]) + turned - [1.2, 1.9]) @ [0.6, 0.8]] * 2)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.gpu.bodies import rotated
 from warpchain.kernels.number import sine_cosine
+from warpchain.kernels.physics.body import faced, swung
+from warpchain.kernels.structs import Pose
 
 KERNELS = sorted((Path(__file__).resolve().parents[2] / "kernels").rglob("*.py"))
 
@@ -24,7 +25,8 @@ def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.arr
 @wp.kernel(enable_backward=False, module="unique")
 def turn(start: wp.float64, angle: wp.array[wp.float64], out: wp.array[wp.vec2d]):
     i = wp.tid()
-    out[i] = rotated(wp.vec2d(wp.cos(start), wp.sin(start)), angle[i])
+    turned = swung(faced(Pose(), wp.cos(start), wp.sin(start)), angle[i])
+    out[i] = wp.vec2d(turned.cosine, turned.sine)
 
 
 @pytest.mark.parametrize("largest", [0.8, 10.0, 1e4, 1.6e6])

@@ -39,7 +39,7 @@ def drives():
 
 def test_the_recipe_of_a_metric(tmp_path):
     changes = recipe("A new metric")
-    paths = ["warpchain/results/metric_columns.py", "kernels/sum_structs.py", "kernels/sums.py"]
+    paths = ["warpchain/results/metric_columns.py", "kernels/structs.py", "kernels/sums.py"]
     assert [path for path, _, _ in changes] == paths
     drive = two_sprockets(settle="false")
     (tmp_path / "drive.toml").write_text(dumps_drive(drive))

@@ -6,19 +6,19 @@ import pytest
 from drives import two_sprockets
 
 from warpchain.drive import Drive
-from warpchain.kernels import relaxation, sum_structs
+from warpchain.kernels import relaxation, structs
 from warpchain.results import metrics
 from warpchain.results.metric_columns import same_columns
 from warpchain.results.metrics import Ended, _column, energy_balance, metrics_blocks, metrics_table
 from warpchain.results.schedule import Schedule
 
 STRUCTS = {
-    "chain": sum_structs.ChainSums,
-    "strand": sum_structs.StrandSums,
-    "sprocket": sum_structs.SprocketSums,
-    "mount": sum_structs.MountSums,
-    "contact": sum_structs.ContactSums,
-    "slip": sum_structs.SlipSums,
+    "chain": structs.ChainSums,
+    "strand": structs.StrandSums,
+    "sprocket": structs.SprocketSums,
+    "mount": structs.MountSums,
+    "contact": structs.ContactSums,
+    "slip": structs.SlipSums,
 }
 BATCHED = {name: STRUCTS[name] for name in ("chain", "strand", "sprocket", "mount")}
 SHAKEN = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warpchain.engine.outcomes import tension_edges
-from warpchain.kernels.tension_bins import BINS
+from warpchain.kernels.statistics import BINS
 from warpchain.results.batch_means import drift, quantile, standard_error, steady
 
 SHARES = (0.001, 0.01, 0.5, 0.99, 0.999)

@@ -1,6 +1,6 @@
 """The arrays of an ensemble: one table of them, of which packing, casts, uploads, sums and checkpoints are made.
 
-The structs of the kernels (`kernels.structs`, `kernels.sum_structs`) hold each array by its name, with the type of its
+The structs of the kernels (`kernels.structs`) hold each array by its name, with the type of its
 values; the table has what it counts by and where its first values come from. A new field of a struct needs nothing
 here, a new array its row.
 """
@@ -16,12 +16,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.kernels import structs, sum_structs
-from warpchain.kernels.batches import NOTES
-from warpchain.kernels.rows import STATE_ROWS
-from warpchain.kernels.tension_bins import BINS
-
-INTEGRATORS = {"leapfrog": 0, "rk4": 1}
+from warpchain.kernels import structs
+from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.precision import as_float32, as_float64
+from warpchain.kernels.statistics import BINS, NOTES
 
 SPARE_LENGTHS = 4096
 """Lengths after the last: the block kernels' threads that have no roller read them."""
@@ -80,8 +78,8 @@ class Array:
     Attributes:
         kind: what the array counts by, a key of `KINDS`; "" for what variants share, and for scratch.
         width: how many values each has.
-        packed: the array of `Packed` with its first values, "" for none: it begins at zero, or as `made` says.
-        made: its values for a device, of a packed ensemble.
+        packed: the array of `Packed` with its first values, "" for none: it begins at zero.
+        made: its values for a device, of a packed ensemble, where they are others; blocks at float32 may want more.
         kept: whether checkpoints keep it, in the order of the rows.
         where: "cpu" or "gpu" where only one of them has use for it; it has one row on the other.
     """
@@ -89,64 +87,28 @@ class Array:
     kind: str
     width: int = 1
     packed: str = ""
-    made: Callable[[Any], NDArray[Any]] | None = None
+    made: Callable[[Any, bool], NDArray[Any]] | None = None
     kept: bool = False
     where: str = ""
 
 
-def split_seats(seats: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Directions (seats, 2) as (seats, 4): their multiples of 2^-12, and what these round off (`physics.tooth`)."""
-    coarse = np.rint(4096.0 * seats) / 4096.0
-    return np.hstack([coarse, seats - coarse]).astype(np.float32)
+def with_lengths_beyond(packed: Any, blocks: bool) -> NDArray[Any]:
+    """Lengths of links, and of some that there are not."""
+    return np.append(packed.lengths, np.ones(SPARE_LENGTHS))
 
 
-def split(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Numbers (n,) as pairs of float32 (n, 2)."""
-    high = values.astype(np.float32)
-    return np.stack([high, (values - high).astype(np.float32)], axis=-1)
+def seat_directions(packed: Any, blocks: bool) -> NDArray[np.floating]:
+    """Directions (seats, 2), for blocks (seats, 4): multiples of 2^-12 and what these round off (`physics.tooth`)."""
+    if not blocks:
+        return np.asarray(packed.seats)
+    coarse = np.rint(4096.0 * packed.seats) / 4096.0
+    return np.hstack([coarse, packed.seats - coarse])
 
 
-def _set_pairs(rows: NDArray[Any], values: dict[str, NDArray[np.floating]]) -> None:
-    """Sets fields of rows that are pairs of float32."""
-    for name, of in values.items():
-        rows[name]["high"], rows[name]["low"] = split(of).T
-
-
-def split_tables(motions: NDArray[Any]) -> NDArray[Any]:
-    """(2 * bodies,) `structs.SplitTable`: the table of each body's motion and that of its load."""
-    tables = np.stack([motions["drive_table"], motions["load_table"]], axis=1).ravel()
-    made = np.zeros(len(tables), dtype=structs.SplitTable.numpy_dtype())
-    for name in ("cells", "first", "over_angle", "repeats"):
-        made[name] = tables[name]
-    spacing = np.where(tables["cells"] > 0, tables["spacing"], 1.0)
-    _set_pairs(made, {"start": tables["start"], "spacing": spacing, "rate": 1.0 / spacing})
-    return made
-
-
-def split_pieces(pieces: NDArray[Any]) -> NDArray[np.float32]:
-    """Pieces of profiles as rows of four (`physics.profile`), (3 * pieces, 4)."""
-    made = np.zeros((len(pieces), 3, 4), dtype=np.float32)
-    for k, name in enumerate(("start", "direction")):
-        made[:, k] = np.moveaxis(split(pieces[name]), 2, 1).reshape(-1, 4)
-    made[:, 2, 0] = pieces["curvature"]
-    return made.reshape(-1, 4)
-
-
-def strokes(tensioners: NDArray[Any]) -> NDArray[Any]:
-    """(tensioners,) `structs.Stroke`."""
-    made = np.zeros(len(tensioners), dtype=structs.Stroke.numpy_dtype())
-    (px, py), (dx, dy) = tensioners["point"].T, tensioners["direction"].T
-    home = (tensioners["home"] * tensioners["direction"]).sum(axis=1)
-    along, across = px * dx + py * dy, px * dy - py * dx
-    _set_pairs(made, dict(zip(made.dtype.names or (), (home, dx, dy, along, across), strict=True)))
-    return made
-
-
-def _paired(
-    packed: str, form: Callable[[NDArray[Any]], NDArray[Any]] = lambda values: values
-) -> Callable[[Any], NDArray[Any]]:
-    """Makes an array for blocks at float32 of a packed one; it is empty at float64."""
-    return lambda of: form(getattr(of, packed)[: None if of.precision == "float32" else 0])
+def harmonic_rows(packed: Any, blocks: bool) -> NDArray[np.floating]:
+    """Rows (order, amplitude, phase) of harmonics, for blocks with the sine of the phase."""
+    rows = packed.harmonics
+    return np.column_stack([rows, np.sin(rows[:, 2])]) if blocks else np.asarray(rows)
 
 
 TABLE = {
@@ -155,7 +117,7 @@ TABLE = {
         "chains": Array("variant", packed="chains"),
         "joints": Array("variant", packed="joints"),
         "links": Array("variant", packed="links"),
-        "lengths": Array("roller", packed="lengths", made=lambda of: np.append(of.lengths, np.ones(SPARE_LENGTHS))),
+        "lengths": Array("roller", packed="lengths", made=with_lengths_beyond),
         "sprockets": Array("sprocket", packed="sprockets"),
         "tooth_sliding": Array("sprocket", packed="tooth_sliding"),
         "motions": Array("body", packed="motions"),
@@ -165,17 +127,12 @@ TABLE = {
         "pieces": Array("piece", packed="pieces"),
         "arms": Array("arm", packed="arms"),
         "tensioners": Array("tensioner", packed="tensioners"),
-        "seats": Array("", packed="seats"),
-        "block_arms": Array("arm", made=_paired("arms")),
-        "block_tensioners": Array("tensioner", made=_paired("tensioners")),
-        "strokes": Array("tensioner", made=_paired("tensioners", strokes)),
-        "split_seats": Array("", made=_paired("seats", split_seats)),
-        "split_harmonics": Array("", made=lambda of: np.column_stack([of.harmonics, np.sin(of.harmonics[:, 2])])),
-        "split_tables": Array("body", 2, made=_paired("motions", split_tables)),
-        "split_pieces": Array("piece", 3, made=_paired("pieces", split_pieces)),
-        "split_values": Array("", made=_paired("tables", split)),
+        "seats": Array("", packed="seats", made=seat_directions),
     },
-    "curves": {"harmonics": Array("", packed="harmonics"), "tables": Array("", packed="tables")},
+    "curves": {
+        "harmonics": Array("", packed="harmonics", made=harmonic_rows),
+        "tables": Array("", packed="tables"),
+    },
     "state": {
         "rollers": Array("roller", STATE_ROWS, packed="rollers", kept=True),
         "bodies": Array("body", packed="bodies", kept=True),
@@ -224,21 +181,21 @@ TABLE = {
         "body": Array("body", kept=True),
     },
 }
-"""The arrays of `kernels.structs` (Ensemble, its Curves, State) and `kernels.sum_structs` (Sums, Tallies), by name."""
+"""The arrays of `kernels.structs` (Ensemble, its Curves, State, Sums, Tallies), by name."""
 
 PACKED = {row.packed: (group, name) for group, rows in TABLE.items() for name, row in rows.items() if row.packed}
 """The arrays of `Packed`: group and name of each in the table."""
 
 
-def array_type(group: str, name: str, real: type) -> Any:
-    """Warp's type of an array's values, as the kernels' struct of its group has it."""
-    kinds = structs.types(real)
+def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
+    """Warp's type of an array's values, as the struct of its group has it in the CPU's kernels or in `blocks`."""
+    kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
-        "curves": structs.Curves,
+        "curves": kinds.Curves,
         "state": kinds.State,
-        "sums": sum_structs.Sums,
-        "tallies": sum_structs.Tallies,
+        "sums": kinds.Sums,
+        "tallies": structs.Tallies,
     }
     return of_group[group].vars[name].type.dtype
 
@@ -258,25 +215,40 @@ def lengths(drives: NDArray[Any], group: str) -> dict[str, int]:
     return {name: row.width * counts[row.kind] for name, row in TABLE[group].items() if row.kind}
 
 
-def _uploaded(packed: Any, group: str, name: str, device: str) -> wp.array:
+def _uploaded(packed: Any, group: str, name: str, device: str, blocks: bool) -> wp.array:
     """A copy of an array's first values on a device."""
-    row, kind = TABLE[group][name], array_type(group, name, packed.real)
-    values = getattr(packed, row.packed) if row.made is None else row.made(packed)
-    return wp.array(values.astype(dtype_of(kind), copy=False), dtype=kind, device=device, copy=True)
+    row, kind = TABLE[group][name], array_type(group, name, packed.real, blocks)
+    paired = blocks and packed.precision == "float32"
+    values = getattr(packed, row.packed) if row.made is None else row.made(packed, paired)
+    values = as_float32(values, dtype_of(kind)) if paired else values.astype(dtype_of(kind), copy=False)
+    return wp.array(values, dtype=kind, device=device, copy=True)
 
 
-def upload_ensemble(packed: Any, device: str) -> Any:
+def rows_of(array: wp.array, group: str, name: str, real: type) -> NDArray[Any]:
+    """The values of an array of a device, as the CPU has them."""
+    values: NDArray[Any] = array.numpy()
+    kind = dtype_of(array_type(group, name, real))
+    return values if values.dtype == kind else as_float64(values, kind)
+
+
+def assign_rows(array: wp.array, values: NDArray[Any]) -> None:
+    """Sets an array of a device, from values as the CPU has them."""
+    array.assign(as_float32(values, dtype_of(array.dtype)))
+
+
+def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
     """The data that does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
-    ensemble = structs.types(packed.real).Ensemble()
+    kinds = structs.types(packed.real, blocks)
+    ensemble = kinds.Ensemble()
     for group, of in (("ensemble", ensemble), ("curves", ensemble.curves)):
         for name in TABLE[group]:
-            setattr(of, name, _uploaded(packed, group, name, device))
+            setattr(of, name, _uploaded(packed, group, name, device, blocks))
     return ensemble
 
 
 def _stage_rows() -> int:
-    """Rows of a roller between rk4's stages; where no GPU takes it, the GPU's kernels are not loaded."""
-    from warpchain.kernels.gpu.rk4 import STAGE_ROWS
+    """Rows of a roller between a step's stages; where no GPU takes it, the GPU's kernels are not loaded."""
+    from warpchain.kernels.gpu.rollers import STAGE_ROWS
 
     return STAGE_ROWS
 
@@ -286,27 +258,29 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
     `large` is for block kernels: how many values, and values of parts, that blocks share lie in global memory.
     """
-    state = structs.types(packed.real).State()
-    counts, engine = lengths(packed.drives, "state"), "cpu" if large is None else "gpu"
+    blocks = large is not None
+    state = structs.types(packed.real, blocks).State()
+    counts, engine = lengths(packed.drives, "state"), "gpu" if blocks else "cpu"
     for name, row in TABLE["state"].items():
         if row.packed:
-            setattr(state, name, _uploaded(packed, "state", name, device))
+            setattr(state, name, _uploaded(packed, "state", name, device, blocks))
         elif row.kind:
             count = counts[name] if row.where in ("", engine) else 1
-            setattr(state, name, wp.zeros(count, dtype=array_type("state", name, packed.real), device=device))
-    rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
+            kind = array_type("state", name, packed.real, blocks)
+            setattr(state, name, wp.zeros(count, dtype=kind, device=device))
+    staged = blocks and bool(packed.drives["integrator"].any())
     in_rows, in_parts = large or (0, 0)
-    stages = _stage_rows() * len(packed.lengths) if rk4 else 0
+    stages = _stage_rows() * len(packed.lengths) if staged else 0
     for name, count in (("stages", stages), ("rows", in_rows), ("parts", in_parts)):
         setattr(state, name, wp.empty(max(count, 1), dtype=packed.real, device=device))
     return state
 
 
-def empty_sums(packed: Any, device: str) -> sum_structs.Sums:
-    """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
-    sums = sum_structs.Sums()
+def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
+    """Sums to which nothing has been added (`types(...).Sums`): minima at +infinity, maxima at -infinity."""
+    sums = structs.types(packed.real, blocks).Sums()
     for name, count in lengths(packed.drives, "sums").items():
-        struct = array_type("sums", name, packed.real)
+        struct = array_type("sums", name, packed.real, blocks)
         array: wp.array = wp.zeros(count, dtype=struct, device=device)
         fields = dtype_of(struct).names or ()
         extremes = {
@@ -329,9 +303,9 @@ def sums_bytes(packed: Any) -> int:
     return sum(count * dtype_of(array_type("sums", name, packed.real)).itemsize for name, count in counts.items())
 
 
-def empty_tallies(packed: Any, device: str) -> sum_structs.Tallies:
+def empty_tallies(packed: Any, device: str) -> structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
-    tallies = sum_structs.Tallies()
+    tallies = structs.Tallies()
     for name, count in lengths(packed.drives, "tallies").items():
         setattr(tallies, name, wp.zeros(count, dtype=array_type("tallies", name, packed.real), device=device))
     return tallies

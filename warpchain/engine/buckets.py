@@ -6,7 +6,7 @@ says how many threads of a GPU one variant gets, and how many of its rollers eac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind
+from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import asked_of_a_block, room
 
@@ -26,89 +26,14 @@ ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 LONGEST_ON_A_WARP = 512
 """Links of the longest chain that one warp may have to itself."""
 
-MANY = 6
-"""Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
-
-LOW_OCCUPANCY = 8
-"""Most variants a multiprocessor at which a thread of theirs has registers for two contacts at once."""
+FEW = 1
+"""Most variants a multiprocessor that are few: each has a roller a thread, and a warp for its bodies alone."""
 
 VARIANTS_PER_BLOCK = 4
 """Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
 
-ROW = 16
-"""Variants that a multiprocessor holds where they are abreast, and fewest where they are."""
-
-LONGER_ROW = 20
-"""The same of kernels that are short enough for the registers that threads then have, 96."""
-
-BODY_WARP = 2
-"""Most variants a multiprocessor at which each may have a warp for its bodies alone."""
-
-
-@dataclass(frozen=True, order=True)
-class BlockShape:
-    """Threads of a block, and how many rollers each has at most."""
-
-    threads: int
-    rollers_per_thread: int
-    body_warp: bool = False
-    """Whether the last warp has no rollers, but moves the bodies."""
-    shared_bytes: int = DECLARED
-    """Most of shared memory that a block may have."""
-    low_occupancy: bool = False
-    """Whether so few are on a multiprocessor that a thread has registers for two contacts at once."""
-
-    @property
-    def slots(self) -> int:
-        """Rollers that the threads could have."""
-        return self.threads * self.rollers_per_thread
-
-    @property
-    def room(self) -> int:
-        """Rollers that there is room for."""
-        return self.slots - 32 * self.body_warp
-
-    def variants_per_block(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
-        """Number of variants of a block, where a multiprocessor gets `each`; arguments as in `resident`.
-
-        One on a warp has its own block unless several were measured to be faster: long code at float32, which is
-        fetched once for all that are abreast.
-        """
-        if precision != "float32" or self.threads != WARP or self.rollers_per_thread > 6 or each < ROW or not simple:
-            return 1
-        return VARIANTS_PER_BLOCK if measuring or self.rollers_per_thread > 4 else 1
-
-    def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False, row: int = 0) -> int:
-        """Number of variants that the compiler is to make room for on a multiprocessor, `wanted` at most.
-
-        This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
-        drives that are `simple` (`buckets.Bucket`) fewer. Where variants are abreast it holds `row`, which else is 0.
-        What is best was measured on an H200 (docs/performance.md).
-        """
-        if row:
-            most = row
-        elif self.threads == WARP:
-            most = {
-                ("float64", False): (12, 12, 8),
-                ("float64", True): (12, 12, 8),
-                ("float32", False): (20, 16, 12),
-                ("float32", True): (20, 16, 8),
-            }[precision, measuring][(self.rollers_per_thread > 4) + (self.rollers_per_thread > 6)]
-            if simple and precision == "float64" and self.rollers_per_thread <= (4 if measuring else 6):
-                most = 14
-        elif self.slots > LONGEST_ON_A_WARP and self.rollers_per_thread > 1:
-            most = 2 if self.rollers_per_thread > 8 else 3 if precision == "float64" else 4
-            most = most * 128 // self.threads
-        else:
-            most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
-        return max(1, min(most, wanted))
-
-
-def row_of(kind: BlockKind) -> int:
-    """Variants of a kind that a multiprocessor holds where several share a block, 0 of other kinds."""
-    if kind.variants_per_block == 1:
-        return 0
-    return LONGER_ROW if kind.rollers_per_thread <= 4 and not (kind.contact_friction or kind.joint_friction) else ROW
+RESERVED = 1024
+"""Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -118,35 +43,47 @@ def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
     return np.where(links > most, -(-links // step) * step, np.array(ROOMS)[np.searchsorted(ROOMS[:-1], links)])
 
 
-def on_two_warps(room: int, each: int) -> bool:
-    """Whether two warps a variant are fastest at float32, of `each` variants a multiprocessor (measured on an H200)."""
-    return 160 < room <= 256 and 4 <= each <= 6
-
-
-def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: str = "float64") -> BlockShape:
+def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
     """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
 
-    Few variants are fastest with a roller a thread, and very few with a warp beside them for the bodies; of many, each
-    is fastest on a warp of its own, which then waits for no other, and between these at float32 on two. Moments on
-    bodies are added up in the same order either way, so a variant's results do not depend on how many there are beside
-    it. Longer chains have up to 16 rollers a thread and `shared_bytes` of memory, however many they are.
+    There are two: few variants are fastest with a roller a thread, many on a warp each, which then waits for no other.
+    Moments on bodies are added up in the same order either way, so a variant's results do not depend on how many there
+    are beside it. Longer chains have up to 16 rollers a thread and `shared_bytes` of memory, however many they are.
     """
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
         return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
-    if precision == "float32" and on_two_warps(room, each):
-        return BlockShape(64, -(-room // 64))
-    if each >= MANY:
-        return BlockShape(WARP, -(-room // WARP), low_occupancy=each <= LOW_OCCUPANCY and room <= 192)
-    body_warp = each <= BODY_WARP and 32 < room < 512
-    return BlockShape(room + 32 * body_warp, 1, body_warp)
+    if each > FEW:
+        return BlockShape(WARP, -(-room // WARP))
+    return BlockShape(room + WARP, 1)
 
 
-RESERVED = 1024
-"""Bytes of a multiprocessor's shared memory that each block takes beside its own."""
+def is_simple(kind: BlockKind) -> bool:
+    """Whether kernels of a kind are as short as can be, but for friction at float32."""
+    rubs = kind.friction.contacts or kind.friction.joints
+    more = kind.moving or kind.staged or kind.links == "varied" or kind.parts.arms or kind.profiles
+    return kind.linear_hysteretic and not more and (kind.paired or not rubs)
 
-NUMBERS = ("slots", "sprockets", "guides", "arms", "tensioners", "led")
-"""What buckets differ in by a number; in all else by yes or no."""
+
+def resident(kind: BlockKind) -> int:
+    """Number of variants that the compiler is to make room for on a multiprocessor, which bounds a thread's registers.
+
+    Taking metrics wants more of them, and of shared memory, and kernels of simple drives fewer. What is best was
+    measured on an H200 (docs/performance.md).
+    """
+    shape, per = kind.shape, kind.shape.rollers_per_thread
+    if shape.variants_per_block > 1:
+        return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
+    if shape.threads == WARP:
+        if not is_simple(kind):
+            return 12 if per <= 6 else 8
+        if kind.paired:
+            return 20 if per <= 4 else 16 if per <= 6 else 8 if kind.measuring else 12
+        return 14 if per <= (4 if kind.measuring else 6) else 12 if per <= 6 else 8
+    if per > 1:
+        most = 2 if per > 8 else 4 if kind.paired else 3
+        return max(1, most * 128 // shape.threads)
+    return FEW
 
 
 @dataclass(frozen=True)
@@ -157,14 +94,12 @@ class Bucket:
         kind: of the kernel that takes steps without metrics.
         variants: their numbers.
         order: the same, on the device.
-        each: most of them that a multiprocessor gets.
         most_shared: bytes of shared memory that a block may have on the device.
     """
 
     kind: BlockKind
     variants: NDArray[np.integer]
     order: wp.array
-    each: int
     most_shared: int = DECLARED
 
     @property
@@ -172,68 +107,73 @@ class Bucket:
         """Number of variants."""
         return len(self.variants)
 
-    @property
-    def shape(self) -> BlockShape:
-        """The shape of their blocks when they take steps."""
-        kind = self.kind
-        return BlockShape(kind.threads, kind.rollers_per_thread, kind.body_warp, kind.shared_bytes, kind.low_occupancy)
 
-    @property
-    def simple(self) -> bool:
-        """Whether their kernels are as short as can be, but for friction at float32."""
-        kind = self.kind
-        more = kind.moving, kind.rk4, kind.varied_links, kind.arms, kind.profiles, kind.tabulated
-        rubbing = kind.contact_friction or kind.joint_friction
-        return kind.linear_hysteretic and not any(more) and (kind.paired or not rubbing)
+def sharing_blocks(kind: BlockKind, most_shared: int) -> BlockKind:
+    """A kind, several variants a block where that was measured to be faster: long code, fetched once for all of them.
 
-
-def of_shape(shape: BlockShape) -> dict[str, Any]:
-    """The fields of a kernel's kind that are its blocks' shape."""
-    return {
-        name: getattr(shape, name)
-        for name in ("threads", "rollers_per_thread", "body_warp", "shared_bytes", "low_occupancy")
-    }
-
-
-def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
-    """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
-    if name == "relax":
-        return block_shape(bucket.shape.room, MANY, bucket.shape.shared_bytes)
-    return bucket.shape
-
-
-def _variants_per_block(kind: BlockKind, bucket: Bucket) -> int:
-    """Variants of a block of such a kernel: one, unless a multiprocessor has memory for the whole row of them."""
-    precision = "float32" if kind.paired else "float64"
-    wanted = bucket.shape.variants_per_block(precision, kind.measuring, bucket.each, bucket.simple)
-    if wanted == 1:
-        return 1
-    kind = replace(kind, variants_per_block=wanted)
-    needed = asked_of_a_block(kind) + RESERVED
-    return wanted if row_of(kind) // wanted * needed <= bucket.most_shared + RESERVED else 1
+    A multiprocessor must have memory for as many variants as it is to hold.
+    """
+    shape = kind.shape
+    long = kind.measuring or shape.rollers_per_thread > 4
+    if not (kind.paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple(kind)):
+        return kind
+    several = replace(kind, shape=replace(shape, variants_per_block=VARIANTS_PER_BLOCK))
+    needed = asked_of_a_block(several) + RESERVED
+    return several if resident(several) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED else kind
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
-    if name == "relax":
-        still = dict.fromkeys(
-            ("moving", "rk4", "contact_friction", "joint_friction", "linear_hysteretic", "low_occupancy"), False
-        )
-        return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
-    kind = replace(bucket.kind, measuring=True, low_occupancy=False) if name == "measure" else bucket.kind
-    return replace(kind, variants_per_block=_variants_per_block(kind, bucket))
+    kind = bucket.kind
+    if name == "relax":  # by one kernel, however many there are and whatever else they have
+        parts = replace(kind.parts, prescribed=1)
+        links = "varied" if kind.links == "varied" else "lengths"
+        shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
+        return BlockKind(kind.Real, shape, parts, profiles=kind.profiles, links=links)
+    return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared)
 
 
-def curved(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tables of motion or load, (variants,)."""
-    motions = packed.motions
-    counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
-    return np.asarray(np.add.reduceat(counts, packed.drives["first_body"]) > 0)
+def counted_led(packed: Packed) -> NDArray[np.integer]:
+    """Number of sprockets of each variant whose angle is prescribed, (variants,), at least 1."""
+    return np.maximum(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]), 1)
 
 
-def led(packed: Packed) -> NDArray[np.integer]:
-    """Number of sprockets of each variant whose angle is prescribed, (variants,)."""
-    return np.asarray(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]))
+def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
+    """What the variants' kernels differ in, (variants,) each."""
+    drives = packed.drives
+    varied = packed.links["varied_links"] > 0
+    return {
+        "room": room_for(drives["rollers"]),
+        "sprockets": drives["sprockets"],
+        "guides": drives["guides"],
+        "arms": drives["arms"],
+        "tensioners": drives["tensioners"],
+        "prescribed": counted_led(packed),
+        "integrator": drives["integrator"],
+        "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,
+        "profiles": drives["pieces"] > 0,
+        "contacts": packed.slides,
+        "joints": packed.joints["rubs"],
+        "by_speed": packed.stribeck,
+        "links": np.where(varied, 2, 1 - packed.uniform_links),
+        "linear_hysteretic": packed.linear_hysteretic,
+    }
+
+
+def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
+    """The kind of kernel of a variant with such columns (`kind_columns`), of which a multiprocessor gets `each`."""
+    counts = {name: int(columns[name]) for name in ("sprockets", "guides", "arms", "tensioners", "prescribed")}
+    return BlockKind(
+        real,
+        block_shape(int(columns["room"]), each, shared_bytes),
+        Parts(**counts),
+        integrator=int(columns["integrator"]),
+        moving=bool(columns["moving"]),
+        profiles=bool(columns["profiles"]),
+        friction=Friction(*(bool(columns[name]) for name in ("contacts", "joints", "by_speed"))),
+        links=("alike", "lengths", "varied")[int(columns["links"])],
+        linear_hysteretic=bool(columns["linear_hysteretic"]),
+    )
 
 
 def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int]:
@@ -281,54 +221,26 @@ class GpuKernels:
 
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""
-        packed, drives = self.packed, self.packed.drives
-        moving = np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0
-        columns = {
-            "slots": room_for(drives["rollers"]),
-            "sprockets": drives["sprockets"],
-            "guides": drives["guides"],
-            "moving": moving,
-            "rk4": drives["integrator"],
-            "contact_friction": packed.slides,
-            "joint_friction": packed.joints["rubs"],
-            "varied_links": packed.links["varied_links"],
-            "arms": drives["arms"],
-            "tensioners": drives["tensioners"],
-            "profiles": drives["pieces"] > 0,
-            "tabulated": curved(packed),
-            "stribeck": packed.stribeck,
-            "linear_hysteretic": packed.linear_hysteretic,
-            "uniform_links": packed.uniform_links,
-            "led": led(packed),
-        }
+        packed, columns = self.packed, kind_columns(self.packed)
         keys = np.column_stack(list(columns.values()))
         buckets = []
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
-            order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
+            recorded = packed.drives["sample_every"][order] > 0
+            order = order[np.argsort(~recorded, kind="stable")]  # which take longer
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            values = {name: value if name in NUMBERS else bool(value) for name, value in zip(columns, key, strict=True)}
             each = -(-len(order) // self._processors)
-            buckets.append(Bucket(self._kind(len(order), **values), order, array, each, self._most_shared))
+            kind = kind_of(packed.real, dict(zip(columns, key, strict=True)), each, self._most_shared)
+            buckets.append(Bucket(kind, order, array, self._most_shared))
         return buckets
-
-    def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
-        """The kind of kernel that takes `count` variants alike on, by themselves."""
-        # for others two warps were not faster, or not measured
-        plain = not any(values[name] for name in ("moving", "contact_friction", "joint_friction", "arms"))
-        precision = self.packed.precision if plain else "float64"
-        shape = block_shape(slots, count // self._processors, self._most_shared, precision)
-        return BlockKind(self.packed.real, **of_shape(shape), **values)
 
     def _made(self, name: str, bucket: Bucket) -> Made:
         """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
         key = name, id(bucket)
         if key not in self._kernels:
-            kind, settling = kernel_kind(name, bucket), name == "relax"
-            each, simple = (2**31, False) if settling else (bucket.each, bucket.simple)
-            shape, precision = kernel_shape(name, bucket), self.packed.precision
-            held = shape.resident(precision, name == "measure", each, simple, row_of(kind))
-            kernel = block_relax_kernel(kind, held) if settling else block_kernel(kind, held, self.packed.frame)
+            kind = kernel_kind(name, bucket)
+            held = resident(kind)
+            kernel = block_relax_kernel(kind, held) if name == "relax" else block_kernel(kind, held, self.packed.frame)
             self._kernels[key] = Made(kernel, kind, held)
         return self._kernels[key]
 
@@ -338,4 +250,4 @@ class GpuKernels:
         They are made by the calling thread, as they share functions.
         """
         made = [self._made(name, bucket) for bucket in self.buckets for name in names or self._names]
-        return [(each.kernel.module, each.kind.block_threads) for each in made]
+        return [(each.kernel.module, each.kind.shape.block_threads) for each in made]

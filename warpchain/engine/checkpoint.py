@@ -28,7 +28,7 @@ from warpchain.engine.arrays import TABLE, starts
 from warpchain.engine.outcomes import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
-from warpchain.kernels.batches import NOTES
+from warpchain.kernels.statistics import NOTES
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.results.schedule import LOOK_EVERY, Schedule
 from warpchain.version import installed
@@ -36,6 +36,7 @@ from warpchain.version import installed
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
 FORMAT = 1
+Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,7 @@ class Keeper:
     def restore(self, engine: Any) -> None:
         """Sets an engine's variants where their states were."""
         for part, first in engine.single_engines():
-            arrays = {name: part.fetch(array) for name, array in _arrays(part).items()}
+            arrays = _fetched(part)
             places, changed = _places(part.packed), False
             for v in range(part.packed.variants):
                 kept = self.begin[first + v]
@@ -228,8 +229,8 @@ class Keeper:
                     _set(arrays, places, v, kept, self._schedules[first + v])
                     changed = True
             if changed:
-                for name, array in _arrays(part).items():
-                    part.put(array, arrays[name])
+                for name, values in arrays.items():
+                    part.put(*name, values)
 
     def most(self, progress: NDArray[Any], steps: int) -> int:
         """Steps of a launch, `steps` at most, so that it ends where a variant is to be kept."""
@@ -244,7 +245,7 @@ class Keeper:
         for part, first in engine.single_engines():
             mine = np.flatnonzero(due[first : first + part.packed.variants])
             if len(mine):
-                arrays = {name: part.fetch(array) for name, array in _arrays(part).items()}
+                arrays = _fetched(part)
                 places = _places(part.packed)
                 for v in mine.tolist():
                     self._kept[first + v] = self._of(first + v, _bytes(arrays, places, v))
@@ -256,24 +257,24 @@ class Keeper:
         return Kept({**_facts(self._drives[v], schedule, self._run), **more}, data)
 
 
-def _arrays(engine: Any) -> dict[str, Any]:
-    """An engine's arrays that are kept, by "group.name", in the order of a state's bytes."""
+def _fetched(engine: Any) -> dict[tuple[str, str], NDArray[Any]]:
+    """Copies of an engine's arrays that are kept, by group and name, in the order of a state's bytes."""
     return {
-        f"{group}.{name}": getattr(struct, name)
-        for group, struct in engine.held().items()
+        (group, name): engine.fetch(group, name)
+        for group in engine.held()
         for name, row in TABLE[group].items()
         if row.kept
     }
 
 
-def _places(packed: Packed) -> dict[str, NDArray[np.int64]]:
+def _places(packed: Packed) -> dict[tuple[str, str], NDArray[np.int64]]:
     """Where each variant's values begin in each array that is kept, (variants + 1,)."""
     first = starts(packed.drives)
-    rows = {f"{group}.{name}": row for group in TABLE for name, row in TABLE[group].items() if row.kept}
+    rows = {(group, name): row for group in TABLE for name, row in TABLE[group].items() if row.kept}
     return {name: row.width * first[row.kind] for name, row in rows.items()}
 
 
-def _bytes(arrays: Mapping[str, NDArray[Any]], places: Mapping[str, NDArray[np.int64]], v: int) -> bytes:
+def _bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
     """A variant's part of all arrays, zeros where structs hold nothing."""
     parts = []
     for name, values in arrays.items():
@@ -294,8 +295,8 @@ def _unused(kind: np.dtype[Any]) -> NDArray[np.bool_]:
 
 
 def _set(
-    arrays: Mapping[str, NDArray[Any]],
-    places: Mapping[str, NDArray[np.int64]],
+    arrays: Arrays,
+    places: Mapping[tuple[str, str], NDArray[np.int64]],
     v: int,
     kept: Kept,
     schedule: Schedule,
@@ -311,7 +312,7 @@ def _set(
         size = values[place].nbytes
         held = np.frombuffer(kept.data[at : at + size], dtype=values.dtype)
         at += size
-        if name.startswith("state.") or (sums and not name.endswith("_notes")):
+        if name[0] == "state" or (sums and not name[1].endswith("_notes")):
             values[place] = held
         elif sums:
             mine, noted = values[place].reshape(-1, int(NOTES)), held.reshape(-1, int(NOTES))

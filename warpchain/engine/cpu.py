@@ -99,19 +99,19 @@ class CpuEngine:
 
     def rollers(self) -> NDArray[np.floating]:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return np.array(self.state.rollers.numpy(), copy=True)
+        return self.fetch("state", "rollers")
 
     def bodies(self) -> NDArray[Any]:
         """Copy of the bodies' states, as in `Packed.bodies`."""
-        return np.array(self.state.bodies.numpy(), copy=True)
+        return self.fetch("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
         """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
-        return np.array(self.state.progress.numpy(), copy=True)
+        return self.fetch("state", "progress")
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
-        return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in TABLE["sums"]}
+        """The window's sums, by name as in `kernels.structs.Sums`."""
+        return {name: self.fetch("sums", name) for name in TABLE["sums"]}
 
     def single_engines(self) -> list[tuple[CpuEngine, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""
@@ -121,13 +121,13 @@ class CpuEngine:
         """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.cpu_sums}
 
-    def fetch(self, array: wp.array) -> NDArray[Any]:
-        """A copy of one of these arrays."""
-        return np.array(array.numpy(), copy=True)
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        """A copy of an array of these structs."""
+        return np.array(getattr(self.held()[group], name).numpy(), copy=True)
 
-    def put(self, array: wp.array, values: NDArray[Any]) -> None:
-        """Sets one of these arrays."""
-        array.numpy()[...] = values
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        """Sets an array of these structs."""
+        getattr(self.held()[group], name).numpy()[...] = values
 
     def frame_buffer(self, values: int) -> wp.array:
         """A buffer for a launch's frames."""

@@ -31,8 +31,8 @@ from warpchain.drive.mounts import (
 )
 from warpchain.drive.replicates import turned_on
 from warpchain.drive.stiffness import contact_damping
-from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.fill_bodies import piece_count
+from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND

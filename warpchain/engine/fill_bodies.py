@@ -85,11 +85,11 @@ def guide_effective_mass(drive: Drive, g: int) -> float:
     return 1.0 / (1.0 / drive.chain.mass + rollers * power(drive.arm_lever(arm), 2) / drive.arm_inertia(arm))
 
 
-def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
-    """Fills the rows of arm a, of `kernels.structs.Arm` and, at rest, of `BodyState`."""
+def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
+    """Fills the rows of arm a, of `kernels.structs.Arm`, `Motion` and, at rest, of `BodyState`."""
     arm = drive.arms[a]
     row["pivot"] = body["center"] = joined(arm.pivot)
-    row["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
+    motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
     if arm.stops is not None:

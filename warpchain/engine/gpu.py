@@ -22,13 +22,21 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import (
+    TABLE,
+    assign_rows,
+    empty_sums,
+    empty_tallies,
+    rows_of,
+    upload_ensemble,
+    upload_state,
+)
 from warpchain.engine.buckets import ROOMS, Bucket, GpuKernels, rows_apart
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
-from warpchain.kernels.gpu.near_mask import BITS
-from warpchain.kernels.gpu.observe import collect
+from warpchain.kernels.gpu.near import BITS
+from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
 
 OLDEST = 70
@@ -168,9 +176,9 @@ class GpuEngine(GpuKernels):
             self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
             with wp.ScopedStream(self.stream):
                 super().__init__(packed, device)
-                self.ensemble = upload_ensemble(packed, device)
+                self.ensemble = upload_ensemble(packed, device, blocks=True)
                 self.state = upload_state(packed, device, rows_apart(self.buckets))
-                self.gpu_sums = empty_sums(packed, device)
+                self.gpu_sums = empty_sums(packed, device, blocks=True)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
@@ -187,7 +195,7 @@ class GpuEngine(GpuKernels):
         if self._loaded.issuperset(names):
             return
         with LOADING:
-            jobs = [*self.modules(*names), (collect.module, COLLECTING)]
+            jobs = [*self.modules(*names), (collect_kernel(self.packed.real).module, COLLECTING)]
             with ThreadPoolExecutor(8) as pool:
                 load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
                 for loading in load:
@@ -209,7 +217,7 @@ class GpuEngine(GpuKernels):
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
         made = self._made(name, bucket)
-        dim, block = len(order) * made.kind.threads, made.kind.block_threads
+        dim, block = len(order) * made.kind.shape.threads, made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:
@@ -251,15 +259,14 @@ class GpuEngine(GpuKernels):
                     wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
                     frames.copied = self.copies.record_event()
                 wp.synchronize_event(done)
-                self._progress = self._read(self.state.progress)
+                self._progress = self.fetch("state", "progress")
 
         return [self._pool.submit(work)]
 
-    def _read(self, array: wp.array) -> NDArray[Any]:
-        """A copy of a device array, by the engine's own stream."""
+    def _read(self, array: wp.array, group: str, name: str) -> NDArray[Any]:
+        """A copy of a device array, as the CPU has it, by the engine's own stream."""
         with wp.ScopedStream(self.stream, sync_enter=False):
-            found: NDArray[Any] = array.numpy()
-            return found
+            return rows_of(array, group, name, self.packed.real)
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
@@ -276,7 +283,8 @@ class GpuEngine(GpuKernels):
                 for bucket in self.buckets:
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
                     self._launch("relax", bucket, bucket.order, inputs, self.stream)
-                self._settling_now = self._read(self._settling)
+                with wp.ScopedStream(self.stream, sync_enter=False):
+                    self._settling_now = self._settling.numpy()
 
         return [self._pool.submit(work)]
 
@@ -286,30 +294,26 @@ class GpuEngine(GpuKernels):
 
     def rollers(self) -> NDArray[np.floating]:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return self._read(self.state.rollers)
+        return self.fetch("state", "rollers")
 
     def bodies(self) -> NDArray[Any]:
         """Copy of the bodies' states, as in `Packed.bodies`."""
-        return self._read(self.state.bodies)
+        return self.fetch("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
         """(variants,) `structs.Progress` after the last launch."""
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
+        """The window's sums, by name as in `kernels.structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
-            sums = empty_sums(self.packed, self.device)
+            sums = empty_sums(self.packed, self.device, blocks=True)
             for name in TABLE["sums"]:
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
-            wp.launch(
-                collect,
-                dim=self.packed.variants,
-                inputs=[self.ensemble.drives, self.tallies, sums],
-                device=self.device,
-                block_dim=COLLECTING,
-            )
-            return {name: getattr(sums, name).numpy() for name in TABLE["sums"]}
+            inputs = [self.ensemble.drives, self.tallies, sums]
+            kernel = collect_kernel(self.packed.real)
+            wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECTING)
+            return {name: rows_of(getattr(sums, name), "sums", name, self.packed.real) for name in TABLE["sums"]}
 
     def single_engines(self) -> list[tuple[GpuEngine, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""
@@ -319,16 +323,16 @@ class GpuEngine(GpuKernels):
         """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
-    def fetch(self, array: wp.array) -> NDArray[Any]:
-        """A copy of one of these arrays."""
-        return self._read(array)
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        """A copy of an array of these structs, as the CPU has it."""
+        return self._read(getattr(self.held()[group], name), group, name)
 
-    def put(self, array: wp.array, values: NDArray[Any]) -> None:
-        """Sets one of these arrays."""
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        """Sets an array of these structs, from values as the CPU has them."""
         with wp.ScopedStream(self.stream):
-            array.assign(values)
+            assign_rows(getattr(self.held()[group], name), values)
         wp.synchronize_stream(self.stream)
-        self._progress = self._read(self.state.progress)
+        self._progress = self.fetch("state", "progress")
 
     def frame_buffer(self, values: int) -> FrameBuffer:
         """A buffer for a launch's frames."""

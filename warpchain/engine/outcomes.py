@@ -16,10 +16,9 @@ from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.engine.devices import Engine
 from warpchain.engine.packed import Packed, coordinates
-from warpchain.kernels.batches import BATCHES, NOTES
-from warpchain.kernels.rows import STATE_ROWS
+from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.statistics import BATCHES, BINS, NOTES, STEP, ZERO
 from warpchain.kernels.sums import WATCH_EVERY
-from warpchain.kernels.tension_bins import BINS, STEP, ZERO
 
 Rows = Mapping[str, NDArray[Any]]
 
@@ -138,8 +137,8 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
         totals: (...) the sums at the window's end.
     """
     found = {}
-    for name in notes.dtype.names or ():
-        if not name.endswith(("_min", "_max")):
+    for name in totals.dtype.names or ():
+        if name in (notes.dtype.names or ()) and not name.endswith(("_min", "_max")):
             noted, total = notes[name], totals[name]
             axis = totals.ndim
             whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)

@@ -51,7 +51,7 @@ from warpchain.engine.fill_bodies import (
 )
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
-from warpchain.kernels.rows import STATE_ROWS
+from warpchain.kernels.native import STATE_ROWS
 from warpchain.results.schedule import Schedule, schedule_columns
 
 SHARE = 0.1
@@ -145,8 +145,9 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
     _pack_guides(packed, drive, at)
     for a in range(len(drive.arms)):
         body = at["first_body"] + len(drive.sprockets) + a
-        with _rows(packed.arms, at["first_arm"] + a) as row, _rows(packed.bodies, body) as state:
-            fill_arm(row, state, drive, a, assembly)
+        arm, motion = _rows(packed.arms, at["first_arm"] + a), _rows(packed.motions, body)
+        with arm as row, motion as turned, _rows(packed.bodies, body) as placed:
+            fill_arm(row, turned, placed, drive, a, assembly)
     for t in range(len(drive.tensioners)):
         with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
             fill_tensioner(row, drive, t)

@@ -17,7 +17,7 @@ from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.drive.batch import LARGEST
 from warpchain.engine.arrays import PACKED, TABLE, array_type, dtype_of, lengths, numbered, starts
 from warpchain.errors import SimulationError
-from warpchain.kernels.rows import STATE_ROWS
+from warpchain.kernels.native import STATE_ROWS
 from warpchain.results.channels import FRAME, FrameLayout
 
 REAL = {"float64": wp.float64, "float32": wp.float32}
@@ -229,6 +229,8 @@ class Packed(Arrays):
             }
         )
         other.precision = precision
+        bars = other.guides
+        bars["slack"] = 1e-6 * (bars["length"] + 2.0 * (bars["end_radius"] + bars["roller_radius"]))
         for _, first, count in self.alike():
             xy = STATE_ROWS * first
             lost = taken(self.rollers, xy, 2 * count) - taken(other.rollers, xy, 2 * count)

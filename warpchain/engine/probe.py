@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.packed import Packed
-from warpchain.kernels.rows import STATE_ROWS
+from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.native import STATE_ROWS
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,6 @@ class Probe:
         self.rollers = int(base.drives["rollers"][0])
         self.sprockets = int(base.drives["sprockets"][0])
         self.body_count = int(base.drives["bodies"][0])
-        self.arms = int(base.drives["arms"][0])
         self.tensioners = int(base.drives["tensioners"][0])
         self._engine = CpuEngine(base.taken([0] * COPIES), workers)
         self._frames = self._engine.frame_buffer(1)
@@ -106,10 +105,6 @@ class Probe:
     def body(self, b: int, angle: float) -> BodyRow:
         """The free directions of body `b` and its inertia at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
-        arm = b - (self.body_count - self.arms)
-        if arm >= 0:
-            own = 1.0 / float(self.base.arms["inverse_inertia"][arm])
-            return BodyRow(np.array([[0.0], [0.0], [1.0]]), np.diag([0.0, 0.0, own]))
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
             inverse = float(motion["inverse_inertia"])

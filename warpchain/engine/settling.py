@@ -21,8 +21,8 @@ from warpchain.engine.fill import FORMS, escape, widen_box
 from warpchain.engine.pack import lay_to_rest, springs
 from warpchain.engine.packed import Packed, coordinates, spread, store, taken
 from warpchain.kernels import relaxation
+from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.relaxation import LEAST_STRETCH
-from warpchain.kernels.rows import STATE_ROWS
 
 SETTLE_LIMIT = 100_000
 """Most steps that settling takes a variant."""
@@ -83,8 +83,8 @@ def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
             squares = [body.square for body in moving_bodies(drive)]
             other = power(highest_frequency(drive, damped_links=False), 2) - largest(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
-            arms = spread(packed.drives["first_arm"][stack.members], count)
-            packed.arms["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
+            arms = spread(packed.drives["first_body"][stack.members] + len(drive.sprockets), count)
+            packed.motions["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
 
 
 def settle(

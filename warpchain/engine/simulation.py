@@ -255,7 +255,7 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
 
 def look_every(longest: int, window: int) -> int:
     """Steps between two samples in a window of so many steps; `longest` is the most that the chain's speed allows."""
-    from warpchain.kernels.batches import BATCHES
+    from warpchain.kernels.statistics import BATCHES
 
     return longest if window >= int(BATCHES) * OF_A_BATCH * longest else LOOK_EVERY
 

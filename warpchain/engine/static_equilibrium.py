@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from warpchain.assembly.statics import load_moments
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Drive
-from warpchain.engine.arrays import INTEGRATORS
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import SETTLE_STEP, elastic, settle
 from warpchain.errors import SimulationError
 from warpchain.kernels import structs
+from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.results.schedule import Schedule
 
 TOLERANCE, ENOUGH = 1e-6, 1e-4
@@ -157,7 +157,6 @@ class _Relaxing:
         mounted = free & (mounts["active"] == 1)
         inertia[plain], inertia[mounted] = 1.0 / motions["inverse_inertia"][plain], mounts["inertia"][mounted]
         arms = int(row["arms"])
-        inertia[len(inertia) - arms :] = 1.0 / packed.arms["inverse_inertia"][:arms]
         self.inertia = inertia
         self.moving = np.where(mounts["inverse_mass"].any(axis=(1, 2)), mounts["mass"], 0.0)
         self.radius = np.full(len(packed.bodies), np.inf)

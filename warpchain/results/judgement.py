@@ -98,7 +98,7 @@ def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDAr
 
 
 LEAST_STRETCH = 1e-9
-"""Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/relaxation.py`)."""
+"""Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/integrate.py`)."""
 
 
 def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:

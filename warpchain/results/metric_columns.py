@@ -1,6 +1,6 @@
 """The registry of metrics: every column of a table of metrics, with its unit, its title and how it is formed.
 
-A new metric is a row here; if it needs a sum of its own, also a field of that sum in `kernels/sum_structs.py` and the
+A new metric is a row here; if it needs a sum of its own, also a field of that sum in `kernels/structs.py` and the
 line of `kernels/sums.py` that adds to it. Names, units and kinds of the table, and the lists in `docs/metrics.md`,
 go by the row.
 """
@@ -70,7 +70,7 @@ class Group:
     Attributes:
         of: key of `THINGS`.
         columns: in the table's order.
-        source: the field of `kernels.sum_structs.Sums` that they are formed from, if it is one.
+        source: the field of `kernels.structs.Sums` that they are formed from, if it is one.
         weight: of rows of those sums, from the window's length [s] and the number of rollers; where 0, there is no such
             thing in the window.
         where: whether the drive's thing of this index has them; left out if every one has.

@@ -1,24 +1,135 @@
-"""Friction of the joints on blocks of threads.
+"""The links of one variant on a block: their tensions, and their forces on the rollers at both ends."""
 
-Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
-block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
-several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work, as
-float32: that rounds off 3e-8 of each, at random, and leaves room for more blocks.
-"""
-
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
-from ..rows import accessors
-from ..structs import types
-from .kind import WARP, BlockKind, Mine, now_struct
-from .link_forces import link_forces
-from .roller_rows import roller_rows
+from ..native import accessors
+from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
+from ..physics.link import link_chain, link_force, played_force
+from .kind import WARP, BlockKind, Mine
+from .rollers import roller_rows
 from .shared_memory import seen_rows, shared_rows
 from .sync import sync
+
+
+def _less(subtract: str) -> str:
+    return f"""
+#if defined(__CUDA_ARCH__)
+    return {subtract}(value, other);
+#else
+    return value - other;
+#endif
+"""
+
+
+@cache
+def link_forces(kind: BlockKind) -> SimpleNamespace:
+    """The functions that evaluate the links of one variant on a block."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    kinds = kind.types
+    Shared = kinds.Shared
+    vec2 = kinds.vec2
+    compensated = Real == wp.float32
+    of_each = wp.types.vector(rollers_per_thread, Real)
+    row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
+    X, Y, VX, VY, X_LOW, Y_LOW = row.X, row.Y, row.VX, row.VY, row.X_LOW, row.Y_LOW
+    force_on, set_force = row.force_on, row.set_force
+
+    @wp.func
+    def across(shared: Shared, j: int, n: int):
+        """From roller j to the next: vector [m], exact at float32 too, and relative velocity [m/s]."""
+        rows = shared.rows
+        next = wp.where(j + 1 < n, j + 1, 0)
+        d = vec2(load_row(rows, X + next) - load_row(rows, X + j), load_row(rows, Y + next) - load_row(rows, Y + j))
+        if wp.static(compensated):
+            d = d + vec2(
+                load_row(rows, X_LOW + next) - load_row(rows, X_LOW + j),
+                load_row(rows, Y_LOW + next) - load_row(rows, Y_LOW + j),
+            )
+        v = vec2(load_row(rows, VX + next) - load_row(rows, VX + j), load_row(rows, VY + next) - load_row(rows, VY + j))
+        return d, v
+
+    @wp.func
+    def link_between(shared: Shared, j: int, d: vec2, v: vec2, length: Real):
+        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3).
+
+        `d` and `v` are from `across`.
+        """
+        chain = shared.chain[0]
+        if wp.static(kind.links == "varied"):
+            links = shared.links[0]
+            tension, rate, u = played_force(d, v, length, links.play, link_chain(j, chain, links))
+            return tension, rate, tension * u
+        else:
+            tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
+            return tension, rate, tension * u
+
+    @wp.func
+    def length_of(shared: Shared, lengths: wp.array[Real], j: int):
+        """Unloaded length of link j [m], the first of `lengths` being that of link 0."""
+        if wp.static(kind.links == "alike"):
+            return shared.chain[0].length
+        else:
+            return load_row(lengths, j)
+
+    @wp.func
+    def link_of(shared: Shared, j: int, n: int, length: Real):
+        """The same, of where the rollers are."""
+        d, v = across(shared, j, n)
+        return link_between(shared, j, d, v, length)
+
+    @wp.func
+    def before(j: int, n: int):
+        """The roller before roller j."""
+        return wp.where(j > 0, j - 1, n - 1)
+
+    @wp.func_native(_less("__fsub_rn" if compensated else "__dsub_rn"))
+    def less(value: Real, other: Real) -> Real:
+        """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
+        ...
+
+    @wp.func
+    def pull(shared: Shared, lengths: wp.array[Real], n: int, i: int):
+        """Makes the forces of both its links stand as each roller's; all threads together.
+
+        Returns tension [N] and rate of elongation [m/s] of the thread's links. They are worked out one after the other
+        without a branch, so that one's latency hides behind the others' work. A thread with one roller works out the
+        link before it too, and waits for no other.
+        """
+        tension = of_each()
+        rate = of_each()
+        if wp.static(rollers_per_thread == 1):
+            if i < n:
+                tension_i, rate_i, force = link_of(shared, i, n, length_of(shared, lengths, i))
+                h = before(i, n)
+                tension_h, rate_h, force_h = link_of(shared, h, n, length_of(shared, lengths, h))
+                set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
+                tension[0] = tension_i
+                rate[0] = rate_i
+        else:
+            pull_x = of_each()
+            pull_y = of_each()
+            for k in range(wp.static(rollers_per_thread)):
+                j = k * wp.static(threads) + i
+                tension_k, rate_k, force = link_of(shared, j, n, length_of(shared, lengths, j))
+                set_force(shared, j, force)
+                tension[k] = tension_k
+                rate[k] = rate_k
+                pull_x[k] = force[0]
+                pull_y[k] = force[1]
+            barrier()
+            for k in range(wp.static(rollers_per_thread)):
+                force = force_on(shared, before(k * wp.static(threads) + i, n))
+                pull_x[k] = less(pull_x[k], force[0])
+                pull_y[k] = less(pull_y[k], force[1])
+            barrier()
+            for k in range(wp.static(rollers_per_thread)):
+                set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+        return tension, rate
+
+    return SimpleNamespace(**locals())
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
@@ -33,20 +144,13 @@ def as_two(value: wp.float64) -> wp.vec2f:
     ...
 
 
-@dataclass(frozen=True)
-class JointFunctions:
-    """What is done about joints, as functions of kernels."""
-
-    pull: wp.Function
-    add_friction: wp.Function
-    joint_power: wp.Function
-
-
 @cache
-def block_joints(kind: BlockKind) -> JointFunctions:
+def block_joints(kind: BlockKind) -> SimpleNamespace:
     """The link forces of chains whose joints rub, and the work of their friction."""
-    Real, threads, rollers_per_thread, slots = kind.Real, kind.threads, kind.rollers_per_thread, kind.slots
-    kinds, Now = types(Real), now_struct(Real)
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    slots = kind.shape.slots
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, Shared, Joint = kinds.Ensemble, kinds.Shared, kinds.Joint
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, links = roller_rows(kind), link_forces(kind)
@@ -60,9 +164,9 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     FRICTION = wp.constant(seen_rows(kind)[1])
 
     @wp.func
-    def moment_between(before: vec2, after: vec2, joint: kinds.Joint):
+    def moment_between(before: vec2, after: vec2, joint: Joint):
         """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each."""
-        if wp.static(kind.stribeck):
+        if wp.static(kind.friction.by_speed):
             return joint_moment(before[0], before[1], after[0], after[1], joint)
         else:
             return rubbing_moment(joint.law.mu_dynamic, before[0], before[1], after[0], after[1], joint)
@@ -73,7 +177,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         return vec2(load_row(rows, TENSION + j), load_row(rows, TURN + j))
 
     @wp.func
-    def share_moments(rows: wp.array[Real], n: int, i: int, joint: kinds.Joint):
+    def share_moments(rows: wp.array[Real], n: int, i: int, joint: Joint):
         """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
         moment = of_each()
         for k in range(wp.static(rollers_per_thread)):
@@ -85,7 +189,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         barrier()
 
     @wp.func
-    def couple_on(rows: wp.array[Real], n: int, j: int, lever: vec2, joint: kinds.Joint):
+    def couple_on(rows: wp.array[Real], n: int, j: int, lever: vec2, joint: Joint):
         """Force [N] of the couple of link j's joints."""
         next = wp.where(j + 1 < n, j + 1, 0)
         if wp.static(alone):
@@ -113,7 +217,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             return wp.vec2f(load_row(rows, FIRST + j), load_row(rows, SECOND + j))
 
     @wp.func
-    def pull(shared: kinds.Shared, lengths: wp.array[Real], n: int, i: int):
+    def pull(shared: Shared, lengths: wp.array[Real], n: int, i: int):
         """As `link_forces.pull`, with the forces of the links' joints."""
         rows = shared.rows
         tension = of_each()
@@ -163,7 +267,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         return tension, rate
 
     @wp.func
-    def add_friction(shared: kinds.Shared, mine: Mine, now: Now):
+    def add_friction(shared: Shared, mine: Mine, now: Now):
         """Adds what friction takes from the thread's rollers in this step, at the mean of its two velocities."""
         rows = shared.rows
         power = Real(0.0)
@@ -172,7 +276,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             couple = load_couple(rows, j)
             couple_before = load_couple(rows, before(j, mine.rollers))
             v = velocity(rows, j)
-            if wp.static(not kind.rk4):
+            if wp.static(not kind.staged):
                 v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
             of_roller = Real(couple[0] - couple_before[0]) * v[0] + Real(couple[1] - couple_before[1]) * v[1]
             power = power + wp.where(j < mine.rollers, of_roller, Real(0.0))
@@ -180,7 +284,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * power)
 
     @wp.func
-    def pulled(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
+    def pulled(ensemble: Ensemble, shared: Shared, mine: Mine, j: int, lag: Real):
         """Tension of link j [N] and the rate at which it turns [rad/s], which comes a second time from `lag` later."""
         n = mine.rollers
         tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
@@ -191,11 +295,11 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         return tension, turn, later
 
     @wp.func
-    def joint_power(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
+    def joint_power(ensemble: Ensemble, shared: Shared, mine: Mine, j: int, lag: Real):
         """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
         tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
         moment = moment_between(vec2(tension_before, turn_before), vec2(tension, turn), shared.joint[0])
         return joint_friction_power(moment, later_before, later)
 
-    return JointFunctions(pull=pull, add_friction=add_friction, joint_power=joint_power)
+    return SimpleNamespace(**locals())

@@ -1,11 +1,116 @@
-"""Square roots and reciprocals: on CUDA from the hardware's estimate, whose error of 2^-20 one third-order correction
-takes below round-off, where a root and a division would be subroutines; elsewhere as written. And comparisons in which
-the lanes of a warp do not part.
+"""Native code that kernels on the CPU and on GPUs share: rows of values, one a roller, read and written; roots and
+reciprocals; comparisons in which the lanes of a warp do not part.
+
+Square roots and reciprocals come on CUDA from the hardware's estimate, whose error of 2^-20 one third-order correction
+takes below round-off, where a root and a division would be subroutines; elsewhere as written.
 """
 
+from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
+
+STATE_ROWS = wp.constant(6)
+"""A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
+
+LANES = {wp.float64: 4, wp.float32: 8}
+"""Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
+
+
+@cache
+def whole_lanes(Real: type) -> wp.Function:
+    """The function that rounds a number up to a multiple of the lanes of `Real`."""
+    lanes = LANES[Real]
+
+    @wp.func
+    def whole(n: int):
+        """`n` rounded up to a multiple of `lanes`."""
+        return (n + wp.static(lanes - 1)) & wp.static(-lanes)
+
+    return whole
+
+
+@cache
+def accessors(Real: type) -> SimpleNamespace:
+    """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
+
+    `unlike(array, first, count, value)`, on the CPU only, tells which of up to 64 values are not `value`, as bits. In
+    Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    """
+
+    @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
+    def load_row(a: wp.array[Real], i: int) -> Real: ...
+
+    @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
+    def store_row(a: wp.array[Real], i: int, value: Real): ...
+
+    @wp.func_native("""
+        typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
+        typedef bool Bits __attribute__((ext_vector_type(8)));
+        assert(first >= 0 && first + count <= a.shape[0]);
+        unsigned long long bits = 0;
+        if (count < 8) {
+            for (int k = 0; k < count; ++k)
+                bits |= (unsigned long long)(a.data[first + k] != value) << k;
+            return bits;
+        }
+        for (int k = 0; k < count; k += 8) {
+            const int at = k + 8 <= count ? k : count - 8;
+            Lanes lanes;
+            __builtin_memcpy(&lanes, a.data + first + at, sizeof(lanes));
+            const Bits found = __builtin_convertvector(lanes != value, Bits);
+            unsigned char eight;
+            __builtin_memcpy(&eight, &found, 1);
+            bits |= (unsigned long long)eight << at;
+        }
+        return bits;
+    """)
+    def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def aligned(kind: Any) -> wp.Function:
+    """The function that tells the compiler of an array of structs of whole rows of 16 bytes, which it reads at once."""
+
+    @wp.func_native("""
+        auto view = rows;
+        view.data = (decltype(view.data))__builtin_assume_aligned(view.data, 16);
+        return view;
+    """)
+    def aligned(rows: wp.array[kind]) -> wp.array[kind]:
+        """The same array."""
+        ...
+
+    return aligned
+
+
+@wp.func
+def load_constant(rows: Any, i: int):
+    """Row i of a table that does not change."""
+    return rows[i]
+
+
+@wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
+def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
+    """The same of vectors, such as the directions of seats."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float4 row = __ldg((const float4*)(rows.data + i));
+    return {row.x, row.y, row.z, row.w};
+#else
+    assert(i >= 0 && i < rows.shape[0]);
+    return rows.data[i];
+#endif
+""")
+def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
+    """The same of four values, such as the high parts (x, y) and low parts (x, y) of a direction."""
+    ...
 
 
 @wp.func_native("""

@@ -5,11 +5,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..namespace import namespace
+from ..integrate import stage_reach, stage_weight, stages_of
+from ..native import STATE_ROWS, accessors
 from ..number import pair_vector
-from ..physics.roller import roller_acceleration, two_sum
-from ..rows import STATE_ROWS, accessors
-from ..structs import types
+from ..physics.link import roller_acceleration, two_sum
 from .kind import BlockKind, Mine
 from .shared_memory import room
 
@@ -17,8 +16,9 @@ from .shared_memory import room
 @cache
 def roller_rows(kind: BlockKind) -> SimpleNamespace:
     """The rows of a block and what is done on them."""
-    Real, threads, slots = kind.Real, kind.threads, kind.slots
-    kinds = types(Real)
+    Real, threads, slots = kind.Real, kind.shape.threads, kind.shape.slots
+    kinds = kind.types
+    State, Shared = kinds.State, kinds.Shared
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     parts = room(kind).parts
@@ -53,35 +53,35 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
         return vec2(load_row(rows, VX + j), load_row(rows, VY + j))
 
     @wp.func
-    def force_on(shared: kinds.Shared, j: int):
+    def force_on(shared: Shared, j: int):
         """The force on roller j [N], as far as it is added up."""
         return vec2(load_row(shared.rows, FORCE_X + j), load_row(shared.rows, FORCE_Y + j))
 
     @wp.func
-    def set_force(shared: kinds.Shared, j: int, force: vec2):
+    def set_force(shared: Shared, j: int, force: vec2):
         """Roller j's force [N]: of the link after it, then of both its links, then of its contacts too."""
         store_row(shared.rows, FORCE_X + j, force[0])
         store_row(shared.rows, FORCE_Y + j, force[1])
 
     @wp.func
-    def acceleration_under(shared: kinds.Shared, force: vec2):
+    def acceleration_under(shared: Shared, force: vec2):
         """Acceleration of a roller under a force [m/s^2], and gravity."""
         chain = shared.chain[0]
         return roller_acceleration(force, chain.inverse_mass, chain.gravity)
 
     @wp.func
-    def acceleration(shared: kinds.Shared, j: int):
+    def acceleration(shared: Shared, j: int):
         """Acceleration of roller j [m/s^2], from its force and gravity."""
         return acceleration_under(shared, force_on(shared, j))
 
     @wp.func
-    def set_velocity(shared: kinds.Shared, j: int, v: vec2):
+    def set_velocity(shared: Shared, j: int, v: vec2):
         """Roller j's velocity."""
         store_row(shared.rows, VX + j, v[0])
         store_row(shared.rows, VY + j, v[1])
 
     @wp.func
-    def move(shared: kinds.Shared, j: int, dx: Real, dy: Real):
+    def move(shared: Shared, j: int, dx: Real, dy: Real):
         """Roller j by (dx, dy) [m]; what float32 rounds off goes to the low parts."""
         rows = shared.rows
         x = load_row(rows, X + j)
@@ -98,7 +98,7 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
             store_row(rows, Y + j, y + dy)
 
     @wp.func
-    def fetch(state: kinds.State, shared: kinds.Shared, mine: Mine):
+    def fetch(state: State, shared: Shared, mine: Mine):
         """The thread's rollers into the shared rows; its parts begin at zero."""
         n = mine.rollers
         j = int(mine.thread)
@@ -119,7 +119,7 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
             at = at + wp.static(threads)
 
     @wp.func
-    def put_back(state: kinds.State, shared: kinds.Shared, mine: Mine):
+    def put_back(state: State, shared: Shared, mine: Mine):
         """The thread's rollers back into the state."""
         n = mine.rollers
         j = int(mine.thread)
@@ -134,25 +134,53 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
                 state.rollers[row + 5 * n] = load_row(shared.rows, Y_LOW + j)
             j = j + wp.static(threads)
 
-    return namespace(
-        step_of,
-        position,
-        point,
-        velocity,
-        force_on,
-        set_force,
-        acceleration_under,
-        acceleration,
-        set_velocity,
-        move,
-        fetch,
-        put_back,
-        X=X,
-        Y=Y,
-        VX=VX,
-        VY=VY,
-        FORCE_X=FORCE_X,
-        FORCE_Y=FORCE_Y,
-        X_LOW=X_LOW,
-        Y_LOW=Y_LOW,
-    )
+    return SimpleNamespace(**locals())
+
+
+STAGE_ROWS = 10
+"""What stages keep of each roller in global memory: x, y, vx, vy and low parts of x, y at the step's start, sums."""
+
+
+@cache
+def block_stages(kind: BlockKind) -> wp.Function:
+    """The function that takes a roller from stage to stage."""
+    Real = kind.Real
+    kinds, Now = kind.types, kind.types.Now
+    vec2 = kinds.vec2
+    row = roller_rows(kind)
+    acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
+    step_of = row.step_of
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    slots, kept_rows = kind.shape.slots, 6 if Real == wp.float32 else 4
+
+    @wp.func
+    def stage_roller(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int):
+        """Roller j, evaluated, to where the next stage evaluates it; the last ends the step."""
+        weight = stage_weight(wp.static(kind.integrator), now.stage, step_of(mine))
+        reach = stage_reach(wp.static(kind.integrator), now.stage, step_of(mine))
+        n = mine.rollers
+        rows = shared.rows
+        kept = state.stages
+        at = wp.static(STAGE_ROWS) * mine.first + j
+        v = velocity(rows, j)
+        a = acceleration(shared, j)
+        if now.stage == 0:
+            for k in range(wp.static(kept_rows)):
+                store_row(kept, at + k * n, load_row(rows, wp.static(slots) * (k + 2 * (k // 4)) + j))
+            for k in range(6, 10):
+                store_row(kept, at + k * n, Real(0.0))
+        store_row(kept, at + 6 * n, load_row(kept, at + 6 * n) + weight * v[0])
+        store_row(kept, at + 7 * n, load_row(kept, at + 7 * n) + weight * v[1])
+        store_row(kept, at + 8 * n, load_row(kept, at + 8 * n) + weight * a[0])
+        store_row(kept, at + 9 * n, load_row(kept, at + 9 * n) + weight * a[1])
+        for k in range(wp.static(kept_rows)):
+            store_row(rows, wp.static(slots) * (k + 2 * (k // 4)) + j, load_row(kept, at + k * n))
+        start = velocity(rows, j)
+        if now.stage == stages_of(wp.static(kind.integrator)) - 1:
+            set_velocity(shared, j, start + vec2(load_row(kept, at + 8 * n), load_row(kept, at + 9 * n)))
+            move(shared, j, load_row(kept, at + 6 * n), load_row(kept, at + 7 * n))
+        else:
+            set_velocity(shared, j, start + reach * a)
+            move(shared, j, reach * v[0], reach * v[1])
+
+    return stage_roller

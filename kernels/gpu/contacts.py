@@ -1,0 +1,270 @@
+"""Contacts of a block with teeth and guides alike: their law and friction, the v0 that they keep, their sums."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ..native import accessors
+from ..physics.contact import UNTOUCHED, dissipated, respond, rub, rub_evenly
+from ..structs import Tallies
+from .kind import EXTRA, WARP, BlockKind, Mine
+from .rollers import roller_rows
+from .shared_memory import parts_of_a_body
+from .sync import group, lanes, raise_to, sync, widened
+
+
+@cache
+def contact_sums(kind: BlockKind) -> SimpleNamespace:
+    """The functions that contacts with teeth and with guides call."""
+    Real, staged, sliding, sprockets = kind.Real, kind.staged, kind.friction.contacts, kind.parts.sprockets
+    kinds, Now = kind.types, kind.types.Now
+    State, Shared = kinds.State, kinds.Shared
+    vec2 = kinds.vec2
+    row, store_row = roller_rows(kind), accessors(Real).store_row
+    acceleration_under = row.acceleration_under
+
+    @wp.func
+    def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
+        """Friction on a roller [N], as `rub`."""
+        if wp.static(kind.friction.by_speed):
+            return rub(size, normal, relative, what)
+        else:
+            return rub_evenly(size, normal, relative, what)
+
+    @wp.func
+    def as_known(law: Any):
+        """A contact law with what is known of it when the kernel is made."""
+        if wp.static(kind.linear_hysteretic):
+            law.form = 0
+            law.exponent = Real(1.0)
+        return law
+
+    @wp.func
+    def lag(mine: Mine):
+        """How far velocities are behind the forces [s]."""
+        if wp.static(staged):
+            return Real(0.0)
+        else:
+            return Real(0.5) * row.step_of(mine)
+
+    @wp.func
+    def powers(shared: Shared, mine: Mine, force: vec2, damper: vec2, drag: vec2, relative: vec2):
+        """Powers [W] that damper and friction take in a closed contact of a roller on which all `force` [N] acts."""
+        a = acceleration_under(shared, force)
+        return dissipated(damper, relative, a, lag(mine)), dissipated(drag, relative, a, lag(mine))
+
+    @wp.func
+    def in_full(value: Real):
+        """A value as the sums of contacts have it."""
+        if wp.static(kind.paired):
+            return widened(value)
+        else:
+            return value
+
+    @wp.func
+    def measure_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
+        """Adds the powers [W] of a closed contact's damping and friction to its sums."""
+        wp.atomic_add(tallies.dissipated, at, in_full(now.weight * damped))
+        if wp.static(sliding):
+            wp.atomic_add(tallies.friction, at, in_full(now.weight * rubbed))
+
+    @wp.func
+    def measure_force(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
+        """Adds a closed contact's force [N] to its sums where that is watched, and counts it at its first instant.
+
+        Rollers pass sprockets, where first touches count.
+        """
+        if now.watched != 0:
+            wp.atomic_add(tallies.impulse, at, in_full(now.watch_weight * size))
+            raise_to(tallies.force_max, at, in_full(size))
+        if before <= Real(0.0):
+            wp.atomic_add(tallies.impacts, at, 1)
+            if passing and before == Real(UNTOUCHED):
+                wp.atomic_add(tallies.contacts, at, 1)
+
+    @wp.func
+    def keep(state: State, now: Now, at: int, before: Real, kept: Real):
+        """What a contact keeps: v0 while it is closed. At a step's start only, not at its other stages."""
+        if before != kept and now.stage == 0:
+            store_row(state.impact_speed, at, kept)
+
+    @wp.func
+    def press(
+        state: State,
+        tallies: Tallies,
+        shared: Shared,
+        mine: Mine,
+        now: Now,
+        j: int,
+        p: int,
+        before: Real,
+        penetration: Real,
+        normal: vec2,
+        relative: vec2,
+        law: kinds.ContactLaw,
+    ):
+        """Adds the force of roller j's closed contact with partner p to the roller's; returns it [N]."""
+        at = mine.memory + j + p * mine.rollers
+        force, size, first, damper, energy = respond(penetration, normal, relative, before, as_known(law))
+        if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
+            extra = mine.first + j
+            state.extra[extra].energy = state.extra[extra].energy + energy
+            if p < wp.static(sprockets):
+                state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+            else:
+                state.extra[extra].guide_force = state.extra[extra].guide_force + size
+        drag = vec2(Real(0.0), Real(0.0))
+        if wp.static(sliding):
+            drag = drag_of(size, normal, relative, shared.sliding[p])
+            force = force + drag
+        whole = row.force_on(shared, j) + force
+        row.set_force(shared, j, whole)
+        keep(state, now, at, before, first)
+        if now.measured != 0:
+            damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
+            measure_powers(tallies, now, at, damped, rubbed)
+            measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
+        return force
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def wrench_parts(kind: BlockKind) -> SimpleNamespace:
+    """The functions that add up what the rollers of one variant on a block do to its bodies."""
+    Real, threads, bodies, moving = kind.Real, kind.shape.threads, kind.parts.bodies, kind.moving
+    kinds = kind.types
+    Shared = kinds.Shared
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    group_sum = sync(kind).group_sum
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    width = parts_of_a_body(kind)
+    of_rollers = width != threads
+
+    @wp.func
+    def pushed(watched: int):
+        """Whether the force on sprockets is wanted beside the moment."""
+        if wp.static(moving):
+            return True
+        elif wp.static((kind.moving or kind.measuring)):
+            return watched != 0
+        else:
+            return False
+
+    @wp.func
+    def place_of(mine: Mine, k: int, s: int, j: int):
+        """Where roller j's part of body s, or its thread's, lies in row k: of moments, forces in x, forces in y."""
+        first = (wp.static(bodies) * k + s) * wp.static(width)
+        if wp.static(of_rollers):
+            return first + j
+        else:
+            return first + mine.thread
+
+    @wp.func
+    def add_part(shared: Shared, at: int, value: Real):
+        """Adds `value` to the part at `at`."""
+        store_row(shared.parts, at, load_row(shared.parts, at) + value)
+
+    @wp.func
+    def add_moment(shared: Shared, mine: Mine, s: int, j: int, moment: Real):
+        """Adds the moment [N m] of roller j's force to body s."""
+        add_part(shared, place_of(mine, 0, s, j), moment)
+
+    @wp.func
+    def add_push(shared: Shared, mine: Mine, s: int, j: int, force: vec2):
+        """Adds the opposite of roller j's force [N] to body s."""
+        add_part(shared, place_of(mine, 1, s, j), -force[0])
+        add_part(shared, place_of(mine, 2, s, j), -force[1])
+
+    @wp.func
+    def add_wrench(shared: Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
+        """Adds the moment [N m] and, if that is wanted, the opposite of roller j's force [N] to body s."""
+        add_moment(shared, mine, s, j, moment)
+        if pushed(watched):
+            add_push(shared, mine, s, j, force)
+
+    @wp.func
+    def part(shared: Shared, s: int, k: int, i: int):
+        """This thread's share of the sum of all parts of body s, if there is one, in row k; they start anew at zero.
+
+        What is no body reads another's: so no thread waits for one that takes a branch.
+        """
+        value = Real(0.0)
+        first = (wp.static(bodies) * k + wp.min(s, wp.static(bodies - 1))) * wp.static(width) + i % group()
+        for q in range(lanes() // group()):
+            of_lane = Real(0.0)
+            for w in range(wp.static(width) // lanes()):
+                of_lane = of_lane + load_row(shared.parts, first + w * lanes() + q * group())
+            value = value + of_lane
+        if s < wp.static(bodies):
+            for w in range(wp.static(width) // group()):
+                store_row(shared.parts, first + w * group(), Real(0.0))
+        return value
+
+    @wp.func
+    def crew():
+        """Warps that move bodies: all, the last of which have the fewest rollers, or only the last, which has none."""
+        if wp.static(kind.shape.body_warp and bodies <= 4):
+            if lanes() > 1:
+                return int(1)
+        return wp.static(threads) // lanes()
+
+    @wp.func
+    def first_of(i: int):
+        """The first body of thread i's warp, one that there is not where it has none."""
+        if wp.static(threads == WARP):
+            if lanes() > 1:
+                return int(0)
+        place = wp.static(threads) // lanes() - 1 - i // lanes()
+        return wp.where(place < crew(), place, wp.static(bodies))
+
+    @wp.func
+    def body_of(i: int):
+        """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
+        s = first_of(i) + crew() * (i % lanes() // group() + lanes() // group() * (i % group()))
+        return wp.where(s < wp.static(bodies), s, -1)
+
+    @wp.func
+    def sum_of(shared: Shared, k: int, i: int):
+        """Row k of what acts on the body that thread i moves: moment [N m], force in x, in y [N].
+
+        All threads together, between the barrier after the contacts and the next one.
+        """
+        acting = Real(0.0)
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            value = group_sum(part(shared, first + crew() * (i % lanes() // group()), k, i))
+            if i % group() == turn:
+                acting = value
+            turn = turn + 1
+            first = first + crew() * (lanes() // group())
+        return acting
+
+    @wp.func
+    def moment_on(shared: Shared, i: int):
+        """The chain's moment on the body that thread i moves [N m]; all threads together, as `sum_of`."""
+        return sum_of(shared, 0, i)
+
+    @wp.func
+    def acting_on(shared: Shared, i: int, moment: Real, watched: int):
+        """That moment and, if it is wanted, the chain's force (x, y) [N]; all threads together, as `sum_of`."""
+        acting = of_three()
+        acting[0] = moment
+        if pushed(watched):
+            acting[1] = sum_of(shared, 1, i)
+            acting[2] = sum_of(shared, 2, i)
+        return acting
+
+    @wp.func
+    def wrench_of(acting: of_three):
+        """What `acting_on` returns as a wrench; the force where bodies move."""
+        wrench = kinds.Wrench()
+        wrench.moment = acting[0]
+        if wp.static(moving):
+            wrench.force = vec2(acting[1], acting[2])
+        return wrench
+
+    return SimpleNamespace(**locals())

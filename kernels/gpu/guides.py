@@ -1,0 +1,104 @@
+"""The contacts of a block's rollers with guides, straight bars and profiles: forces and their reactions on bodies."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..native import accessors, aligned
+from ..number import difference, leading
+from ..physics.contact import MISSED, UNTOUCHED, misses, reaction, surface_velocity, turned
+from ..physics.guide import on_guide, on_profile, tracked_piece
+from ..structs import Tallies
+from .contacts import contact_sums, wrench_parts
+from .geometry import contact_geometry
+from .kind import START, BlockKind, Mine
+from .near import near_mask
+from .rollers import roller_rows
+
+
+@cache
+def guide_contacts(kind: BlockKind) -> SimpleNamespace:
+    """The functions that evaluate the contacts of one variant's rollers on a block with its guides."""
+    Real, sprockets, bodies = kind.Real, kind.parts.sprockets, kind.parts.bodies
+    profiles = kind.profiles
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared, Guide = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Guide
+    vec2 = kinds.vec2
+    row, geometry, bits, sums = roller_rows(kind), contact_geometry(kind), near_mask(kind), contact_sums(kind)
+    in_carrier, arm_on = geometry.in_carrier, geometry.arm_on
+    Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
+    press, keep, add_wrench = sums.press, sums.keep, wrench_parts(kind).add_wrench
+    point, velocity = row.point, row.velocity
+    load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
+    load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+
+    @wp.func
+    def at_profile(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
+        """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
+        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        kept = load_whole(state.seat, at)
+        arm, q = in_carrier(shared, j, bar.body)
+        pieces = rows_of_pieces(ensemble.pieces)
+        number = tracked_piece(q, kept, bar, pieces)
+        if number != kept:
+            store_whole(state.seat, at, number)
+        penetration, facing = on_profile(q, number, bar, pieces)
+        pose = shared.poses[bar.body]
+        relative = surface_velocity(pose, leading(arm)) - velocity(shared.rows, j)
+        return penetration, turned(facing, leading(pose.cosine), leading(pose.sine)), relative
+
+    @wp.func
+    def on_straight(shared: Shared, j: int, bar: Guide):
+        """The same on a straight bar on the ground."""
+        p = difference(point(shared.rows, j), bar.start)
+        return on_guide(p, velocity(shared.rows, j), vec2(Real(0.0), Real(0.0)), bar)
+
+    @wp.func
+    def on_bar(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
+        """Penetration [m], normal and relative velocity [m/s] of roller j on guide g."""
+        if wp.static(profiles):
+            penetration = Real(0.0)
+            normal = vec2()
+            relative = vec2()
+            if bar.pieces != 0:
+                penetration, normal, relative = at_profile(ensemble, state, shared, mine, j, g, bar)
+            else:
+                penetration, normal, relative = on_straight(shared, j, bar)
+            return penetration, normal, relative
+        else:
+            return on_straight(shared, j, bar)
+
+    @wp.func
+    def at_guide(
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, g: int
+    ):
+        """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
+        bar = shared.bars[g]
+        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        before = load_row(state.impact_speed, at)
+        penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
+        if penetration > Real(0.0) and misses(penetration, before, bar):
+            if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
+                wp.atomic_add(tallies.missed, at, 1)
+            keep(state, now, at, before, Real(MISSED))
+        elif penetration > Real(0.0):
+            p = wp.static(sprockets) + g
+            force = press(state, tallies, shared, mine, now, j, p, before, penetration, normal, relative, bar.law)
+            if wp.static(profiles):
+                if bar.body < wp.static(bodies):
+                    moment = reaction(arm_on(shared, j, bar.body), force)
+                    add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
+        else:
+            keep(state, now, at, before, Real(UNTOUCHED))
+
+    @wp.func
+    def at_bars(ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, near: Bits):
+        """Adds the forces of the guides that they are near to those of the thread's rollers."""
+        by_bar = of_bars(near)
+        while any_of(by_bar):
+            j, p = first(by_bar, mine.thread)
+            by_bar = rest(by_bar)
+            at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+
+    return SimpleNamespace(**locals())

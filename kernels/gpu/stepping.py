@@ -1,0 +1,256 @@
+"""Steps of one variant on a block: its rollers and bodies, from evaluated forces, and whole steps on one warp."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ..structs import Tallies
+from ..sums import WATCH_EVERY, add_hub_force
+from .bodies import block_tensioners, body_steps
+from .contact_pairs import contact_forces
+from .contacts import wrench_parts
+from .events import EXTRA, block_sampling
+from .kind import WARP, BlockKind, Mine, block_types
+from .links import block_joints, link_forces
+from .near import near_partners
+from .observe import block_observing, body_observing
+from .rollers import block_stages, roller_rows
+from .shared_memory import view
+from .sync import sync
+
+MEETING = wp.constant(16)
+"""Steps after which variants abreast wait for each other."""
+
+
+@cache
+def out_struct(Real: type) -> Any:
+    """The struct of where goes what is taken from the steps."""
+    kinds = block_types(Real)
+
+    @wp.struct
+    class Out:
+        """Where goes what is taken from the steps."""
+
+        sums: kinds.Sums
+        tallies: Tallies
+        frames: wp.array[Real]
+
+    return Out
+
+
+@cache
+def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions that move the rollers and bodies of one variant on a block, and sample them."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    measuring, staged = kind.measuring, kind.staged
+    kinds, Now, Out = kind.types, kind.types.Now, out_struct(Real)
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
+    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
+    observe_body, threads_of = body_observing(kind).observe_body, sync(kind)
+    acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
+    moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
+    step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
+
+    @wp.func
+    def advance_rollers(state: State, shared: Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on, or a stage."""
+        if wp.static(staged):
+            j = int(mine.thread)
+            while j < mine.rollers and now.going != 0:
+                stage_roller(state, shared, mine, now, j)
+                j = j + wp.static(threads)
+        elif now.going != 0:
+            h = step_of(mine)
+            for k in range(wp.static(rollers_per_thread)):
+                j = k * wp.static(threads) + mine.thread
+                v = velocity(shared.rows, j) + h * acceleration(shared, j)
+                set_velocity(shared, j, v)
+                move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def chain_on(state: State, shared: Shared, mine: Mine, now: Now):
+        """What the chain does to the thread's body, if it has one; all threads together.
+
+        On one warp the rollers go on meanwhile, so that the threads do not wait for each other's sums.
+        """
+        moment = moment_on(shared, mine.thread)
+        if wp.static(not ahead):
+            advance_rollers(state, shared, mine, now)
+        return acting_on(shared, mine.thread, moment, now.watched)
+
+    @wp.func
+    def advance_body(
+        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, acting: of_three
+    ):
+        """The thread's body a step on, or a stage, and what is seen of it; `acting` is what the chain does to it."""
+        before = shared.poses[mine.body]
+        wrench = wrench_of(acting)
+        whole = wrench
+        if wp.static(kind.parts.tensioners > 0):
+            whole = tensioners.pushed(ensemble, state, mine, before, wrench)
+        seen, load = bodies.advance(ensemble, state, shared, mine, now, before, whole)
+        if wp.static(measuring) and now.measured != 0:
+            observe_body(ensemble, out.sums, out.tallies, shared, mine, now, before, seen, load, wrench, whole)
+            if now.watched != 0 and mine.sprocket >= 0:
+                hub = vec2(acting[1], acting[2])
+                sums = shared.sprocket_sums[mine.sprocket]
+                shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, hub, now.watch_weight)
+            if wp.static(kind.parts.tensioners > 0):
+                tensioners.observe_pushes(ensemble, state, out.sums, out.tallies, mine, now, before, seen)
+        sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0])
+        if wp.static(kind.parts.tensioners > 0):
+            tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
+
+    @wp.func
+    def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
+        """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
+
+        All threads together work out what the chain does to it, while, on several warps, others move their rollers.
+        """
+        acting = chain_on(state, shared, mine, now)
+        if mine.body >= 0:
+            advance_body(ensemble, state, out, shared, mine, now, acting)
+
+    @wp.func
+    def go_on(state: State, shared: Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on, their contacts done; a warp that moves bodies does not wait for that."""
+        if wp.static(kind.handing):
+            if mine.thread < wp.static(threads - WARP):
+                threads_of.hand_over()
+                advance_rollers(state, shared, mine, now)
+                threads_of.among_rollers()
+            else:
+                threads_of.taken_over()
+        else:
+            advance_rollers(state, shared, mine, now)
+
+    @wp.func
+    def load_moment_ahead(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now):
+        """Works out the load on the thread's body."""
+        if mine.body >= 0 and now.stage == 0:
+            bodies.load_moment_ahead(ensemble, shared, mine, now)
+
+    @wp.func
+    def sample_rollers(
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, frames: wp.array[Real], mine: Mine, now: Now
+    ):
+        """What is wanted of the thread's rollers, whose forces are complete."""
+        if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
+            sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        if wp.static(kind.friction.joints and measuring) and now.measured != 0:
+            joints.add_friction(shared, mine, now)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions that take a variant on one warp through whole steps."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    measuring = kind.measuring
+    kinds, Now, Out = kind.types, kind.types.Now, out_struct(Real)
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    of_each = wp.types.vector(rollers_per_thread, Real)
+    forces, partners, lengths_of = contact_forces(kind), near_partners(kind), view(Real)
+    observe, sampling, step_of = block_observing(kind), block_sampling(kind, frame), roller_rows(kind).step_of
+    pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
+    do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
+    sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
+
+    @wp.func
+    def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+        """What the thread's rollers may touch, of which `touch` is what they were near at the step before."""
+        near = partners.update_near(state, shared, mine, now, touch.near)
+        return forces.touch_of(ensemble, state, shared, mine, near)
+
+    @wp.func
+    def is_common(now: Now):
+        """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
+        whole = now.going != 0 and now.step != 0 and now.flags & EXTRA == 0
+        if wp.static(measuring):
+            return whole and now.measured != 0
+        else:
+            return whole
+
+    @wp.func
+    def plain(now: Now):
+        """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
+        now.flags = 0
+        now.going = 1
+        return now
+
+    @wp.func
+    def common(mine: Mine, now: Now):
+        """Such a step, so that the compiler leaves out what others want: it would stand between what all do."""
+        now.measured = wp.static(int(measuring))
+        now.weight = step_of(mine)
+        now.summed = now.driven
+        now.common = 1
+        return plain(now)
+
+    @wp.func
+    def step_of_a_warp(
+        ensemble: Ensemble,
+        state: State,
+        out: Out,
+        shared: Shared,
+        mine: Mine,
+        now: Now,
+        touch: forces.Touch,
+        rates: of_each,
+    ):
+        """A whole step or stage of a variant on one warp, as `look` has `touch`.
+
+        A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
+        """
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
+        # first, so that both read places of rollers once, and nothing branches while they wait for them
+        touch = look(ensemble, state, shared, mine, now, touch)
+        tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
+        # before anything else, so that tensions and rates do not stay in registers any longer
+        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        if wp.static(kind.carrying) and now.common != 0:
+            rates = observe.with_rates(rates, rate, now.weight)
+        if wp.static(not measuring) and now.common != 0:
+            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        else:
+            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        barrier()
+        sample_rollers(ensemble, state, out.tallies, shared, out.frames, mine, now)
+        advance_bodies(ensemble, state, out, shared, mine, now)
+        return touch, rates
+
+    @wp.func
+    def wait_for_others(now: Now):
+        """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
+        if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
+            threads_of.together()
+
+    @wp.func
+    def to_event(
+        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
+    ):
+        """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
+        now = common(mine, now)
+        end = wp.min(end, now.event)
+        rates = of_each()
+        if wp.static(kind.carrying):
+            rates = observe.rates_of(shared, mine.thread)
+        while True:
+            touch, rates = step_of_a_warp(ensemble, state, out, shared, mine, now, touch, rates)
+            now.step = now.step + 1
+            barrier()
+            if now.step >= end:
+                break
+            wait_for_others(now)
+            if wp.static(measuring):
+                now.watched = wp.where(now.step % WATCH_EVERY == 0, 1, 0)
+        if wp.static(kind.carrying):
+            observe.set_rates(shared, mine.thread, rates)
+        return now, touch
+
+    return SimpleNamespace(**locals())

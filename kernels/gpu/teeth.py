@@ -1,0 +1,221 @@
+"""The contacts of a block's rollers with teeth: where they are in the gaps, the seats that they keep, their forces."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..native import accessors, load_constant, products
+from ..number import difference, leading
+from ..physics.contact import after_teeth, reaction, sized, turned
+from ..physics.impact import is_linear_hysteretic, linear_force
+from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
+from ..structs import Tallies
+from .contacts import contact_sums, wrench_parts
+from .geometry import contact_geometry
+from .kind import BlockKind, Mine
+from .near import near_mask
+from .rollers import roller_rows
+from .sync import lowest_bit
+
+
+@cache
+def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
+    """The functions that find the rollers of one variant on a block in the tooth gaps of its sprockets."""
+    Real, moving, kinds, bits = kind.Real, kind.moving, kind.types, near_mask(kind)
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    Bits, of_teeth, vec2 = bits.Bits, bits.of_teeth, kinds.vec2
+    Direction = kinds.Ensemble.vars["seats"].type.dtype
+    row, geometry = roller_rows(kind), contact_geometry(kind)
+    point, velocity = row.point, row.velocity
+    load_row = accessors(Real).load_row
+    load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+
+    @wp.struct
+    class Touch:
+        """The partners that a thread's rollers are near (`update_near`), and what one keeps of the sprocket at hand."""
+
+        near: Bits
+        sprocket: wp.int32
+        seat: wp.int32  # negative where it has none yet
+        before: Real  # v0 [m/s], or whether it touched
+        direction: Direction  # of the seat at angle zero
+
+    @wp.func
+    def seat_at(ensemble: Ensemble, number: int):
+        """Direction of a seat at angle zero, by its number among all."""
+        return load_constant(ensemble.seats, number)
+
+    @wp.func
+    def looked_up(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, touch: Touch, j: int, s: int):
+        """`touch` with what roller j keeps of sprocket s."""
+        at = mine.memory + j + s * mine.rollers
+        touch.sprocket = s
+        touch.seat = load_whole(state.seat, at)
+        touch.before = load_row(state.impact_speed, at)
+        touch.direction = seat_at(ensemble, shared.teeth[s].first_seat + wp.max(touch.seat, 0))
+        return touch
+
+    @wp.func
+    def touch_of(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, near: Bits):
+        """What the thread's rollers may touch."""
+        touch = Touch()
+        touch.near = near
+        if wp.static(kind.gripping):  # without a branch, so that nothing waits for it
+            by_teeth = of_teeth(near)[0]
+            s = lowest_bit(wp.where(by_teeth != 0, by_teeth, 1))
+            touch = looked_up(ensemble, state, shared, mine, touch, mine.thread, s)
+        return touch
+
+    @wp.func
+    def velocity_from(shared: Shared, j: int, s: int):
+        """Velocity of roller j relative to the center of sprocket s [m/s]."""
+        v = velocity(shared.rows, j)
+        if wp.static(moving):
+            v = v - leading(shared.poses[s].velocity)
+        return v
+
+    @wp.func
+    def in_gap_of(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, touch: Touch):
+        """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of a sprocket; its arm [m].
+
+        Its seat is kept at `at`.
+        """
+        s = touch.sprocket
+        teeth = shared.teeth[s]
+        body = shared.poses[s]
+        p = difference(point(shared.rows, j), body.center)
+        arm = leading(p)
+        number = int(touch.seat)
+        direction = touch.direction
+        if number < 0:
+            number = nearest_seat(arm, leading(body.cosine), leading(body.sine), teeth.teeth)
+            direction = seat_at(ensemble, teeth.first_seat + number)
+        v = velocity_from(shared, j, s)
+        found, e, xi, lateral = seat_from(p, number, direction, body, teeth, ensemble.seats)
+        if found != touch.seat:
+            store_whole(state.seat, at, found)
+        penetration, normal, relative = in_teeth(arm, v, leading(body.speed), e, xi, lateral, teeth)
+        return penetration, normal, relative, arm
+
+    @wp.func
+    def in_straight_flank_gap(shared: Shared, teeth: kinds.Sprocket, j: int, touch: Touch):
+        """As `in_gap_of`, and whether `straight_flank_gap` applies to the roller (1, else 0)."""
+        body = shared.poses[touch.sprocket]
+        p = difference(point(shared.rows, j), body.center)
+        e, radial, xi, lateral = in_gap(p, touch.direction, body, teeth)
+        arm = leading(p)
+        speed = leading(body.speed)
+        off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
+        penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
+        surface = vec2(-speed * arm[1], speed * arm[0])
+        relative = surface - velocity_from(shared, j, touch.sprocket)
+        return penetration, turned(e, along, across), relative, arm, wp.where(off, 0, applies)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
+    """The functions that evaluate a roller's contact with a sprocket of one variant on a block."""
+    Real, sprockets, moving, sliding = kind.Real, kind.parts.sprockets, kind.moving, kind.friction.contacts
+    kinds, Now = kind.types, kind.types.Now
+    State, Shared = kinds.State, kinds.Shared
+    vec2 = kinds.vec2
+    row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
+    add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
+    drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
+    measure_powers, measure_force = sums.measure_powers, sums.measure_force
+    Touch, in_gap_of, in_straight_flank_gap = gaps.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
+    force_on, set_force = row.force_on, row.set_force
+
+    @wp.func
+    def is_summed(now: Now, s: int):
+        """Whether the moment on sprocket s is wanted: with metrics all are."""
+        if wp.static(kind.measuring):
+            return True
+        else:
+            return (now.summed >> s) & 1 != 0
+
+    @wp.func
+    def linear_hysteretic_laws(shared: Shared):
+        """The sprockets whose contacts are linear and hysteretic, as bits, unless all contacts are."""
+        mask = int(0)
+        if wp.static(not kind.linear_hysteretic):
+            for s in range(wp.static(sprockets)):
+                if is_linear_hysteretic(shared.teeth[s].law):
+                    mask = mask | (1 << s)
+        return mask
+
+    @wp.func
+    def is_linear(now: Now, s: int):
+        """Whether the contacts of sprocket s are linear and hysteretic; so that no thread asks where all are."""
+        if wp.static(kind.linear_hysteretic):
+            return True
+        else:
+            return (now.linear_hysteretic >> s) & 1 != 0
+
+    @wp.func
+    def at_sprocket(
+        ensemble: kinds.Ensemble,
+        state: State,
+        tallies: Tallies,
+        shared: Shared,
+        mine: Mine,
+        now: Now,
+        j: int,
+        touch: Touch,
+    ):
+        """Adds the force of the teeth of a sprocket to roller j's, and its reaction to the sprocket if it is summed."""
+        s = touch.sprocket
+        at = mine.memory + j + s * mine.rollers
+        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, touch)
+        if penetration > Real(0.0):
+            law = shared.teeth[s].law
+            force = press(state, tallies, shared, mine, now, j, s, touch.before, penetration, normal, relative, law)
+            if is_summed(now, s):
+                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
+        else:
+            keep(state, now, at, touch.before, after_teeth(touch.before))
+
+    @wp.func
+    def on_straight_flank(state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, touch: Touch):
+        """As `at_sprocket` if the seat is kept, the law linear and hysteretic, and the flank straight; 1 then, else 0
+        and nothing is added.
+
+        With few branches: at each a warp's threads part.
+        """
+        s = touch.sprocket
+        at = mine.memory + j + s * mine.rollers
+        before = touch.before
+        teeth = shared.teeth[s]
+        penetration, normal, relative, arm, applies = in_straight_flank_gap(shared, teeth, j, touch)
+        speed = products(relative[0], normal[0], relative[1], normal[1])
+        size, first = linear_force(penetration, speed, before, teeth.law)
+        force = sized(normal, size)
+        drag = vec2()
+        if wp.static(sliding):
+            drag = drag_of(size, normal, relative, shared.sliding[s])
+            force = force + drag
+        closed = penetration > Real(0.0)
+        applies = wp.where(touch.seat < 0, 0, applies)
+        if applies != 0:
+            add_moment(shared, mine, s, j, wp.where(closed and is_summed(now, s), reaction(arm, force), Real(0.0)))
+            if wp.static(moving):
+                if closed:
+                    add_push(shared, mine, s, j, force)
+            whole = force_on(shared, j) + wp.where(closed, force, vec2())
+            set_force(shared, j, whole)
+            keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
+            if wp.static(kind.measuring) and now.measured != 0:
+                damper = (size - teeth.law.stiffness * penetration) * normal
+                damped, rubbed = powers(shared, mine, whole, damper, drag, relative)
+                if closed:
+                    measure_powers(tallies, now, at, damped, rubbed)
+                if closed and (now.watched != 0 or before <= Real(0.0)):
+                    measure_force(tallies, now, at, before, size, True)
+                    if wp.static(not moving) and now.watched != 0:
+                        add_push(shared, mine, s, j, force)
+        return applies
+
+    return SimpleNamespace(**locals())

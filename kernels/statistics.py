@@ -1,0 +1,109 @@
+"""The window cut into batches of about equal length, at whose ends sums are noted.
+
+With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
+the drive's `look_every` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
+batch; a window of fewer than BATCHES looks has no batches.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from .structs import Drive, SlipSums, Strand
+
+BATCHES = wp.constant(20)
+NOTES = wp.constant(19)
+"""Notes that are taken in a window."""
+
+
+@wp.func
+def batches_ended(drive: Drive, step: int):
+    """Batches that have ended at `step`, of those at whose ends notes are taken."""
+    since = wp.max(step - drive.window_start, 0)
+    window = wp.max(drive.window_end - drive.window_start, 1)
+    batches = wp.int64(BATCHES)  # once: of two casts of a constant Warp may take one before the constant is set
+    share = wp.float32(since) / wp.float32(window)  # the quotient or its neighbor: a division of int64 takes long
+    ended = wp.int32(wp.min(share, wp.float32(1.0)) * wp.float32(batches))
+    passed = wp.int64(wp.min(since, window)) * batches
+    if wp.int64(ended) * wp.int64(window) > passed:
+        ended = ended - 1
+    if wp.int64(ended + 1) * wp.int64(window) <= passed:
+        ended = ended + 1
+    return wp.min(ended, NOTES)
+
+
+@wp.func
+def notes_due(drive: Drive, step: int):
+    """The first note to take at `step`, a look in the window, and the one after the last."""
+    return batches_ended(drive, step - drive.look_every), batches_ended(drive, step)
+
+
+BINS = wp.constant(256)
+ZERO = wp.constant(96)
+"""The bin that begins at no tension: -23 s to 301 s are told apart."""
+STEP = 0.04
+
+
+@wp.func
+def bins_per_force(scale: wp.float64):
+    """1 / s of a scale [N], as `bin_of` wants it."""
+    return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
+
+
+@wp.func
+def bin_of(tension: Any, per_force: wp.float32):
+    """Bin of a tension [N] for 1 / s [1/N]; an outermost one of what is not finite."""
+    ratio = wp.float32(tension) * per_force
+    size = wp.abs(ratio)
+    size = wp.log(size + wp.sqrt(size * size + wp.float32(1.0))) * wp.static(wp.float32(1.0 / STEP))
+    place = wp.int32(wp.floor(wp.where(ratio < wp.float32(0.0), -size, size)))
+    return wp.clamp(place + ZERO, 0, BINS - 1)
+
+
+@wp.func
+def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_force: wp.float32):
+    """Adds a tension [N] to the histogram that begins at `first`; `per_force` as in `bin_of`."""
+    wp.atomic_add(counts, first + bin_of(tension, per_force), 1)
+
+
+@wp.func
+def modulo(a: int, n: int):
+    """Remainder from 0 to n - 1."""
+    rest = a % n
+    return wp.where(rest < 0, rest + n, rest)
+
+
+@wp.func
+def brought(a: int, n: int):
+    """The same of a number from -n to 2 n - 1, without a division."""
+    return wp.where(a < 0, a + n, wp.where(a < n, a, a - n))
+
+
+@wp.func
+def mid_wrap(before: Strand, after: Strand, n: int):
+    """The roller in the middle of those between two strands."""
+    last = brought(before.first_link + before.links, n)
+    return brought(last + brought(after.first_link - last, n) // 2, n)
+
+
+@wp.func
+def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.float64, n: int):
+    """A sprocket's slip after a look at `roller`, now in mid-wrap, whose seat is `seat`, negative for none.
+
+    `sign` is 1 on a sprocket that turns counter-clockwise, else -1.
+    """
+    moved = int(0)
+    if slip.known != 0:
+        moved = brought(roller - slip.roller + n // 2, n) - n // 2
+    slip.roller = roller
+    slip.place = modulo(slip.place + moved, teeth)
+    if seat >= 0:
+        offset = brought(seat - wp.where(sign < wp.float64(0.0), -slip.place, slip.place), teeth)
+        if slip.known == 0:
+            slip.offset = offset
+        elif offset != slip.offset and offset == slip.candidate:
+            slip.slips = slip.slips + wp.abs(modulo(offset - slip.offset + teeth // 2, teeth) - teeth // 2)
+            slip.offset = offset
+        slip.candidate = offset
+        slip.known = 1
+    return slip
