@@ -58,13 +58,13 @@ def leapfrog_kick(step: int, h: Any):
 
 @wp.func
 def leapfrog_lag(step: int, h: Any):
-    """How far behind the positions the velocities of `step` are [s]."""
+    """Time that the velocities of `step` are behind the positions [s]."""
     return wp.where(step == 0, type(h)(0.0), type(h)(0.5) * h)
 
 
 @wp.func
 def stages_of(integrator: int):
-    """How often an integrator evaluates the forces in a step."""
+    """The number of force evaluations of an integrator in a step."""
     return COUNTS[integrator]
 
 
@@ -76,7 +76,7 @@ def stage_weight(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
-    """How far from the step's start the stage after `stage` is [s], after the last the step's end."""
+    """Time from the step's start to the stage after `stage` [s], after the last to the step's end."""
     if stage == stages_of(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
@@ -84,7 +84,7 @@ def stage_reach(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_instant(integrator: int, stage: int, h: Any):
-    """How far from the step's start a stage is [s]."""
+    """Time from the step's start to a stage [s]."""
     if stage == 0:
         return type(h)(0.0)
     return stage_reach(integrator, stage - 1, h)

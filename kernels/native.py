@@ -11,6 +11,28 @@ from typing import Any
 
 import warp as wp
 
+
+def by_device(cuda: str, elsewhere: str) -> str:
+    """The code of a native function: that for CUDA, and that for the CPU."""
+    return f"#if defined(__CUDA_ARCH__)\n{cuda}\n#else\n{elsewhere}\n#endif\n"
+
+
+INVERSE_ROOT = """
+    double y;
+    asm("rsqrt.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(square));
+    const double e = fma(-square * y, y, 1.0);
+    y = fma(y * e, fma(0.375, e, 0.5), y);
+"""
+"""y = 1 / sqrt(square), as float64."""
+
+RECIPROCAL = """
+    double y;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(value));
+    const double e = fma(-value, y, 1.0);
+    y = fma(y * e, fma(e, e, 1.0 + e), y);
+"""
+"""y = 1 / value, as float64."""
+
 STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
@@ -82,7 +104,6 @@ def aligned(kind: Any) -> wp.Function:
     """)
     def aligned(rows: wp.array[kind]) -> wp.array[kind]:
         """The same array."""
-        ...
 
     return aligned
 
@@ -96,7 +117,6 @@ def load_constant(rows: Any, i: int):
 @wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
 def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
     """The same of vectors, such as the directions of seats."""
-    ...
 
 
 @wp.func_native("""
@@ -110,76 +130,31 @@ def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
 """)
 def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
     """The same of four values, such as the high parts (x, y) and low parts (x, y) of a direction."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    double y;
-    asm("rsqrt.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(square));
-    const double e = fma(-square * y, y, 1.0);
-    return fma(y * e, fma(0.375, e, 0.5), y);
-#else
-    return 1.0 / sqrt(square);
-#endif
-""")
+@wp.func_native(by_device(INVERSE_ROOT + "return y;", "return 1.0 / sqrt(square);"))
 def inverse_root(square: wp.float64) -> wp.float64:
     """1 / sqrt(square), square > 0."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return rsqrtf(square);
-#else
-    return 1.0f / sqrtf(square);
-#endif
-""")
+@wp.func_native(by_device("return rsqrtf(square);", "return 1.0f / sqrtf(square);"))
 def inverse_root(square: wp.float32) -> wp.float32:
     """1 / sqrt(square), square > 0."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    double y;
-    asm("rsqrt.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(square));
-    const double e = fma(-square * y, y, 1.0);
-    return square * fma(y * e, fma(0.375, e, 0.5), y);
-#else
-    return sqrt(square);
-#endif
-""")
+@wp.func_native(by_device(INVERSE_ROOT + "return square * y;", "return sqrt(square);"))
 def root(square: wp.float64) -> wp.float64:
     """sqrt(square), square > 0."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return square * rsqrtf(square);
-#else
-    return sqrtf(square);
-#endif
-""")
+@wp.func_native(by_device("return square * rsqrtf(square);", "return sqrtf(square);"))
 def root(square: wp.float32) -> wp.float32:
     """sqrt(square), square > 0."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    double y;
-    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(value));
-    const double e = fma(-value, y, 1.0);
-    return fma(y * e, fma(e, e, 1.0 + e), y);
-#else
-    return 1.0 / value;
-#endif
-""")
+@wp.func_native(by_device(RECIPROCAL + "return y;", "return 1.0 / value;"))
 def reciprocal(value: wp.float64) -> wp.float64:
     """1 / value, which is of ordinary size, to round-off."""
-    ...
 
 
 @wp.func_native("""
@@ -193,34 +168,16 @@ def reciprocal(value: wp.float64) -> wp.float64:
 """)
 def reciprocal(value: wp.float32) -> wp.float32:
     """1 / value, which is of ordinary size, to round-off."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    double y;
-    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(by));
-    const double e = fma(-by, y, 1.0);
-    return value * fma(y * e, fma(e, e, 1.0 + e), y);
-#else
-    return value / by;
-#endif
-""")
+@wp.func_native(by_device(RECIPROCAL.replace("value", "by") + "return value * y;", "return value / by;"))
 def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
     """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fdividef(value, by);
-#else
-    return value / by;
-#endif
-""")
+@wp.func_native(by_device("return __fdividef(value, by);", "return value / by;"))
 def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
     """`value` / `by`, which is of ordinary size, to two units of the last place."""
-    ...
 
 
 @wp.func_native("""
@@ -234,7 +191,6 @@ def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
 """)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
     """a b + c d; on CUDA rounded alike wherever it stands, which the compiler would choose each time."""
-    ...
 
 
 @wp.func_native("""
@@ -248,67 +204,36 @@ def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.f
 """)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
     """a b + c d, as at float64."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __dmul_rn(a, b);
-#else
-    return a * b;
-#endif
-""")
+@wp.func_native(by_device("return __dmul_rn(a, b);", "return a * b;"))
 def product(a: wp.float64, b: wp.float64) -> wp.float64:
     """a b; on CUDA drawn into no sum, so that kernels in which more or less is done with it give the same bits."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fmul_rn(a, b);
-#else
-    return a * b;
-#endif
-""")
+@wp.func_native(by_device("return __fmul_rn(a, b);", "return a * b;"))
 def product(a: wp.float32, b: wp.float32) -> wp.float32:
     """a b, as at float64."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return b < a ? b : a;
-#else
-    return wp::min(a, b);
-#endif
-""")
+@wp.func_native(by_device("return b < a ? b : a;", "return wp::min(a, b);"))
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
     """The smaller of two; on CUDA without the instructions that keep it a number where one of them is none."""
-    ...
 
 
 @wp.func_native("return wp::min(a, b);")
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
     """The smaller of two."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return a < b ? b : a;
-#else
-    return wp::max(a, b);
-#endif
-""")
+@wp.func_native(by_device("return a < b ? b : a;", "return wp::max(a, b);"))
 def larger(a: wp.float64, b: wp.float64) -> wp.float64:
     """The larger of two, as `smaller`."""
-    ...
 
 
 @wp.func_native("return wp::max(a, b);")
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
     """The larger of two."""
-    ...
 
 
 @wp.func

@@ -29,6 +29,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from .native import by_device
+
 
 def split(value: float) -> tuple[float, float]:
     """High and low part of a number, for constants of kernels."""
@@ -71,7 +73,6 @@ class RecentSum:
 """)
 def two_sum(a: wp.float32, b: wp.float32) -> wp.vec2f:
     """a + b, rounded, and the error of that."""
-    ...
 
 
 @wp.func_native("""
@@ -85,7 +86,6 @@ def two_sum(a: wp.float32, b: wp.float32) -> wp.vec2f:
 """)
 def two_difference(a: wp.float32, b: wp.float32) -> wp.vec2f:
     """a - b, rounded, and the error of that."""
-    ...
 
 
 @wp.func_native("""
@@ -99,7 +99,6 @@ def two_difference(a: wp.float32, b: wp.float32) -> wp.vec2f:
 """)
 def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
     """a b, rounded, and the error of that."""
-    ...
 
 
 @wp.func_native("""
@@ -112,31 +111,16 @@ def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
 """)
 def cross(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
     """a d - b c to round-off of itself, however much of the products cancels (Kahan)."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fadd_rn(a, b);
-#else
-    return a + b;
-#endif
-""")
+@wp.func_native(by_device("return __fadd_rn(a, b);", "return a + b;"))
 def rounded_sum(a: wp.float32, b: wp.float32) -> wp.float32:
     """a + b, into which no product is drawn."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fmaf_rn(a, b, c);
-#else
-    return (float)((double)a * (double)b + (double)c);
-#endif
-""")
+@wp.func_native(by_device("return __fmaf_rn(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
 def fused(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
     """a b + c, rounded once."""
-    ...
 
 
 @wp.func
@@ -178,7 +162,7 @@ def number_of(value: wp.vec2f):
 
 @wp.func
 def number_of(value: Any):
-    """What is float64 stays what it is."""
+    """A float64, unchanged."""
     return value
 
 
@@ -408,7 +392,7 @@ def leading(a: PairVector):
 
 @wp.func
 def leading(a: Any):
-    """What is float64 stays what it is."""
+    """A float64, unchanged."""
     return a
 
 
@@ -426,7 +410,7 @@ def rounded(a: PairVector):
 
 @wp.func
 def rounded(a: Any):
-    """What is float64 stays what it is."""
+    """A float64, unchanged."""
     return a
 
 
@@ -445,7 +429,7 @@ def trimmed(a: PairVector):
 
 @wp.func
 def trimmed(a: Any):
-    """What is float64 stays what it is."""
+    """A float64, unchanged."""
     return a
 
 
@@ -484,7 +468,7 @@ def gathered(a: RecentSum):
 
 @wp.func
 def gathered(a: Any):
-    """What is float64 has nothing to gather."""
+    """A float64, unchanged: it has nothing to gather."""
     return a
 
 
@@ -575,16 +559,9 @@ def sine_cosine(angle: Pair):
     return sign * sine, sign * cosine
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __cosf(angle);
-#else
-    return wp::cos(angle);
-#endif
-""")
+@wp.func_native(by_device("return __cosf(angle);", "return wp::cos(angle);"))
 def quick_cosine(angle: wp.float32) -> wp.float32:
     """cos(angle) to 5e-7, for angles of at most half a turn."""
-    ...
 
 
 @wp.func
@@ -607,7 +584,6 @@ LN_2 = split(math.log(2.0))
 @wp.func_native("union { int whole; float value; } of; of.whole = (127 + e) << 23; return of.value;")
 def power_of_two(e: int) -> wp.float32:
     """2^e, of ordinary size."""
-    ...
 
 
 @wp.func

@@ -74,16 +74,10 @@ def modulo(a: int, n: int):
 
 
 @wp.func
-def brought(a: int, n: int):
-    """The same of a number from -n to 2 n - 1, without a division."""
-    return wp.where(a < 0, a + n, wp.where(a < n, a, a - n))
-
-
-@wp.func
 def mid_wrap(before: Strand, after: Strand, n: int):
     """The roller in the middle of those between two strands."""
-    last = brought(before.first_link + before.links, n)
-    return brought(last + brought(after.first_link - last, n) // 2, n)
+    last = modulo(before.first_link + before.links, n)
+    return modulo(last + modulo(after.first_link - last, n) // 2, n)
 
 
 @wp.func
@@ -94,11 +88,11 @@ def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.flo
     """
     moved = int(0)
     if slip.known != 0:
-        moved = brought(roller - slip.roller + n // 2, n) - n // 2
+        moved = modulo(roller - slip.roller + n // 2, n) - n // 2
     slip.roller = roller
     slip.place = modulo(slip.place + moved, teeth)
     if seat >= 0:
-        offset = brought(seat - wp.where(sign < wp.float64(0.0), -slip.place, slip.place), teeth)
+        offset = modulo(seat - wp.where(sign < wp.float64(0.0), -slip.place, slip.place), teeth)
         if slip.known == 0:
             slip.offset = offset
         elif offset != slip.offset and offset == slip.candidate:

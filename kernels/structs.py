@@ -39,7 +39,7 @@ class Tabulated:
 
 @wp.struct
 class Curves:
-    """What the motions and loads of all bodies are tabulated in."""
+    """The tables of the motions and loads of all bodies."""
 
     harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase)
     tables: wp.array[wp.float64]  # five values a cell (`physics.table`)
@@ -80,7 +80,7 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """How a body is turned: driven or loaded, eq. (4)."""
+    """Prescribed motion or load of a body's angle, eq. (4)."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     sign: wp.float64  # +1 "ccw", -1 "cw"
@@ -98,7 +98,7 @@ class Motion:
 
 @wp.struct
 class Mount:
-    """How a body's center is held, and its balance wheel; all zero for a fixed center without a wheel."""
+    """Mount of a body's center, and its balance wheel; all zero for a fixed center without a wheel."""
 
     active: wp.int32  # 1: the center can move or there is a wheel
     moves: wp.int32  # 0 held, 1 prescribed, 2 on springs
@@ -188,7 +188,7 @@ class Tensioner:
 
 @wp.struct
 class TensionerState:
-    """What a tensioner remembers."""
+    """State of a tensioner."""
 
     content: wp.float64  # mu: logarithm of the mass of oil
     pressure: wp.float64  # P after the last step [Pa]
@@ -215,15 +215,16 @@ class BodyStages:
 
 @wp.struct
 class Wrench:
-    """What contacts do to a body at one instant."""
+    """The load on a body at one instant, by contacts and by what drives or holds its angle."""
 
-    force: wp.vec2d  # [N]
-    moment: wp.float64  # about its center, counter-clockwise [N m]
+    force: wp.vec2d  # of contacts and tensioners [N]
+    moment: wp.float64  # the same, about its center, counter-clockwise [N m]
+    load: wp.float64  # moment of its load, or of an arm's own springs and weight [N m]
 
 
 @wp.struct
 class Push:
-    """What a tensioner does at one instant."""
+    """Force and motion of a tensioner at one instant."""
 
     force: wp.float64  # on its body, along its direction [N]
     pressure: wp.float64  # in its chamber [Pa]
@@ -277,7 +278,7 @@ DIVERGENCE_CHECK = wp.constant(32)  # steps between two checks of whether a vari
 
 @wp.struct
 class Progress:
-    """How far a variant has come."""
+    """Progress of a variant's run."""
 
     step: wp.int32  # the next step to evaluate
     diverged: wp.int32  # 1: stopped, at `step`
@@ -306,7 +307,7 @@ class Friction:
 
 @wp.struct
 class Sliding:
-    """What rubs where rollers touch teeth or a guide-bar (`physics.friction`)."""
+    """Friction of rollers on teeth or a guide-bar (`physics.friction`)."""
 
     rubs: wp.int32  # 1: there is friction
     stop: wp.float64  # beta m_e / h [N s/m]
@@ -315,7 +316,7 @@ class Sliding:
 
 @wp.struct
 class Joint:
-    """What rubs in the joints of one chain (`physics.joint`)."""
+    """Friction in the joints of one chain (`physics.friction`)."""
 
     rubs: wp.int32  # 1: there is friction
     pin_radius: wp.float64  # r_p [m]
@@ -395,7 +396,7 @@ class Guide:
 
 @wp.struct
 class Totals:
-    """What the contacts of one sprocket or guide-bar add up to at one instant."""
+    """Totals over the contacts of one sprocket or guide-bar at one instant."""
 
     moment: wp.float64  # on the sprocket [N m]
     push: wp.vec2d  # force on the sprocket [N]
@@ -463,7 +464,7 @@ class ArmSums:
 
 @wp.struct
 class TensionerFlows:
-    """What flowed through a tensioner, in a step or since the run began, and what became of its energy."""
+    """Flows through a tensioner, in a step or since the run began, and their energies."""
 
     leaked: wp.float64  # [m^3]
     supplied: wp.float64  # [m^3]
@@ -492,7 +493,7 @@ class TensionerSums:
 
 @wp.struct
 class StrandSums:
-    """Sums over the looks in the window at one strand: its links' tension, mid-strand transverse displacement."""
+    """Sums over the samples of one strand in the window: its links' tension, mid-strand transverse displacement."""
 
     links: wp.int64  # tension samples
     tension_min: wp.float64  # of watched steps [N]
@@ -545,7 +546,7 @@ class SlipSums:
 
 @wp.struct
 class LinkTally:
-    """What one link added up while it was on one strand, or on none."""
+    """Sums of one link while it was on one strand, or on none."""
 
     samples: wp.int64
     tension: wp.float64  # [N]
@@ -554,7 +555,7 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """What one link, and joint friction on one roller, dissipated, and energies at the window's two ends.
+    """Dissipation of one link and of joint friction on one roller, and energies at the window's two ends.
 
     They are of the roller, its link and its contacts.
     """
@@ -586,7 +587,7 @@ class Tallies:
 
 @wp.struct
 class Sums:
-    """What is added up over the window; S sprockets (and strands) and G guide-bars a variant."""
+    """Sums over the window; S sprockets (and strands) and G guide-bars a variant."""
 
     chain: wp.array[ChainSums]  # (variants,)
     strand: wp.array[StrandSums]  # (all sprockets,)
@@ -596,7 +597,7 @@ class Sums:
     tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
-    tension_counts: wp.array[wp.int32]  # `tension_bins.BINS` of each strand, then of links on none, variant by variant
+    tension_counts: wp.array[wp.int32]  # `statistics.BINS` of each strand, then of links on none, variant by variant
     chain_notes: wp.array[Note]  # `batches.NOTES` a variant
     strand_notes: wp.array[Note]  # the same for each sprocket
     sprocket_notes: wp.array[SprocketSums]
@@ -605,7 +606,7 @@ class Sums:
 
 @wp.struct
 class Ensemble:
-    """What does not change during a run, for all variants."""
+    """Data that do not change during a run, for all variants."""
 
     drives: wp.array[Drive]  # (variants,)
     chains: wp.array[Chain]  # (variants,)
@@ -627,7 +628,7 @@ class Ensemble:
 
 @wp.struct
 class Extra:
-    """What frames and the energy balance want of one roller, at the steps that want it."""
+    """Forces and energy of one roller for frames and the energy balance, at the steps that want them."""
 
     tension: wp.float64  # of the link after it [N]
     rate: wp.float64  # of that link's elongation [m/s]
@@ -639,7 +640,7 @@ class Extra:
 
 @wp.struct
 class State:
-    """What changes during a run, for all variants."""
+    """State of a run, for all variants."""
 
     rollers: wp.array[wp.float64]  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
     bodies: wp.array[BodyState]  # (all bodies,)
@@ -663,7 +664,7 @@ class State:
 
 @wp.struct
 class Memory:
-    """What contacts with one sprocket or guide-bar keep from step to step, and what of it a pass may change."""
+    """Memory of the contacts with one sprocket or guide-bar, and what of it a pass may change."""
 
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]

@@ -1,4 +1,4 @@
-"""What is added up over the window, in float64: `add_*` adds what one step has, `merge_*` what another sum has.
+"""Sums over the window, in float64: `add_*` adds one step, `merge_*` another sum.
 
 The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
 it, then added in float64, or in pairs of float32 (`number.added`), to the sums of `structs.float32`.
@@ -57,8 +57,8 @@ def before(i: int, n: int):
 
 @wp.func
 def after(i: int, n: int):
-    """Index of the neighbor after i in a closed chain of n."""
-    return wp.where(i == n - 1, 0, i + 1)
+    """Index of the neighbor after i in a closed chain of n; 0 where i is beyond it."""
+    return wp.where(i + 1 < n, i + 1, 0)
 
 
 @wp.func
@@ -98,7 +98,7 @@ def add_energy(sums: Any, start: bool, energy: wp.float64):
 
 @wp.func
 def merge_roller(sums: ChainSums, tally: RollerTally):
-    """What one roller and its link, or one sprocket, has for the energy balance."""
+    """Adds the tally of one roller and its link, or of one body, to the energy balance."""
     sums.dissipated = sums.dissipated + tally.dissipated
     sums.friction = sums.friction + tally.friction
     sums.energy_start = sums.energy_start + tally.energy_start
@@ -108,7 +108,7 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 @wp.func
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
-    """What dampers and friction of a partner's contacts take in one step, which stands for `weight` [s]."""
+    """Adds the powers of dampers and friction of a partner's contacts in one step, which stands for `weight` [s]."""
     sums.dissipated = sums.dissipated + weight * totals.dissipated
     sums.friction = sums.friction + weight * totals.friction
     return sums
@@ -124,8 +124,8 @@ def add_contact_force(sums: ContactSums, totals: Totals, weight: wp.float64):
 
 @wp.func
 def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
-    """Adds to the counts at `at` contacts that began, rollers that touched for the first time in their pass, and those
-    that came in not through the face; rarely any.
+    """Adds to the counts at `at`: contacts that began, first ones of rollers in their pass, rollers that came in not
+    through the face; rarely any.
     """
     if impacts != 0:
         sums[at].impacts = sums[at].impacts + impacts
@@ -137,7 +137,7 @@ def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: in
 
 @wp.func
 def merge_contact(sums: ContactSums, other: ContactSums):
-    """What other contacts of the same partner have."""
+    """Adds the sums of other contacts of the same partner."""
     sums.force_max = wp.max(sums.force_max, other.force_max)
     sums.impacts = sums.impacts + other.impacts
     sums.friction = sums.friction + other.friction
@@ -223,7 +223,7 @@ def metered(total: Any, flows: Any):
 
 @wp.func
 def flowed_since(now: Any, start: Any):
-    """What a tensioner's meter has counted since it stood at `start`."""
+    """Flows that a tensioner's meter has counted since `start`."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
     now.leak_loss = now.leak_loss - start.leak_loss
@@ -251,7 +251,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
 
 @wp.func
 def add_meter(sums: Any, meter: Any, start: bool, end: bool):
-    """What a tensioner's meter says at the window's two ends; nothing in between."""
+    """Takes a tensioner's meter at the window's two ends, nothing in between."""
     if start:
         sums.flows = meter
     if end:

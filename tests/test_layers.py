@@ -28,13 +28,12 @@ LEVELS = (
 """The package's folders and single modules from the lowest up; "" is the root, with the names that users see."""
 
 KERNEL_LEVELS = (
-    ("fast_math", "namespace", "number", "structs"),
+    ("native", "number"),
     ("precision",),
-    ("structs", "rows"),
+    ("structs",),
     ("integrate",),
     ("physics",),
-    ("sums", "relaxation", "frames"),
-    ("batches", "tension_bins", "slip", "modules"),
+    ("sums", "statistics", "relaxation", "frames", "modules"),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (

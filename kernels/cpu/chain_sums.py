@@ -231,7 +231,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def gather(ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real], step: int):
-        """What is done before step `step` is added, at some steps only: tallies are merged, the chain looked at."""
+        """Merges tallies and samples the chain before step `step` is added, at the steps where that is due."""
         if step > drive.window_start:
             merge(ensemble, state, sums, variant, w)
         if is_look(drive, step):

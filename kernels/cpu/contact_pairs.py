@@ -13,7 +13,7 @@ from .contacts import contact_forces, contact_rows, contact_sums
 from .guides import guide_passes
 from .neighbor_list import GROUP, Group, lowest_bit, neighbor_list, next_bits
 from .rollers import rows
-from .teeth import teeth_passes
+from .teeth import seat_passes, teeth_passes
 
 
 @cache
@@ -79,7 +79,7 @@ def partners(Real: type) -> SimpleNamespace:
 
     @wp.func
     def sliding_of(ensemble: Ensemble, drive: Drive, p: int):
-        """What rubs on partner p of a drive."""
+        """The friction of partner p of a drive."""
         if p < drive.sprockets:
             sliding = ensemble.tooth_sliding[drive.first_sprocket + p]
             return sliding
@@ -119,7 +119,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds, partner_types = types(Real), partners(Real)
     State, Memory = kinds.State, kinds.Memory
     Partner, partner_of, widened = partner_types.Partner, partner_types.partner_of, partner_types.widened
-    teeth, face = teeth_passes(Real, capacity), guide_passes(Real, capacity)
+    seats, face = seat_passes(Real, capacity), guide_passes(Real, capacity)
     unlike, whole, store_row = accessors(Real).unlike, whole_lanes(Real), accessors(Real).store_row
     store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
     row, neighbors = rows(capacity), neighbor_list(Real, capacity)
@@ -132,7 +132,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def memory_of(state: State, drive: Drive):
-        """What contacts with the first partner of a drive keep."""
+        """The memory of contacts with the first partner of a drive."""
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -145,7 +145,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     def find_near(w: wp.array[Real], first: int, end: int, partner: Partner):
         """Which rollers from `first` on, before `end`, are near a partner."""
         if partner.teeth != 0:
-            teeth.find_engaged(w, first, end, partner.sprocket, partner.pose)
+            seats.find_engaged(w, first, end, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
             face.find_over_bar(w, first, end, partner.guide)
         elif wp.static(not plain):
@@ -170,14 +170,14 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if partner.teeth != 0 or partner.guide.pieces != 0:
             seated = leave_seats(first, count, near, memory)
             if partner.teeth != 0:
-                teeth.disengage(w, first, seated & ~near)
+                seats.disengage(w, first, seated & ~near)
         elif memory.stage == 0:
             face.leave_bar(first, count, near, memory)
         return seated
 
     @wp.func(inline=False)
     def rebuild(ensemble: kinds.Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
+        """Rebuilds the neighbor list; a guide that moves keeps all rollers."""
         n = drive.rollers
         memory = memory_of(state, drive)
         skin = neighbors.skin(w)
@@ -227,7 +227,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds, of = types(Real), partners(Real)
     Ensemble, State, Memory, Chain = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Chain
     Partner, near_group = of.Partner, nearness(Real, capacity, plain).near_group
-    teeth, face = teeth_passes(Real, capacity), guide_passes(Real, capacity)
+    seats, teeth, face = seat_passes(Real, capacity), teeth_passes(Real, capacity), guide_passes(Real, capacity)
     contact = contact_rows(Real, capacity)
     force, sums = contact_forces(Real, capacity), contact_sums(Real, capacity)
     row, neighbors = rows(capacity), neighbor_list(Real, capacity)
@@ -240,11 +240,11 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
 
         In most steps none of them comes, leaves or changes its seat.
         """
-        moved, others = teeth.place_in_gaps(w, first, end, n, partner.sprocket, partner.pose, partner.body)
+        moved, others = seats.place_in_gaps(w, first, end, n, partner.sprocket, partner.pose, partner.body)
         if others != 0 or moved != wp.uint64(0):
             group = near_group(w, first, end, n, partner, memory)
             if group.high > group.low:
-                teeth.seat_rollers(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
+                seats.seat_rollers(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
             return group
         group = neighbors.whole_run(first, end)
         return group
@@ -253,7 +253,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     def touch_guide(
         w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: Partner, memory: Memory
     ):
-        """How the rollers from `first` on, before `end`, stand on a guide; the group of those that may touch it."""
+        """Penetrations of the rollers from `first` to `end` in a guide; the group of those that may touch it."""
         group = near_group(w, first, end, n, partner, memory)
         if partner.guide.pieces == 0:
             face.touch_bar(w, group, partner.guide, partner.pose, memory)
@@ -263,7 +263,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def stand_on(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], p: int, run: int, memory: Memory):
-        """How the rollers of one run stand on partner p; the group of those that may touch it."""
+        """Penetrations of the rollers of one run in partner p; the group of those that may touch it."""
         n = drive.rollers
         first, count = neighbors.run(w, drive, p, run)
         if p < drive.sprockets:
@@ -350,7 +350,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
-                    teeth.keep(w, group.low, group.high, p, memory)
+                    seats.keep(w, group.low, group.high, p, memory)
                 else:
                     contact.keep(w, group, memory)
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)

@@ -29,7 +29,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def recall(w: wp.array[Real], i: int, group: Group, memory: Memory):
-        """What roller i's contact has kept until now [m/s]."""
+        """The v0 that roller i's contact has kept until now [m/s]."""
         before = Real(0.0)
         if is_near(group, i):
             before = load_row(memory.impact_speed, memory.first + i)
@@ -38,7 +38,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def keep(w: wp.array[Real], group: Group, memory: Memory):
-        """What contacts keep from now on."""
+        """Sets the v0 that contacts keep from now on."""
         i = group.low
         while i < group.high:
             if is_near(group, i):
@@ -55,7 +55,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
     def touch(
         w: wp.array[Real], i: int, penetration: Real, normal_x: Real, normal_y: Real, relative_x: Real, relative_y: Real
     ):
-        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors."""
+        """Stores roller i's contact with the partner, 0 or less deep where it is open; in numbers, not vectors."""
         store_row(w, row.penetration + i, penetration)
         store_row(w, row.normal_x + i, normal_x)
         store_row(w, row.normal_y + i, normal_y)
@@ -285,7 +285,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def begun(w: wp.array[Real], group: Group):
-        """How many contacts began."""
+        """The number of contacts that began."""
         count = int(0)
         i = group.low
         while i < group.high:

@@ -52,7 +52,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def touch_face(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2, guide: Guide):
-        """How roller i stands on a guide; one that did not come in through the face does not touch it."""
+        """Stores roller i's contact with a guide; one that did not come in through the face does not touch it."""
         kept = Real(UNTOUCHED)
         if penetration > Real(0.0) and misses(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
@@ -63,7 +63,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def touch_bar(w: wp.array[Real], group: Group, bar: Guide, body: Pose, memory: Memory):
-        """How the rollers stand on a guide-bar, eq. (21)-(23)."""
+        """Stores the rollers' contacts with a guide-bar, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
             arm = place(w, i) - body.center
@@ -102,7 +102,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory):
-        """How roller i, which is near, stands on a profile."""
+        """Stores the contact of roller i, which is near, with a profile."""
         arm = place(w, i) - body.center
         q = in_frame(arm, body)
         number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
@@ -118,7 +118,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     def touch_profile(
         w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
     ):
-        """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
+        """Stores the rollers' contacts with a profile; the guide's `first_piece` is its first among all `pieces`."""
         i = group.low
         while i < group.high:
             recall(w, i, group, memory)

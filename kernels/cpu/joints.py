@@ -12,6 +12,7 @@ from ..native import accessors, whole_lanes
 from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
 from ..structs import types
+from ..sums import after, before
 from .rollers import passes, rows
 
 
@@ -29,29 +30,26 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
-        """How link i turns."""
+        """Stores the rate at which link i turns."""
         lever, turn = turning(d, v)
         store_row(w, row.turn + i, turn)
         store_row(w, row.bend_x + i + 1, lever[0])
         store_row(w, row.bend_y + i + 1, lever[1])
 
     @wp.func
-    def pull_links(w: wp.array[Real], n: int, chain: Chain):
-        """Tension and force of every link, and how it turns; contact forces start at zero."""
+    def pull_links(w: wp.array[Real], n: int, chain: Chain, links: kinds.Links):
+        """Tension, force and turning of every link, in a loop of its own where links differ or have play; contact
+        forces start at zero.
+        """
         close(w, n)
         i = int(0)
-        while i < whole(n):
-            d, v = apart(w, i), parting(w, i)
-            tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
-            store_link(w, i, tension, rate, u)
-            store_turning(w, i, d, v)
-            i = i + 1
-
-    @wp.func
-    def pull_uneven(w: wp.array[Real], n: int, chain: Chain, links: kinds.Links):
-        """The same where links differ or have play."""
-        close(w, n)
-        i = int(0)
+        if links.varied_links == 0:
+            while i < whole(n):
+                d, v = apart(w, i), parting(w, i)
+                tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
+                store_link(w, i, tension, rate, u)
+                store_turning(w, i, d, v)
+                i = i + 1
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
             mine = link_chain(i, chain, links)
@@ -63,37 +61,25 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
-    def rub_evenly(w: wp.array[Real], n: int, joint: Joint):
-        """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
-        mu = joint.law.mu_dynamic
-        i = int(0)
-        while i < whole(n):
-            before = load_row(w, row.tension + i)
-            after = load_row(w, row.tension + i + 1)
-            moment = rubbing_moment(mu, before, load_row(w, row.turn + i), after, load_row(w, row.turn + i + 1), joint)
-            store_row(w, row.moment + i + 1, moment)
-            i = i + 1
-
-    @wp.func
-    def rub_by_speed(w: wp.array[Real], n: int, joint: Joint):
-        """The same, of a coefficient that depends on the speed."""
-        i = int(0)
-        while i < n:
-            before = load_row(w, row.tension + i)
-            after = load_row(w, row.tension + i + 1)
-            moment = joint_moment(before, load_row(w, row.turn + i), after, load_row(w, row.turn + i + 1), joint)
-            store_row(w, row.moment + i + 1, moment)
-            i = i + 1
-
-    @wp.func
     def rub_joints(w: wp.array[Real], n: int, joint: Joint):
-        """The moment of every joint."""
+        """The moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         store_row(w, row.tension + n, load_row(w, row.tension))
         store_row(w, row.turn + n, load_row(w, row.turn))
-        if joint.law.mu_static == joint.law.mu_dynamic:
-            rub_evenly(w, n, joint)
-        else:
-            rub_by_speed(w, n, joint)
+        mu = joint.law.mu_dynamic
+        i = int(0)
+        if joint.law.mu_static == mu:
+            while i < whole(n):
+                tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
+                tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
+                moment = rubbing_moment(mu, tension, turn, tension_after, turn_after, joint)
+                store_row(w, row.moment + i + 1, moment)
+                i = i + 1
+        while i < n:
+            tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
+            tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
+            moment = joint_moment(tension, turn, tension_after, turn_after, joint)
+            store_row(w, row.moment + i + 1, moment)
+            i = i + 1
         store_row(w, row.moment, load_row(w, row.moment + n))
 
     @wp.func
@@ -135,15 +121,14 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     def turn_at(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
         mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
-        of_next = acceleration(w, wp.where(i + 1 < n, i + 1, 0), chain.inverse_mass, chain.gravity)
+        of_next = acceleration(w, after(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = turning(apart(w, i), parting(w, i) + lag * (of_next - mine))
         return turn
 
     @wp.func
     def joint_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Power that joint i dissipates [W]; over all joints the sum is `friction_power`."""
-        before = wp.where(i > 0, i - 1, n - 1)
         turn = turn_at(w, i, n, chain, lag)
-        return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before, n, chain, lag), turn)
+        return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before(i, n), n, chain, lag), turn)
 
     return SimpleNamespace(**locals())

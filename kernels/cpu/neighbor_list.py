@@ -157,7 +157,7 @@ def neighbor_list(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def count(w: wp.array[Real], drive: Drive, p: int):
-        """How many runs partner p has."""
+        """The number of runs of partner p."""
         if crowded(drive):
             return groups(drive.rollers)
         return int(load_row(w, row.runs + p))

@@ -1,4 +1,4 @@
-"""What is taken from an evaluated step: sums of the window, the energy balance, and frames.
+"""Observation of an evaluated step: sums of the window, the energy balance, and frames.
 
 What few steps come to is kept out of the time loop's one piece (`inline=False`), which compiles sooner then.
 """
@@ -13,7 +13,7 @@ from ..frames import frame_writers
 from ..integrate import leapfrog_lag
 from ..native import accessors
 from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pose_of
-from ..physics.motion import load_moment, load_moment_at_speed
+from ..physics.motion import load_moment_at_speed
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..structs import Drive, Now, Sums, types
@@ -96,19 +96,15 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         b = drive.first_body + s
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
-        wrench = state.wrenches[b]
         body = body_now(ensemble, state, b, now.time, now.lag)
-        before = state.bodies[b].speed
-        load_part = load_moment(now.time, body.angle, before, motion, ensemble.curves)
-        load_part = load_moment_at_speed(now.time, load_part, before, body.speed, motion)
+        whole = bodies.wrench_on(ensemble, state, drive, b)
+        whole.load = load_moment_at_speed(now.time, whole.load, state.bodies[b].speed, body.speed, motion)
         if mount.active == 1:
-            whole = bodies.wrench_on(ensemble, state, drive, b)
             off = off_home(body.center, mount)
-            held, power = held_by(
-                now.time, off, body, heading_of(body), whole, load_part, motion, mount, ensemble.curves
-            )
+            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
-        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, now.weight)
+        moment = state.wrenches[b].moment
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, moment, whole.load, now.weight)
         if now.forces != 0:
             sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
 
@@ -202,7 +198,7 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
 
     @wp.func
     def seen(w: wp.array[Real], i: int):
-        """What a frame wants of roller i beside its motion."""
+        """Forces of roller i and its link for a frame."""
         of = kinds.Extra()
         of.tension = load_row(w, row.tension + i)
         of.rate = load_row(w, row.rate + i)

@@ -17,7 +17,7 @@ SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "sup
 
 @wp.struct
 class Ride:
-    """How a plunger is led."""
+    """The prescribed motion of a plunger."""
 
     center: wp.float64  # x_0 [m]
     amplitude: wp.float64  # [m]

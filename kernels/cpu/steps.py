@@ -66,10 +66,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         """
         n = drive.rollers
         see_bodies(state, drive)
-        if links.varied_links != 0:
-            joints.pull_uneven(w, n, chain, links)
-        elif joint.rubs != 0:
-            joints.pull_links(w, n, chain)
+        if links.varied_links != 0 or joint.rubs != 0:
+            joints.pull_links(w, n, chain, links)
         else:
             link_pass(w, n, chain)
         if joint.rubs != 0:
@@ -97,7 +95,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def wrench_on(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """What contacts and tensioners do to body `b` of all."""
+        """The wrench of contacts and tensioners on body `b` of all."""
         wrench = state.wrenches[b]
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
@@ -114,13 +112,14 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         wrench = wrench_on(ensemble, state, drive, b)
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
-        load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
+        wrench.load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
         if wp.static(not plain):
             arm = arm_of(drive, b)
             if arm >= 0:
-                load = own_moment(body, heading, ensemble.arms[arm])
+                wrench.load = own_moment(body, heading, ensemble.arms[arm])
+        state.wrenches[b].load = wrench.load
         off = off_home(body.center, mount)
-        return body_rates(time, off, body, heading, wrench, load, motion, mount, ensemble.curves)
+        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
@@ -130,7 +129,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
-        """What flows through all tensioners in a step, once the bodies have moved; the meters count it."""
+        """Takes all tensioners a step on, once the bodies have moved; the meters count their flows."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             x, rate = stroke_of(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)

@@ -15,17 +15,13 @@ from .rollers import passes, rows
 
 
 @cache
-def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
-    """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
-    kinds = types(Real)
-    Memory, Sprocket = kinds.Memory, kinds.Sprocket
+def seat_passes(Real: type, capacity: int) -> SimpleNamespace:
+    """The passes that find the seats of rollers in one sprocket, for rows of `capacity` values of type `Real`."""
+    Memory, Sprocket = types(Real).Memory, types(Real).Sprocket
     compensated = Real == wp.float32
-    place, contact = passes(Real, capacity).place, contact_rows(Real, capacity)
-    place_arm, touch = contact.place_arm, contact.touch
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    place, row = passes(Real, capacity).place, rows(capacity)
+    load_row, store_row, unlike = accessors(Real).load_row, accessors(Real).store_row, accessors(Real).unlike
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    row = rows(capacity)
-    unlike = accessors(Real).unlike
 
     @wp.func
     def find_engaged(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose):
@@ -53,7 +49,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def keep(w: wp.array[Real], first: int, end: int, number: int, memory: Memory):
-        """What the contacts with sprocket `number` of the drive keep from now on."""
+        """Sets the v0 that contacts with sprocket `number` of the drive keep from now on."""
         i = first
         while i < end:
             if load_row(w, row.direction_of + i) == Real(number):
@@ -140,8 +136,60 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         return moved, others
 
     @wp.func
+    def change_seats(
+        w: wp.array[Real],
+        group: Group,
+        moved: wp.uint64,
+        sprocket: Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: Memory,
+    ):
+        """Brings rollers that have come nearer to another seat there, as `tooth.tracked_seat` does."""
+        bits = moved
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            kept = load_seat(memory.seat, memory.first + i)
+            number, e, xi, lateral = tracked_seat(place(w, i) - body.center, kept, body, sprocket, seats)
+            store_seat(memory.seat, memory.first + i, number)
+            bits = next_bits(bits)
+
+    @wp.func(inline=False)
+    def seat_rollers(
+        w: wp.array[Real],
+        group: Group,
+        n: int,
+        sprocket: Sprocket,
+        body: Pose,
+        number: int,
+        seats: wp.array[wp.vec2d],
+        memory: Memory,
+    ):
+        """The seats of the rollers of a group that are near, and where they are in their gaps."""
+        find_seats(w, group, sprocket, body, memory)
+        other = unlike(w, row.direction_of + group.first, group.high - group.first, Real(number))
+        find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)
+        moved, others = place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
+        if moved != wp.uint64(0):
+            moved = moved << wp.uint64(group.low - group.first)
+            change_seats(w, group, moved, sprocket, body, seats, memory)
+            find_directions(w, group.first, moved, number, sprocket, seats, memory)
+            place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
+    """The passes over rollers that have seats in one sprocket, for rows of `capacity` values of type `Real`."""
+    Sprocket, row = types(Real).Sprocket, rows(capacity)
+    place, contact = passes(Real, capacity).place, contact_rows(Real, capacity)
+    place_arm, touch = contact.place_arm, contact.touch
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+
+    @wp.func
     def stand(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """How the rollers stand in their gaps, as `tooth.in_teeth` but for tips; 1 if any is at a tip."""
+        """Stores the rollers' contacts in their gaps, as `tooth.in_teeth` but for tips; 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -181,25 +229,6 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         return tipped
 
     @wp.func
-    def change_seats(
-        w: wp.array[Real],
-        group: Group,
-        moved: wp.uint64,
-        sprocket: Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: Memory,
-    ):
-        """Brings rollers that have come nearer to another seat there, as `tooth.tracked_seat` does."""
-        bits = moved
-        while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            kept = load_seat(memory.seat, memory.first + i)
-            number, e, xi, lateral = tracked_seat(place(w, i) - body.center, kept, body, sprocket, seats)
-            store_seat(memory.seat, memory.first + i, number)
-            bits = next_bits(bits)
-
-    @wp.func
     def touch_tips(w: wp.array[Real], first: int, end: int, sprocket: Sprocket):
         """Mends the depths and normals of rollers at tips, which are few."""
         i = first
@@ -216,38 +245,16 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
                 store_row(w, row.normal_y + i, normal_y)
             i = i + 1
 
-    @wp.func(inline=False)
-    def seat_rollers(
-        w: wp.array[Real],
-        group: Group,
-        n: int,
-        sprocket: Sprocket,
-        body: Pose,
-        number: int,
-        seats: wp.array[wp.vec2d],
-        memory: Memory,
-    ):
-        """The seats of the rollers of a group that are near, and where they are in their gaps."""
-        find_seats(w, group, sprocket, body, memory)
-        other = unlike(w, row.direction_of + group.first, group.high - group.first, Real(number))
-        find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)
-        moved, others = place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
-        if moved != wp.uint64(0):
-            moved = moved << wp.uint64(group.low - group.first)
-            change_seats(w, group, moved, sprocket, body, seats, memory)
-            find_directions(w, group.first, moved, number, sprocket, seats, memory)
-            place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
-
     @wp.func
     def touch_teeth(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """How the rollers that have seats stand in their gaps."""
+        """Stores the contacts of the rollers that have seats."""
         tipped = stand_in_gaps(w, first, end, sprocket, body, number)
         if tipped != 0:
             touch_tips(w, first, end, sprocket)
 
     @wp.func
     def first_touches(w: wp.array[Real], group: Group):
-        """How many rollers touch for the first time in their pass."""
+        """The number of rollers that touch for the first time in their pass."""
         count = int(0)
         i = group.low
         while i < group.high:

@@ -28,7 +28,7 @@ from .near import near_partners
 from .observe import block_observing, block_strands
 from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
-from .stepping import advancing, out_struct, warp_steps
+from .stepping import advancing, warp_steps
 from .sync import sync
 
 
@@ -36,15 +36,14 @@ from .sync import sync
 def launching(kind: BlockKind) -> SimpleNamespace:
     """The functions by which a launch begins and ends for a variant, and its loop goes from step to step."""
     Real, sprockets, measuring, staged = kind.Real, kind.parts.sprockets, kind.measuring, kind.staged
-    kinds, Now, Out = kind.types, kind.types.Now, out_struct(Real)
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
     row, observe, bodies, motions = roller_rows(kind), block_observing(kind), body_access(kind), prescribed_motion(kind)
-    linear_hysteretic_laws, find_strands = contact_forces(kind).linear_hysteretic_laws, block_strands(kind).find_strands
-    step_of, SPROCKETS = row.step_of, near_partners(kind).SPROCKETS
+    find_strands, step_of, SPROCKETS = block_strands(kind).find_strands, row.step_of, near_partners(kind).SPROCKETS
 
     @wp.func
     def out_of(sums: Sums, tallies: Tallies, frames: wp.array[Real]):
-        """What the kernel was given for that."""
+        """Gathers the kernel's arguments for results."""
         out = Out()
         out.sums = sums
         out.tallies = tallies
@@ -64,8 +63,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def wanted(mine: Mine, now: Now):
-        """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
-        now.common = 0
+        """Sets which sums this evaluation adds to: metrics at a step's start, and moments of which sprockets."""
         now.measured = 0
         now.watched = 0
         if wp.static(measuring):
@@ -92,13 +90,6 @@ def launching(kind: BlockKind) -> SimpleNamespace:
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
         now.since = since
-        return now
-
-    @wp.func
-    def standing(shared: Shared, now: Now):
-        """With what a launch does not change: the sprockets that their moment moves, and those with the usual laws."""
-        now.driven = driven(shared)
-        now.linear_hysteretic = linear_hysteretic_laws(shared)
         return now
 
     @wp.func
@@ -154,7 +145,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     """
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     measuring, staged = kind.measuring, kind.staged
-    kinds, of_each = kind.types, wp.types.vector(rollers_per_thread, Real)
+    kinds = kind.types
     row, forces, motions = roller_rows(kind), contact_forces(kind), prescribed_motion(kind)
     on_event, sample_links = block_sampling(kind, frame).on_event, block_sampling(kind, frame).sample_links
     threads_of, barrier, body_of = sync(kind), sync(kind).barrier, wrench_parts(kind).body_of
@@ -190,20 +181,18 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         The frames' buffer was begun `since` steps before this launch.
         """
-        number = wp.tid() // wp.static(threads)
-        i = wp.tid() % wp.static(threads)
+        number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
         mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_of(state, number)
-        lengths = lengths_of(
-            ensemble.lengths, mine.first, wp.static(kind.shape.slots)
-        )  # threads without a roller read on
+        # threads without a roller read on
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
         now = loop.instant(state, mine, since)
         loop.begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
-        now = loop.standing(shared, now)
-        mine.course = motions.course_of(shared, mine.sprocket)
+        now.driven = loop.driven(shared)
+        mine.course = motions.course_of(shared, mine.body)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         motions.plan(ensemble, shared, mine, now.step)
         if wp.static(ahead):
@@ -225,7 +214,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     do.advance_bodies(ensemble, state, out, shared, mine, on_warp.plain(now))
             else:
                 if now.step == now.event and now.stage == 0:
-                    now = on_event(ensemble, state, sums, tallies, shared, mine, now)
+                    now = on_event(ensemble, state, out, shared, mine, now)
                 now = loop.wanted(mine, now)
                 if wp.static(ahead):
                     if wp.static(not early):
@@ -240,7 +229,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         do.load_moment_ahead(ensemble, shared, mine, now)
                         if wp.static(kind.friction.joints) or now.flags != 0:
                             barrier()  # others may still be at rollers beside theirs
-                            do.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                            do.sample_rollers(ensemble, state, out, shared, mine, now)
                         do.go_on(state, shared, mine, now)
                     if wp.static(not kind.handing):
                         barrier()
@@ -249,7 +238,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     now, touch = on_warp.to_event(ensemble, state, out, shared, mine, now, touch, end)
                     continue
                 else:
-                    touch, _ = on_warp.step_of_a_warp(ensemble, state, out, shared, mine, now, touch, of_each())
+                    touch = on_warp.step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
             now = loop.next_stage(now)
             if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = on_warp.look(ensemble, state, shared, mine, now, touch)

@@ -25,7 +25,7 @@ from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, push_by, stroke_of, stroke_rate, tensioner_energy, tensioner_step, touch_arm
 from ..physics.tooth import grid_of
-from ..structs import Drive, Tallies
+from ..structs import Drive
 from ..sums import add_energy, add_meter, add_tensioner, gathered_powers, metered
 from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
@@ -57,8 +57,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     def observe_pushes(
         ensemble: Ensemble,
         state: State,
-        sums: kinds.Sums,
-        tallies: Tallies,
+        out: kinds.Out,
         mine: Mine,
         now: Now,
         before: Pose,
@@ -75,16 +74,16 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 push = state.pushes[t]
                 rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
                 power = lost_power(push, rate, state.tensioners[t], tensioner)
-                added = add_tensioner(sums.tensioner[t], push, power, now.weight)
-                sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
+                added = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
+                out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
                 if now.flags & ENDS != 0:
                     energy = wp.float64(tensioner_energy(push.extension, state.tensioners[t], tensioner))
                     at = drive.first_body + mine.body
-                    tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
+                    out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
-        """What flows in a step of `h` [s] through the tensioners of the thread's body, once it has moved."""
+        """Takes the tensioners of the thread's body a step of `h` [s] on, once it has moved."""
         if now.going != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
             first = ensemble.drives[mine.variant].first_tensioner
             for t in range(first, first + wp.static(tensioners)):
@@ -106,22 +105,22 @@ def plan_at(course: int, step: int):
 
 @cache
 def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
-    """The functions that work out prescribed angles and speeds of sprockets for some steps ahead."""
-    sprockets, threads = kind.parts.sprockets, kind.shape.threads
+    """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
+    mounted, threads = kind.parts.mounted, kind.shape.threads
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
 
     @wp.func
-    def is_led(shared: Shared, s: int):
-        """Whether the angle of sprocket s is prescribed."""
-        return shared.motions[s].prescribed == 1
+    def is_led(shared: Shared, b: int):
+        """Whether the angle of body b is prescribed."""
+        return shared.motions[b].prescribed == 1
 
     @wp.func
-    def course_of(shared: Shared, s: int):
-        """The place of sprocket s among those whose angle is prescribed; of any other body a place that there is."""
+    def course_of(shared: Shared, b: int):
+        """The place of body b among those whose angle is prescribed; of any other body a place that there is."""
         place = int(0)
-        for other in range(wp.static(sprockets)):
-            if other < s and is_led(shared, other):
+        for other in range(wp.static(mounted)):
+            if other < b and is_led(shared, other):
                 place = place + 1
         return wp.min(place, wp.static(kind.parts.prescribed - 1))
 
@@ -131,9 +130,9 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
         return prescribed_at(time, motion, curves)
 
     @wp.func
-    def led_at(ensemble: Ensemble, shared: Shared, mine: Mine, s: int, step: int):
-        """Where sprocket s is led at a step."""
-        return led_along(counted(step, step_number(mine)), shared.motions[s], ensemble.curves)
+    def led_at(ensemble: Ensemble, shared: Shared, mine: Mine, b: int, step: int):
+        """Where body b is led at a step."""
+        return led_along(counted(step, step_number(mine)), shared.motions[b], ensemble.curves)
 
     @wp.func
     def step_number(mine: Mine):
@@ -147,17 +146,17 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
     def plan(ensemble: Ensemble, shared: Shared, mine: Mine, step: int):
         """Prescribed angles and speeds of the next `COURSE` steps: each warp its own bodies', a step a thread."""
         i = mine.thread
-        s = i // lanes()
-        while s < wp.static(sprockets):
-            if is_led(shared, s):
+        b = i // lanes()
+        while b < wp.static(mounted):
+            if is_led(shared, b):
                 ahead = 1 + i % lanes()
                 while ahead <= wp.static(COURSE):
-                    at = plan_at(course_of(shared, s), step + ahead)
-                    angle, speed = led_at(ensemble, shared, mine, s, step + ahead)
+                    at = plan_at(course_of(shared, b), step + ahead)
+                    angle, speed = led_at(ensemble, shared, mine, b, step + ahead)
                     shared.led_angle[at] = angle
                     shared.led_speed[at] = speed
                     ahead = ahead + lanes()
-            s = s + wp.static(threads) // lanes()
+            b = b + wp.static(threads) // lanes()
 
     return SimpleNamespace(**locals())
 
@@ -165,7 +164,7 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
 @cache
 def body_access(kind: BlockKind) -> SimpleNamespace:
     """The functions that share bodies and their sums, and put them back into the state."""
-    Real, sprockets, moving, measuring = kind.Real, kind.parts.sprockets, kind.moving, kind.measuring
+    sprockets, mounted, moving, measuring = kind.parts.sprockets, kind.parts.mounted, kind.moving, kind.measuring
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
@@ -206,13 +205,14 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
             of.share_chain(ensemble, shared, drive, mine.variant)
         pose = pose_from(ensemble, state, drive, b)
         shared.motions[b] = ensemble.motions[drive.first_body + b]
-        if b < wp.static(sprockets):
+        if b < wp.static(mounted):
             angle, speed = led_at(ensemble, shared, mine, b, step)
             pose.exact_speed = speed
-            at = drive.first_sprocket + b
-            of.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
             if wp.static(moving):
                 shared.mounts[b] = ensemble.mounts[drive.first_body + b]
+        if b < wp.static(sprockets):
+            at = drive.first_sprocket + b
+            of.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
             if wp.static(measuring):
                 shared.sprocket_sums[b] = sums.sprocket[at]
                 if wp.static(moving):
@@ -257,7 +257,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
 @cache
 def body_steps(kind: BlockKind) -> SimpleNamespace:
     """The functions that take the thread's body a step, or a stage, on."""
-    Real, sprockets, moving, staged = kind.Real, kind.parts.sprockets, kind.moving, kind.staged
+    Real, moving, staged = kind.Real, kind.moving, kind.staged
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
@@ -269,10 +269,10 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def mount_of(shared: Shared, b: int):
-        """How the center of body b is held: by nothing that moves, unless it is a sprocket's."""
+        """The mount of body b; an arm's does not move."""
         mount = kinds.Mount()
         if wp.static(moving):
-            if b < wp.static(sprockets):
+            if b < wp.static(kind.parts.mounted):
                 mount = shared.mounts[b]
         return mount
 
@@ -328,20 +328,20 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant, and
-        the load on it [N m].
+        `wrench` with its load.
         """
         b = mine.body
         h = leading(step_number(mine))
         motion, mount = shared.motions[b], mount_of(shared, b)
         time = time_of(mine, now)
-        load = pose.load
+        wrench.load = pose.load
         if wp.static(not loading_ahead):
-            load = load_on(ensemble, shared, mine, rounded_time(mine, now), time, pose)
+            wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time, pose)
         body = state_of(pose)
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        rates = body_rates(time, off(pose, mount), plain, heading(pose), wrench, load, motion, mount, ensemble.curves)
+        rates = body_rates(time, off(pose, mount), plain, heading(pose), wrench, motion, mount, ensemble.curves)
         seen = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
@@ -350,34 +350,32 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             moved = leapfrog_body(after, kick, h, body, rates, angle, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
-        return seen, load
+        return seen, wrench
 
     @wp.func
     def runge_kutta(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body to where the next stage evaluates it, if the run goes on; returns it as it was, and
-        the load on it [N m].
+        `wrench` with its load.
         """
         b = mine.body
         motion, mount = shared.motions[b], mount_of(shared, b)
         at = stage_at(wp.static(kind.integrator), now.stage, time_of(mine, now), step_number(mine))
         body = state_of(pose)
         plain = in_plain(body)
-        load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
+        wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = ensemble.drives[mine.variant].first_body + b
-            rates = body_rates(
-                at.time, off(pose, mount), plain, heading(pose), wrench, load, motion, mount, ensemble.curves
-            )
+            rates = body_rates(at.time, off(pose, mount), plain, heading(pose), wrench, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages
             of.put_pose(shared, b, aligned(posed(pose, moved)))
-        return plain, load
+        return plain, wrench
 
     @wp.func
     def advance(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body, now at `pose`, on by a step, or a stage.
 
-        Returns it with its rates at the step's instant, and the load on it [N m].
+        Returns it with its rates at the step's instant, and `wrench` with its load.
         """
         if wp.static(staged):
             return runge_kutta(ensemble, state, shared, mine, now, pose, wrench)

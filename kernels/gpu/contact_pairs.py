@@ -20,24 +20,19 @@ from .teeth import tooth_contacts, tooth_gaps
 def contact_forces(kind: BlockKind) -> SimpleNamespace:
     """The functions that evaluate the contacts of one variant on a block."""
     guides, gripping = kind.parts.guides, kind.gripping
-    # most contacts are worked out without branches, in kernels of one length of chain all or none, so that metrics
-    # leave a variant its bits: of more links not all kernels gave the same bits with it (docs/performance.md)
-    branchless = kind.shape.room <= 192
+    # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
+    # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
+    branchless = kind.linear_hysteretic and kind.shape.room <= 192
     kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     bits, gaps, teeth, at_bars = near_mask(kind), tooth_gaps(kind), tooth_contacts(kind), guide_contacts(kind).at_bars
     of_teeth, any_of, first, rest = bits.of_teeth, bits.any_of, bits.first, bits.rest
-    Touch, looked_up, is_linear = gaps.Touch, gaps.looked_up, teeth.is_linear
+    Touch, looked_up = teeth.Touch, gaps.looked_up
     at_sprocket, on_straight_flank = teeth.at_sprocket, teeth.on_straight_flank
 
     @wp.func
     def contacts(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        mine: Mine,
-        now: Now,
-        touch: Touch,
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, touch: Touch
     ):
         """Adds the contacts' forces to those of the thread's rollers.
 
@@ -51,7 +46,7 @@ def contact_forces(kind: BlockKind) -> SimpleNamespace:
                 touch = looked_up(ensemble, state, shared, mine, touch, j, s)
             done = int(0)
             if wp.static(branchless):
-                if is_linear(now, touch.sprocket) and now.flags == 0:
+                if now.flags == 0:
                     done = on_straight_flank(state, tallies, shared, mine, now, j, touch)
             if done == 0:
                 at_sprocket(ensemble, state, tallies, shared, mine, now, j, touch)
@@ -61,5 +56,5 @@ def contact_forces(kind: BlockKind) -> SimpleNamespace:
         if wp.static(guides > 0):
             at_bars(ensemble, state, tallies, shared, mine, now, touch.near)
 
-    touch_of, linear_hysteretic_laws = gaps.touch_of, teeth.linear_hysteretic_laws
+    touch_of = gaps.touch_of
     return SimpleNamespace(**locals())

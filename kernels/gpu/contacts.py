@@ -10,6 +10,7 @@ from ..native import accessors
 from ..physics.contact import UNTOUCHED, dissipated, respond, rub, rub_evenly
 from ..structs import Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
+from .near import near_mask
 from .rollers import roller_rows
 from .shared_memory import parts_of_a_body
 from .sync import group, lanes, raise_to, sync, widened
@@ -21,9 +22,30 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     Real, staged, sliding, sprockets = kind.Real, kind.staged, kind.friction.contacts, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     State, Shared = kinds.State, kinds.Shared
-    vec2 = kinds.vec2
+    vec2, Bits, Direction = kinds.vec2, near_mask(kind).Bits, kinds.Ensemble.vars["seats"].type.dtype
     row, store_row = roller_rows(kind), accessors(Real).store_row
     acceleration_under = row.acceleration_under
+
+    @wp.struct
+    class Touch:
+        """The partners that a thread's rollers are near (`update_near`), and one's contact with the partner at hand."""
+
+        near: Bits
+        partner: wp.int32  # sprockets first, then guides
+        seat: wp.int32  # in a sprocket, negative where it has none yet
+        direction: Direction  # of the seat at angle zero
+        before: Real  # v0 [m/s], or whether it touched
+        penetration: Real  # [m]
+        normal: vec2
+        relative: vec2  # velocity [m/s]
+
+    @wp.func
+    def placed(touch: Touch, penetration: Real, normal: vec2, relative: vec2):
+        """`touch` with the penetration [m], normal and relative velocity [m/s] of the contact at hand."""
+        touch.penetration = penetration
+        touch.normal = normal
+        touch.relative = relative
+        return touch
 
     @wp.func
     def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
@@ -43,7 +65,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def lag(mine: Mine):
-        """How far velocities are behind the forces [s]."""
+        """Time that velocities are behind the forces [s]."""
         if wp.static(staged):
             return Real(0.0)
         else:
@@ -86,7 +108,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def keep(state: State, now: Now, at: int, before: Real, kept: Real):
-        """What a contact keeps: v0 while it is closed. At a step's start only, not at its other stages."""
+        """Stores v0 of a contact while it is closed, at a step's start only, not at its other stages."""
         if before != kept and now.stage == 0:
             store_row(state.impact_speed, at, kept)
 
@@ -98,16 +120,13 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         mine: Mine,
         now: Now,
         j: int,
-        p: int,
-        before: Real,
-        penetration: Real,
-        normal: vec2,
-        relative: vec2,
+        touch: Touch,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's closed contact with partner p to the roller's; returns it [N]."""
+        """Adds the force of roller j's contact at hand, which is closed, to the roller's; returns it [N]."""
+        p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
         at = mine.memory + j + p * mine.rollers
-        force, size, first, damper, energy = respond(penetration, normal, relative, before, as_known(law))
+        force, size, first, damper, energy = respond(touch.penetration, normal, relative, before, as_known(law))
         if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
             extra = mine.first + j
             state.extra[extra].energy = state.extra[extra].energy + energy
@@ -148,10 +167,8 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         """Whether the force on sprockets is wanted beside the moment."""
         if wp.static(moving):
             return True
-        elif wp.static((kind.moving or kind.measuring)):
-            return watched != 0
         else:
-            return False
+            return wp.static(kind.measuring) and watched != 0
 
     @wp.func
     def place_of(mine: Mine, k: int, s: int, j: int):
@@ -260,7 +277,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def wrench_of(acting: of_three):
-        """What `acting_on` returns as a wrench; the force where bodies move."""
+        """The wrench that `acting_on` returns as a vector; with the force where bodies move."""
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         if wp.static(moving):

@@ -1,4 +1,4 @@
-"""What the block kernels' time loop does at some steps only, and when."""
+"""Work of the block kernels' time loop at some steps only, and when it is due."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -7,12 +7,11 @@ from typing import Any
 import warp as wp
 
 from ..frames import frame_writers
-from ..native import accessors
 from ..physics.body import in_box
 from ..structs import DIVERGENCE_CHECK, Drive, Tallies
 from ..sums import MERGE_EVERY, add_energy, gathered_powers, is_look
 from .bodies import body_access, prescribed_motion
-from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine, block_types
+from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine
 from .links import block_joints, link_forces
 from .observe import block_observing, block_strands
 from .rollers import roller_rows
@@ -40,7 +39,7 @@ def next_event(drive: Drive, step: int):
 
 @wp.func
 def flags_of(drive: Drive, step: int):
-    """What happens at `step`, as bits."""
+    """The events of `step`, as bits."""
     flags = int(EVENT)
     if step == drive.steps:
         flags = flags | LAST
@@ -57,37 +56,18 @@ def flags_of(drive: Drive, step: int):
 
 
 @cache
-def block_events(Real: type, sprockets: int, frame: Any) -> SimpleNamespace:
-    """Where frames go, for drives of this number of sprockets; they lie as `frame` says (`frames.frame_writers`)."""
-    kinds = block_types(Real)
-    width = frame_writers(Real, frame).width
-
-    @wp.func
-    def frame_at(ensemble: kinds.Ensemble, state: kinds.State, variant: int, since: int, step: int):
-        """Where the frame of `step` begins in a buffer that was begun `since` steps before this launch."""
-        drive = ensemble.drives[variant]
-        every = drive.sample_every
-        first = state.progress[variant].step - since
-        number = step // every - (first + every - 1) // every
-        values = width(drive.rollers, wp.static(sprockets), drive.arms, drive.tensioners)
-        return int(drive.first_value) + number * values
-
-    return SimpleNamespace(**locals())
-
-
-@cache
 def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     """The functions that observe one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets = kind.parts.sprockets
     measuring, staged = kind.measuring, kind.staged
     kinds, Now = kind.types, kind.types.Now
-    Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
+    Ensemble, State, Shared, Out = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Out
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, observe = roller_rows(kind), block_observing(kind)
     statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
-    frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
-    load_row, position = accessors(Real).load_row, row.position
+    write = frame_writers(Real, frame)
+    position = row.position
     barrier, any_thread = sync(kind).barrier, sync(kind).any_thread
     link_of, length_of = link_forces(kind).link_of, link_forces(kind).length_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
@@ -95,18 +75,25 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     body_gone, align, plan = body_access(kind).body_gone, body_access(kind).align, prescribed_motion(kind).plan
 
     @wp.func
-    def look_at_chain(
-        ensemble: Ensemble, state: State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine, now: Now
-    ):
+    def frame_at(drive: Drive, state: State, mine: Mine, now: Now):
+        """Where this step's frame begins in the buffer, which was begun `now.since` steps before this launch."""
+        every = drive.sample_every
+        first = state.progress[mine.variant].step - now.since
+        number = now.step // every - (first + every - 1) // every
+        values = write.width(drive.rollers, wp.static(sprockets), drive.arms, drive.tensioners)
+        return int(drive.first_value) + number * values
+
+    @wp.func
+    def look_at_chain(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Notes what is due, brings the strands up to date, and adds what is looked at now and then to the sums."""
         if now.flags & START == 0:
-            statistics.note(ensemble, tallies, sums, shared, mine, now.step)
+            statistics.note(ensemble, out, shared, mine, now.step)
         if mine.sprocket >= 0:
             first = ensemble.drives[mine.variant].first_sprocket
             observe.update_strand(state, shared, mine.rollers, first + mine.sprocket)
         barrier()
         find_strands(ensemble, state, shared, mine)
-        statistics.look(ensemble, state, sums, tallies, shared, mine)
+        statistics.look(ensemble, state, out, shared, mine)
 
     @wp.func
     def merge(tallies: Tallies, shared: Shared, mine: Mine):
@@ -128,17 +115,17 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         return gone
 
     @wp.func
-    def on_event(ensemble: Ensemble, state: State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine, now: Now):
-        """What is due at this step beside forces and motion; all threads together."""
+    def on_event(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
+        """Does what is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]
         now.flags = flags_of(drive, now.step)
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
             if now.step % MERGE_EVERY == 0:
-                merge(tallies, shared, mine)
+                merge(out.tallies, shared, mine)
             if is_look(drive, now.step):
-                look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
+                look_at_chain(ensemble, state, out, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(shared, mine))
             if mine.body >= 0:
@@ -156,9 +143,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            if wp.static(not kind.carrying) or now.common == 0:
-                sums = observe.with_rates(observe.rates_of(shared, mine.thread), rate, now.weight)
-                observe.set_rates(shared, mine.thread, sums)
+            observe.add_rates(shared, mine.thread, rate, now.weight)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
@@ -184,9 +169,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         barrier()  # neighbors' velocities are set at once
 
     @wp.func
-    def sample_rollers(
-        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, frames: wp.array[Real], mine: Mine, now: Now
-    ):
+    def sample_rollers(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
         if wp.static(kind.friction.joints and frame.holds("joint_friction_power")):
             if now.flags & FRAME != 0:
@@ -204,12 +187,12 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
-                    at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-                    write.write_roller(frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
+                    at = frame_at(drive, state, mine, now)
+                    write.write_roller(out.frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.energy_of_roller(shared, j, v, extra)
-                    tally = tallies.roller[mine.first + j]
-                    tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
+                    tally = out.tallies.roller[mine.first + j]
+                    out.tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)
 
     @wp.func
@@ -224,8 +207,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     ):
         """Writes the thread's body and its tensioners to the frame, where due; `moment` [N m] is the chain's."""
         if now.flags & FRAME != 0:
-            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
             drive = ensemble.drives[mine.variant]
+            at = frame_at(drive, state, mine, now)
             if mine.sprocket >= 0:
                 write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, moment)
             if wp.static(kind.parts.arms > 0):

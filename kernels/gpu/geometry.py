@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..number import difference, leading, number_of
-from ..physics.guide import in_frame
+from ..physics.guide import carried, in_frame
 from ..structs import GROUND, Drive
 from .kind import BlockKind
 from .rollers import roller_rows
@@ -66,6 +66,15 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         shared.bands[s] = band
         if wp.static(kind.friction.contacts):
             shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
+
+    @wp.func
+    def guide_at(shared: Shared, g: int):
+        """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
+        bar = shared.bars[g]
+        if wp.static(profiles):
+            if bar.pieces == 0 and bar.body < wp.static(bodies):
+                bar = carried(bar, shared.poses[bar.body])
+        return bar
 
     @wp.func
     def arm_on(shared: Shared, j: int, b: int):

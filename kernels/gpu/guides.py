@@ -26,9 +26,10 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Shared, Guide = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Guide
     vec2 = kinds.vec2
     row, geometry, bits, sums = roller_rows(kind), contact_geometry(kind), near_mask(kind), contact_sums(kind)
-    in_carrier, arm_on = geometry.in_carrier, geometry.arm_on
+    in_carrier, arm_on, guide_at = geometry.in_carrier, geometry.arm_on, geometry.guide_at
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
-    press, keep, add_wrench = sums.press, sums.keep, wrench_parts(kind).add_wrench
+    Touch, placed, press, keep = sums.Touch, sums.placed, sums.press, sums.keep
+    add_wrench = wrench_parts(kind).add_wrench
     point, velocity = row.point, row.velocity
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -50,9 +51,12 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def on_straight(shared: Shared, j: int, bar: Guide):
-        """The same on a straight bar on the ground."""
+        """The same on a straight bar, which is where `guide_at` has it."""
         p = difference(point(shared.rows, j), bar.start)
-        return on_guide(p, velocity(shared.rows, j), vec2(Real(0.0), Real(0.0)), bar)
+        surface = vec2(Real(0.0), Real(0.0))
+        if wp.static(profiles):
+            surface = surface_velocity(shared.poses[bar.body], arm_on(shared, j, bar.body))
+        return on_guide(p, velocity(shared.rows, j), surface, bar)
 
     @wp.func
     def on_bar(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
@@ -74,17 +78,20 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, g: int
     ):
         """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
-        bar = shared.bars[g]
-        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
-        before = load_row(state.impact_speed, at)
+        bar = guide_at(shared, g)
+        touch = Touch()
+        touch.partner = wp.static(sprockets) + g
+        at = mine.memory + j + touch.partner * mine.rollers
+        touch.before = load_row(state.impact_speed, at)
+        before = touch.before
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
                 wp.atomic_add(tallies.missed, at, 1)
             keep(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
-            p = wp.static(sprockets) + g
-            force = press(state, tallies, shared, mine, now, j, p, before, penetration, normal, relative, bar.law)
+            touch = placed(touch, penetration, normal, relative)
+            force = press(state, tallies, shared, mine, now, j, touch, bar.law)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
                     moment = reaction(arm_on(shared, j, bar.body), force)

@@ -1,4 +1,4 @@
-"""What a block kernel is made for, and where its threads are."""
+"""Kinds of block kernels, and the place of a thread among rollers and bodies."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..number import Pair, pair_of
-from ..structs import Drive, types
+from ..structs import Drive, Tallies, types
 
 DECLARED = 47_000
 """Most bytes of shared memory that a kernel declares; CUDA allows 48 KiB."""
@@ -28,19 +28,19 @@ CHECK = wp.constant(32)  # whether the variant diverged
 
 @cache
 def block_types(Real: type) -> SimpleNamespace:
-    """The structs of block kernels whose quantities are `Real`: those of `structs`, `Shared` and `Now`."""
+    """The structs of block kernels whose quantities are `Real`: those of `structs`, `Shared`, `Now` and `Out`."""
     kinds = types(Real, blocks=True)
 
     @wp.struct
     class Shared:
-        """What the threads of a block share; S sprockets, B bodies (the arms after the sprockets), G guides."""
+        """Shared memory of a block; S sprockets, B bodies (the arms after the sprockets), G guides."""
 
         rows: wp.array[Real]  # of rollers, one after the other (`shared_rows`)
         seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`observe`)
         strand_of: wp.array[wp.uint32]  # of threads' links: the strand that each is on (`strands`)
         poses: wp.array[kinds.Pose]  # (B,), and with profiles the ground
         motions: wp.array[kinds.Motion]  # (B,)
-        mounts: wp.array[kinds.Mount]  # (S,) where centers move
+        mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
         led_speed: wp.array[Real]
         teeth: wp.array[kinds.Sprocket]  # (S,)
@@ -65,7 +65,7 @@ def block_types(Real: type) -> SimpleNamespace:
         step: wp.int32
         stage: wp.int32  # of the step, 0 with leapfrog
         event: wp.int32  # the next step at which more happens than forces and motion
-        flags: wp.int32  # what happens now, as bits (`block_events`)
+        flags: wp.int32  # what happens now, as bits (`events.flags_of`)
         measured: wp.int32  # 1 in the window, at a step's start
         window: wp.int32  # 1 in the window
         weight: Real  # time that this step stands for in the window's sums [s]
@@ -73,18 +73,24 @@ def block_types(Real: type) -> SimpleNamespace:
         watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
-        common: wp.int32  # 1 in a step of one warp that wants no more than most (`block.is_common`)
-        linear_hysteretic: wp.int32  # sprockets whose contacts' law is linear and hysteretic, as bits
         driven: wp.int32  # sprockets that their moment moves, as bits
         summed: wp.int32  # sprockets whose moment is wanted now, as bits
         since: wp.int32  # the frames' buffer was begun so many steps before this launch
 
-    return SimpleNamespace(**vars(kinds) | {"Shared": Shared, "Now": Now})
+    @wp.struct
+    class Out:
+        """Where sums and frames go."""
+
+        sums: kinds.Sums
+        tallies: Tallies
+        frames: wp.array[Real]
+
+    return SimpleNamespace(**vars(kinds) | {"Shared": Shared, "Now": Now, "Out": Out})
 
 
 @dataclass(frozen=True, order=True)
 class BlockShape:
-    """How a variant's rollers are spread over threads.
+    """The shape of a block: threads of a variant, rollers of a thread.
 
     Attributes:
         threads: of a variant, whole warps.
@@ -121,18 +127,24 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """How many sprockets, guides, arms and tensioners a drive has, and sprockets whose angle is prescribed."""
+    """The numbers of a drive's sprockets, guides, arms, tensioners and other bodies, and of prescribed angles."""
 
     sprockets: int
     guides: int
     arms: int = 0
     tensioners: int = 0
     prescribed: int = 1
+    others: int = 0
+
+    @property
+    def mounted(self) -> int:
+        """Bodies that may have mounts: sprockets and others, which stand before the arms."""
+        return self.sprockets + self.others
 
     @property
     def bodies(self) -> int:
-        """Sprockets and arms."""
-        return self.sprockets + self.arms
+        """All bodies."""
+        return self.mounted + self.arms
 
 
 @dataclass(frozen=True)
@@ -154,11 +166,11 @@ class BlockKind:
         parts: of each drive.
         measuring: metrics are taken.
         integrator: as in `integrate.INTEGRATORS`.
-        moving: sprockets' centers may move, or have balance wheels.
-        profiles: guides have profiles, or are carried by arms.
+        moving: bodies' centers may move, or have balance wheels.
+        profiles: guides have profiles, or are carried by bodies.
         friction: of contacts and joints.
         links: "alike"; "lengths", which differ; "varied", which differ in stiffness or have play, too.
-        linear_hysteretic: all contacts' laws are hysteretic and linear (`impact.is_linear_hysteretic`).
+        linear_hysteretic: all contacts' laws are hysteretic and linear (`impact.linear_force`).
     """
 
     Real: type
@@ -194,21 +206,13 @@ class BlockKind:
 
     @property
     def handing(self) -> bool:
-        """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
+        """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192
 
     @property
     def gripping(self) -> bool:
         """Whether rollers look up as early, too, what they keep of a sprocket."""
         return self.early and self.handing
-
-    @property
-    def carrying(self) -> bool:
-        """Whether links' sums of squared rates stay in registers from one event to the next, where there are enough.
-
-        Shared memory is asked for so much in each step that kernels with few rollers a thread wait for it.
-        """
-        return self.measuring and self.shape.threads == WARP and self.shape.rollers_per_thread <= 4
 
 
 @wp.struct
@@ -230,7 +234,7 @@ class Mine:
 
 @wp.func
 def mine_of(drive: Drive, variant: int, thread: int, body: int):
-    """What a thread of a variant's block is at; `body` is what it moves, negative for most."""
+    """The place of a thread of a variant's block; `body` is the one that it moves, negative for most."""
     mine = Mine()
     mine.variant = variant
     mine.rollers = drive.rollers
@@ -239,7 +243,7 @@ def mine_of(drive: Drive, variant: int, thread: int, body: int):
     mine.thread = thread
     mine.body = body
     mine.sprocket = wp.where(body < drive.sprockets, body, -1)
-    mine.arm = wp.where(body < drive.sprockets, -1, body - drive.sprockets)
+    mine.arm = wp.max(body - (drive.bodies - drive.arms), -1)
     mine.h = drive.step
     mine.step = pair_of(drive.step)
     return mine

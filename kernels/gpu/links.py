@@ -5,23 +5,14 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors
+from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
+from ..sums import after, before
 from .kind import WARP, BlockKind, Mine
 from .rollers import roller_rows
 from .shared_memory import seen_rows, shared_rows
 from .sync import sync
-
-
-def _less(subtract: str) -> str:
-    return f"""
-#if defined(__CUDA_ARCH__)
-    return {subtract}(value, other);
-#else
-    return value - other;
-#endif
-"""
 
 
 @cache
@@ -32,6 +23,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     Shared = kinds.Shared
     vec2 = kinds.vec2
     compensated = Real == wp.float32
+    subtract = "__fsub_rn" if compensated else "__dsub_rn"
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
     X, Y, VX, VY, X_LOW, Y_LOW = row.X, row.Y, row.VX, row.VY, row.X_LOW, row.Y_LOW
@@ -41,7 +33,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def across(shared: Shared, j: int, n: int):
         """From roller j to the next: vector [m], exact at float32 too, and relative velocity [m/s]."""
         rows = shared.rows
-        next = wp.where(j + 1 < n, j + 1, 0)
+        next = after(j, n)
         d = vec2(load_row(rows, X + next) - load_row(rows, X + j), load_row(rows, Y + next) - load_row(rows, Y + j))
         if wp.static(compensated):
             d = d + vec2(
@@ -80,15 +72,9 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         d, v = across(shared, j, n)
         return link_between(shared, j, d, v, length)
 
-    @wp.func
-    def before(j: int, n: int):
-        """The roller before roller j."""
-        return wp.where(j > 0, j - 1, n - 1)
-
-    @wp.func_native(_less("__fsub_rn" if compensated else "__dsub_rn"))
+    @wp.func_native(by_device(f"return {subtract}(value, other);", "return value - other;"))
     def less(value: Real, other: Real) -> Real:
         """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
-        ...
 
     @wp.func
     def pull(shared: Shared, lengths: wp.array[Real], n: int, i: int):
@@ -135,13 +121,11 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
 def as_one(x: wp.float32, y: wp.float32) -> wp.float64:
     """Two float32 in the place of a float64."""
-    ...
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.one = value; return {of.two[0], of.two[1]};")
 def as_two(value: wp.float64) -> wp.vec2f:
-    """What `as_one` has put together."""
-    ...
+    """The two float32 that `as_one` has put together."""
 
 
 @cache
@@ -154,7 +138,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, links = roller_rows(kind), link_forces(kind)
-    barrier, link_of, across, before = sync(kind).barrier, links.link_of, links.across, links.before
+    barrier, link_of, across = sync(kind).barrier, links.link_of, links.across
     link_between, length_of = links.link_between, links.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
@@ -191,13 +175,13 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def couple_on(rows: wp.array[Real], n: int, j: int, lever: vec2, joint: Joint):
         """Force [N] of the couple of link j's joints."""
-        next = wp.where(j + 1 < n, j + 1, 0)
+        next = after(j, n)
         if wp.static(alone):
             return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever)
         else:
-            after = bent(rows, j)
-            moment = moment_between(bent(rows, before(j, n)), after, joint)
-            return couple_force(moment, moment_between(after, bent(rows, next), joint), lever)
+            following = bent(rows, j)
+            moment = moment_between(bent(rows, before(j, n)), following, joint)
+            return couple_force(moment, moment_between(following, bent(rows, next), joint), lever)
 
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
@@ -289,7 +273,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         n = mine.rollers
         tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
         d, w = across(shared, j, n)
-        next = wp.where(j + 1 < n, j + 1, 0)
+        next = after(j, n)
         lever, turn = turning(d, w)
         later = turn + lag * wp.dot(lever, acceleration(shared, next) - acceleration(shared, j))
         return tension, turn, later

@@ -36,14 +36,6 @@ def near_mask(kind: BlockKind) -> SimpleNamespace:
         return bits
 
     @wp.func
-    def differ(bits: Bits, others: Bits):
-        """Whether any is not what it is in `others`."""
-        found = int(0)
-        for q in range(wp.static(words)):
-            found = found | (bits[q] ^ others[q])
-        return found != 0
-
-    @wp.func
     def any_of(bits: Bits):
         """Whether there are any."""
         found = int(0)
@@ -52,35 +44,14 @@ def near_mask(kind: BlockKind) -> SimpleNamespace:
         return found != 0
 
     @wp.func
-    def masked(bits: Bits, mask: int):
-        """Those of every number that are in `mask`."""
-        for q in range(wp.static(words)):
-            bits[q] = bits[q] & mask
-        return bits
-
-    @wp.func
     def of_teeth(bits: Bits):
         """Those of sprockets."""
-        return masked(bits, wp.static(TEETH))
+        return bits & Bits(wp.static(TEETH))
 
     @wp.func
     def of_bars(bits: Bits):
         """Those of guide-bars."""
-        return masked(bits, wp.static(BARS))
-
-    @wp.func
-    def both(bits: Bits, others: Bits):
-        """What is in one of both."""
-        for q in range(wp.static(words)):
-            bits[q] = bits[q] | others[q]
-        return bits
-
-    @wp.func
-    def without(bits: Bits, others: Bits):
-        """What is not in `others`."""
-        for q in range(wp.static(words)):
-            bits[q] = bits[q] & ~others[q]
-        return bits
+        return bits & Bits(wp.static(BARS))
 
     @wp.func
     def first_number(bits: Bits):
@@ -126,10 +97,10 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
     row, geometry, load_row = roller_rows(kind), contact_geometry(kind), accessors(Real).load_row
-    X, Y, point, in_carrier = row.X, row.Y, row.point, geometry.in_carrier
+    X, Y, point, in_carrier, guide_at = row.X, row.Y, row.point, geometry.in_carrier, geometry.guide_at
     bits = near_mask(kind)
-    Bits, with_slot, differ, first, rest = bits.Bits, bits.with_slot, bits.differ, bits.first, bits.rest
-    any_of, of_bars, both, without = bits.any_of, bits.of_bars, bits.both, bits.without
+    Bits, with_slot, any_of, of_bars = bits.Bits, bits.with_slot, bits.any_of, bits.of_bars
+    first, rest = bits.first, bits.rest
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
@@ -159,7 +130,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             square = from_x * from_x + from_y * from_y
             mask = mask | (inside(square, band.near_square, band.far_square) << s)
         for g in range(wp.static(guides)):
-            bar = shared.bars[g]
+            bar = guide_at(shared, g)
             if by_profile(bar):
                 mask = mask | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
             else:
@@ -202,9 +173,9 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             found = with_slot(found, k, near(shared, k * wp.static(threads) + mine.thread, mine.rollers))
         if wp.static(kind.staged):
             if now.stage != 0:
-                found = both(found, of_bars(held))
-        if differ(found, held):
-            leave(state, mine, without(held, found))
+                found = found | of_bars(held)
+        if not (found == held):
+            leave(state, mine, held & ~found)
         return found
 
     return SimpleNamespace(**locals())

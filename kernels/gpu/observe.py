@@ -1,4 +1,4 @@
-"""What a block's threads take from an evaluated step: sums of the window, and the energy balance.
+"""Observation of an evaluated step by a block's threads: sums of the window, and the energy balance.
 
 Every step a thread adds up the squared rates of its own links; at watched ones it holds their tensions
 against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors
+from ..native import accessors, by_device
 from ..number import leading
 from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by
 from ..physics.link import link_chain, roller_energy
@@ -24,28 +24,21 @@ from ..sums import (
     add_powers,
     add_speed,
     add_tension,
+    after,
     displacement,
     following,
     merge_extremes,
 )
 from .bodies import body_access, body_steps
-from .kind import ENDS, START, WARP, BlockKind, Mine
+from .kind import START, WARP, BlockKind, Mine
 from .rollers import roller_rows
 from .shared_memory import STRAND_WORD, extremes, seen_rows, strand_bits, strand_words
 from .sync import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
-SIGN_BITS = """
-#if defined(__CUDA_ARCH__)
-    return __double2hiint(value);
-#else
-    return value < 0 ? -1 : 0;
-#endif
-"""
-
 
 @cache
 def block_strands(kind: BlockKind) -> SimpleNamespace:
-    """The functions that tell on which strand each link of one variant on a block is."""
+    """The functions that find the strand that each link of one variant on a block is on."""
     threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
     kinds = kind.types
     Shared = kinds.Shared
@@ -102,11 +95,11 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
     follow, strand_at = following(Real), block_strands(kind).strand_at
+    high_bits = "__double2hiint" if Real == wp.float64 else "__float_as_int"
 
-    @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
+    @wp.func_native(by_device(f"return {high_bits}(value);", "return value < 0 ? -1 : 0;"))
     def sign_bits(value: Real) -> int:
         """A negative number where `value` is negative: many are tested at once, none waits for another."""
-        ...
 
     @wp.func
     def extremes_at(i: int, of: int):
@@ -197,28 +190,14 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             return shared.chain[0]
 
     @wp.func
-    def rates_of(shared: Shared, i: int):
-        """The sums of squared rates of thread i's links since they were last flushed.
+    def add_rates(shared: Shared, i: int, rate: of_each, weight: Real):
+        """Adds one step's squared rates of thread i's links to their sums; `weight` is the time it stands for [s].
 
         Each link has a sum of its own, so that what comes out is the same however many links a thread has.
         """
-        sums = of_each()
         for k in range(wp.static(rollers_per_thread)):
-            sums[k] = load_row(shared.seen, RATES + k * wp.static(threads) + i)
-        return sums
-
-    @wp.func
-    def set_rates(shared: Shared, i: int, sums: of_each):
-        """Makes these the sums of squared rates of thread i's links."""
-        for k in range(wp.static(rollers_per_thread)):
-            store_row(shared.seen, RATES + k * wp.static(threads) + i, sums[k])
-
-    @wp.func
-    def with_rates(sums: of_each, rate: of_each, weight: Real):
-        """Sums with one step's squared rates, over the time `weight` that it stands for [s]."""
-        for k in range(wp.static(rollers_per_thread)):
-            sums[k] = sums[k] + (weight * rate[k]) * rate[k]
-        return sums
+            at = RATES + k * wp.static(threads) + i
+            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
 
     @wp.func
     def flush(tallies: Tallies, shared: Shared, mine: Mine):
@@ -254,7 +233,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         """A look at the mid-strand displacement of `strand`, whose sums are at `at`."""
         rows = shared.rows
         a = strand.middle
-        b = wp.where(a + 1 < n, a + 1, 0)
+        b = after(a, n)
         ax = wp.float64(load_row(rows, X + a))
         ay = wp.float64(load_row(rows, Y + a))
         value = displacement(ax, ay, wp.float64(load_row(rows, X + b)), wp.float64(load_row(rows, Y + b)), strand)
@@ -271,7 +250,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
 
 @cache
 def body_observing(kind: BlockKind) -> SimpleNamespace:
-    """The function that observes the body of a thread."""
+    """The functions that observe the body of a thread."""
     Real, sprockets, moving, paired = kind.Real, kind.parts.sprockets, kind.moving, kind.paired
     kinds, Now, steps = kind.types, kind.types.Now, body_steps(kind)
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
@@ -293,65 +272,51 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         now: Now,
         before: Pose,
         seen: kinds.Instant,
-        load: Real,
-        wrench: Wrench,
+        moment: Real,
         whole: Wrench,
     ):
-        """One step of the thread's sprocket for the sums of the window; arguments as of `observe_body`."""
-        s = mine.sprocket
-        motion = shared.motions[s]
-        load = load_moment_at_speed(steps.rounded_time(mine, now), load, leading(before.speed), seen.speed, motion)
-        if wp.static(moving):
-            mount = shared.mounts[s]
-            if mount.active != 0:
-                off = steps.off(before, mount)
-                to = heading_seen(before, seen)
-                time = steps.time_of(mine, now)
-                held, power = held_by(time, off, seen, to, whole, load, motion, mount, ensemble.curves)
-                sums = shared.mount_sums[s]
-                shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
-        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, wrench.moment, load, now.weight)
-        if now.watched != 0:
-            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], seen.speed, now.watch_weight)
-
-    @wp.func
-    def observe_body(
-        ensemble: Ensemble,
-        sums: kinds.Sums,
-        tallies: Tallies,
-        shared: Shared,
-        mine: Mine,
-        now: Now,
-        before: Pose,
-        seen: kinds.Instant,
-        load: Real,
-        wrench: Wrench,
-        whole: Wrench,
-    ):
-        """One step of the thread's body for the sums of the window, and its energy at their ends.
+        """One step of the thread's sprocket for the sums of the window.
 
         Args:
             before: where the body was.
             seen: the body with its rates at the step's instant.
-            load: on it, at the rates of `before` [N m].
-            wrench, whole: of the chain on it, and with that of tensioners.
+            moment: of the chain on it [N m].
+            whole: the chain's and its tensioners' wrench on it, with its load at the rates of `before`.
         """
+        s = mine.sprocket
+        speed, motion = leading(before.speed), shared.motions[s]
+        whole.load = load_moment_at_speed(steps.rounded_time(mine, now), whole.load, speed, seen.speed, motion)
+        if wp.static(moving):
+            mount = shared.mounts[s]
+            if mount.active != 0:
+                off, to = steps.off(before, mount), heading_seen(before, seen)
+                held, power = held_by(steps.time_of(mine, now), off, seen, to, whole, motion, mount, ensemble.curves)
+                sums = shared.mount_sums[s]
+                shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
+        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
+        if now.watched != 0:
+            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], seen.speed, now.watch_weight)
+
+    @wp.func
+    def observe_arm(ensemble: Ensemble, sums: kinds.Sums, mine: Mine, now: Now, seen: kinds.Instant, moment: Real):
+        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m]."""
+        at = ensemble.drives[mine.variant].first_arm + mine.arm
+        power = arm_dissipation(seen, ensemble.arms[at])
+        sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, now.weight)
+
+    @wp.func
+    def observe_energy(
+        ensemble: Ensemble, tallies: Tallies, shared: Shared, mine: Mine, now: Now, before: Pose, seen: kinds.Instant
+    ):
+        """Adds the energy of the thread's body to its tally, at the window's ends."""
         drive = ensemble.drives[mine.variant]
-        if mine.sprocket >= 0:
-            observe_sprocket(ensemble, shared, mine, now, before, seen, load, wrench, whole)
+        motion, mount = shared.motions[mine.body], steps.mount_of(shared, mine.body)
+        to = heading_seen(before, seen)
+        energy = body_energy(steps.off(before, mount), seen, to, motion, mount)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
-                at = drive.first_arm + mine.arm
-                power = arm_dissipation(seen, ensemble.arms[at])
-                sums.arm[at] = add_arm(sums.arm[at], seen, wrench.moment, power, now.weight)
-        if now.flags & ENDS != 0:
-            motion, mount = shared.motions[mine.body], steps.mount_of(shared, mine.body)
-            to = heading_seen(before, seen)
-            energy = body_energy(steps.off(before, mount), seen, to, motion, mount)
-            if wp.static(kind.parts.arms > 0):
-                if mine.arm >= 0:
-                    energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
-            at = drive.first_body + mine.body
-            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
+                energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
+        at = drive.first_body + mine.body
+        tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 
     return SimpleNamespace(**locals())

@@ -38,7 +38,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
 
     @wp.func
     def begin(ensemble: Ensemble, state: State, shared: Shared, variant: int, i: int):
-        """What thread i is at; shares the chain and the bodies, the sprockets at rest."""
+        """The place of thread i; shares the chain and the bodies, the sprockets at rest."""
         drive = ensemble.drives[variant]
         mine = mine_of(drive, variant, i, wrenches.body_of(i))
         mine.sprocket = -1  # all sprockets are held
@@ -47,9 +47,10 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             of.share_chain(ensemble, shared, drive, variant)
         if i < wp.static(kind.parts.bodies):
             pose = bodies.pose_from(ensemble, state, drive, i)
-            if i < wp.static(sprockets):
+            if i < wp.static(kind.parts.mounted):
                 pose.speed = wp.float64(0.0)
                 pose.velocity = wp.vec2d()
+            if i < wp.static(sprockets):
                 of.share_sprocket(ensemble, shared, drive, i, pose.center)
             of.put_pose(shared, i, pose)
             shared.motions[i] = ensemble.motions[drive.first_body + i]
@@ -71,13 +72,17 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
 
     @wp.func
+    def share_of_warps(shared: Shared, value: Real, i: int):
+        """Makes the value of each warp stand among the parts."""
+        barrier()
+        if i % lanes() == 0:
+            shared.parts[i // lanes()] = value
+        barrier()
+
+    @wp.func
     def block_largest(shared: Shared, value: Real, i: int):
         """The largest `value` of all threads."""
-        barrier()
-        largest = warp_max(value)
-        if i % lanes() == 0:
-            shared.parts[i // lanes()] = largest
-        barrier()
+        share_of_warps(shared, warp_max(value), i)
         result = wp.float64(shared.parts[0])
         for w in range(1, wp.static(threads) // lanes()):
             result = wp.max(result, wp.float64(shared.parts[w]))
@@ -87,11 +92,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     @wp.func
     def block_total(shared: Shared, value: wp.float64, i: int):
         """The sum of `value` over all threads."""
-        barrier()
-        total = warp_sum(value)
-        if i % lanes() == 0:
-            shared.parts[i // lanes()] = Real(total)
-        barrier()
+        share_of_warps(shared, Real(warp_sum(value)), i)
         result = wp.float64(0.0)
         for w in range(wp.static(threads) // lanes()):
             result = result + wp.float64(shared.parts[w])

@@ -88,7 +88,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_angle": COURSE * kind.parts.prescribed,
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
-        "mounts": sprockets * kind.moving,
+        "mounts": kind.parts.mounted * kind.moving,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
@@ -106,7 +106,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Room:
-    """How much of what a block's threads share there is, and where it lies; arrays by their names in `Shared`.
+    """Sizes and places of the arrays that a block's threads share, by their names in `Shared`.
 
     Attributes:
         parts, rows, seen: values of these; the others are never in global memory.
@@ -139,7 +139,7 @@ def size_of(dtype: Any) -> int:
 
 
 def room(kind: BlockKind) -> Room:
-    """What a block of a kind needs."""
+    """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
     parts = (3 if (kind.moving or kind.measuring) else 1) * kind.parts.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
@@ -186,7 +186,6 @@ def view(Real: type) -> wp.Function:
     @wp.func_native(PART)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
         """`count` values from `first` on."""
-        ...
 
     return view
 

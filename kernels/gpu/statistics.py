@@ -1,4 +1,4 @@
-"""What a block looks at every `look_every` steps: tensions by size, mid-strand, slips, notes of sums."""
+"""Samples every `look_every` steps: tensions by size, mid-strand displacement, slips, notes of sums."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -13,7 +13,6 @@ from ..sums import gathered_powers, merge_contact, merge_extremes, merge_roller,
 from .kind import BlockKind, Mine
 from .links import link_forces
 from .observe import block_observing
-from .rollers import roller_rows
 from .shared_memory import view
 
 
@@ -32,13 +31,13 @@ def seen_on(drive: Drive, tallies: Tallies, category: int):
 def block_statistics(kind: BlockKind) -> SimpleNamespace:
     """The functions that take one variant's statistics on a block."""
     Real, threads, sprockets, moving = kind.Real, kind.shape.threads, kind.parts.sprockets, kind.moving
-    kinds, row, observe = kind.types, roller_rows(kind), block_observing(kind)
-    Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
+    kinds, observe = kind.types, block_observing(kind)
+    Ensemble, Shared, Out = kinds.Ensemble, kinds.Shared, kinds.Out
     links, lengths_of = link_forces(kind), view(Real)
     link_of, length_of = links.link_of, links.length_of
 
     @wp.func
-    def look(ensemble: Ensemble, state: kinds.State, sums: Sums, tallies: Tallies, shared: Shared, mine: Mine):
+    def look(ensemble: Ensemble, state: kinds.State, out: Out, shared: Shared, mine: Mine):
         """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
         drive = ensemble.drives[mine.variant]
@@ -47,23 +46,23 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
         j = int(mine.thread)
         while j < n:
             tension, rate, force = link_of(shared, j, n, length_of(shared, lengths, j))
-            strand = observe.add_link(tallies, drive, shared, j, tension)
+            strand = observe.add_link(out.tallies, drive, shared, j, tension)
             at = (drive.first_sprocket + mine.variant + strand) * BINS
-            count_tension(sums.tension_counts, at, tension, per_force)
+            count_tension(out.sums.tension_counts, at, tension, per_force)
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
             first = drive.first_sprocket
-            observe.add_middle(sums, shared, n, first + s, state.strands[first + s])
+            observe.add_middle(out.sums, shared, n, first + s, state.strands[first + s])
             before = state.strands[first + wp.where(s > 0, s, wp.static(sprockets)) - 1]
             roller = mid_wrap(before, state.strands[first + s], n)
             seat = state.seat[mine.memory + s * n + roller]
             sign = wp.float64(shared.motions[s].sign)
-            slip = sums.slip[first + s]
-            sums.slip[first + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
+            slip = out.sums.slip[first + s]
+            out.sums.slip[first + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
 
     @wp.func
-    def note(ensemble: Ensemble, tallies: Tallies, sums: Sums, shared: Shared, mine: Mine, step: int):
+    def note(ensemble: Ensemble, out: Out, shared: Shared, mine: Mine, step: int):
         """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
 
         All threads must be past the look before.
@@ -72,20 +71,20 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
         first, end = notes_due(drive, step)
         if end > first:
             if mine.thread == 0:
-                loose = seen_on(drive, tallies, wp.static(sprockets))
+                loose = seen_on(drive, out.tallies, wp.static(sprockets))
                 for k in range(first, end):
-                    sums.chain_notes[mine.variant * NOTES + k] = loose
+                    out.sums.chain_notes[mine.variant * NOTES + k] = loose
             s = mine.sprocket
             if s >= 0:
-                of_strand = seen_on(drive, tallies, s)
-                of_strand.samples = sums.strand[drive.first_sprocket + s].samples
-                of_strand.displacement = sums.strand[drive.first_sprocket + s].displacement
+                of_strand = seen_on(drive, out.tallies, s)
+                of_strand.samples = out.sums.strand[drive.first_sprocket + s].samples
+                of_strand.displacement = out.sums.strand[drive.first_sprocket + s].displacement
                 for k in range(first, end):
                     at = (drive.first_sprocket + s) * NOTES + k
-                    sums.strand_notes[at] = of_strand
-                    sums.sprocket_notes[at] = gathered_powers(shared.sprocket_sums[s])
+                    out.sums.strand_notes[at] = of_strand
+                    out.sums.sprocket_notes[at] = gathered_powers(shared.sprocket_sums[s])
                     if wp.static(moving):
-                        sums.mount_notes[at] = shared.mount_sums[s]
+                        out.sums.mount_notes[at] = shared.mount_sums[s]
 
     return SimpleNamespace(**locals())
 

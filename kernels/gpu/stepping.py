@@ -6,16 +6,15 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .bodies import block_tensioners, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
-from .events import EXTRA, block_sampling
-from .kind import WARP, BlockKind, Mine, block_types
+from .events import block_sampling
+from .kind import ENDS, EXTRA, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
-from .observe import block_observing, body_observing
+from .observe import body_observing
 from .rollers import block_stages, roller_rows
 from .shared_memory import view
 from .sync import sync
@@ -25,32 +24,16 @@ MEETING = wp.constant(16)
 
 
 @cache
-def out_struct(Real: type) -> Any:
-    """The struct of where goes what is taken from the steps."""
-    kinds = block_types(Real)
-
-    @wp.struct
-    class Out:
-        """Where goes what is taken from the steps."""
-
-        sums: kinds.Sums
-        tallies: Tallies
-        frames: wp.array[Real]
-
-    return Out
-
-
-@cache
 def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     """The functions that move the rollers and bodies of one variant on a block, and sample them."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     measuring, staged = kind.measuring, kind.staged
-    kinds, Now, Out = kind.types, kind.types.Now, out_struct(Real)
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
     sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
-    observe_body, threads_of = body_observing(kind).observe_body, sync(kind)
+    observe, threads_of = body_observing(kind), sync(kind)
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
@@ -73,7 +56,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def chain_on(state: State, shared: Shared, mine: Mine, now: Now):
-        """What the chain does to the thread's body, if it has one; all threads together.
+        """The chain's wrench on the thread's body, if it has one; all threads together.
 
         On one warp the rollers go on meanwhile, so that the threads do not wait for each other's sums.
         """
@@ -92,15 +75,21 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         whole = wrench
         if wp.static(kind.parts.tensioners > 0):
             whole = tensioners.pushed(ensemble, state, mine, before, wrench)
-        seen, load = bodies.advance(ensemble, state, shared, mine, now, before, whole)
+        seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
-            observe_body(ensemble, out.sums, out.tallies, shared, mine, now, before, seen, load, wrench, whole)
+            if mine.sprocket >= 0:
+                observe.observe_sprocket(ensemble, shared, mine, now, before, seen, wrench.moment, whole)
+            if wp.static(kind.parts.arms > 0):
+                if mine.arm >= 0:
+                    observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment)
+            if now.flags & ENDS != 0:
+                observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if now.watched != 0 and mine.sprocket >= 0:
                 hub = vec2(acting[1], acting[2])
                 sums = shared.sprocket_sums[mine.sprocket]
                 shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, hub, now.watch_weight)
             if wp.static(kind.parts.tensioners > 0):
-                tensioners.observe_pushes(ensemble, state, out.sums, out.tallies, mine, now, before, seen)
+                tensioners.observe_pushes(ensemble, state, out, mine, now, before, seen)
         sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0])
         if wp.static(kind.parts.tensioners > 0):
             tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
@@ -135,12 +124,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             bodies.load_moment_ahead(ensemble, shared, mine, now)
 
     @wp.func
-    def sample_rollers(
-        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, frames: wp.array[Real], mine: Mine, now: Now
-    ):
-        """What is wanted of the thread's rollers, whose forces are complete."""
+    def sample_rollers(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
+        """Samples the thread's rollers, whose forces are complete, where that is due."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
-            sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+            sampling.sample_rollers(ensemble, state, out, shared, mine, now)
         if wp.static(kind.friction.joints and measuring) and now.measured != 0:
             joints.add_friction(shared, mine, now)
 
@@ -150,20 +137,18 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 @cache
 def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     """The functions that take a variant on one warp through whole steps."""
-    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    measuring = kind.measuring
-    kinds, Now, Out = kind.types, kind.types.Now, out_struct(Real)
+    Real, measuring = kind.Real, kind.measuring
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
-    of_each = wp.types.vector(rollers_per_thread, Real)
     forces, partners, lengths_of = contact_forces(kind), near_partners(kind), view(Real)
-    observe, sampling, step_of = block_observing(kind), block_sampling(kind, frame), roller_rows(kind).step_of
+    sampling, step_of = block_sampling(kind, frame), roller_rows(kind).step_of
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
     @wp.func
     def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
-        """What the thread's rollers may touch, of which `touch` is what they were near at the step before."""
+        """The partners that the thread's rollers may touch, from those of the step before in `touch`."""
         near = partners.update_near(state, shared, mine, now, touch.near)
         return forces.touch_of(ensemble, state, shared, mine, near)
 
@@ -189,7 +174,6 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.measured = wp.static(int(measuring))
         now.weight = step_of(mine)
         now.summed = now.driven
-        now.common = 1
         return plain(now)
 
     @wp.func
@@ -201,32 +185,23 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         mine: Mine,
         now: Now,
         touch: forces.Touch,
-        rates: of_each,
     ):
-        """A whole step or stage of a variant on one warp, as `look` has `touch`.
-
-        A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
-        """
+        """A whole step or stage of a variant on one warp, as `look` has `touch`."""
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         # first, so that both read places of rollers once, and nothing branches while they wait for them
         touch = look(ensemble, state, shared, mine, now, touch)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        if wp.static(kind.carrying) and now.common != 0:
-            rates = observe.with_rates(rates, rate, now.weight)
-        if wp.static(not measuring) and now.common != 0:
-            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
-        else:
-            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
-        sample_rollers(ensemble, state, out.tallies, shared, out.frames, mine, now)
+        sample_rollers(ensemble, state, out, shared, mine, now)
         advance_bodies(ensemble, state, out, shared, mine, now)
-        return touch, rates
+        return touch
 
     @wp.func
     def wait_for_others(now: Now):
-        """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
+        """Waits now and then for the block's other variants, so that all go through the same code at the same time."""
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
@@ -237,11 +212,8 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
         now = common(mine, now)
         end = wp.min(end, now.event)
-        rates = of_each()
-        if wp.static(kind.carrying):
-            rates = observe.rates_of(shared, mine.thread)
         while True:
-            touch, rates = step_of_a_warp(ensemble, state, out, shared, mine, now, touch, rates)
+            touch = step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
             now.step = now.step + 1
             barrier()
             if now.step >= end:
@@ -249,8 +221,6 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
             wait_for_others(now)
             if wp.static(measuring):
                 now.watched = wp.where(now.step % WATCH_EVERY == 0, 1, 0)
-        if wp.static(kind.carrying):
-            observe.set_rates(shared, mine.thread, rates)
         return now, touch
 
     return SimpleNamespace(**locals())

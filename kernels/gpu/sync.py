@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..native import by_device
 from ..structs import LinkTally, RollerTally
 from .kind import WARP, BlockKind
 
@@ -40,38 +41,18 @@ GROUP_SUM = """
 
 BARRIER = "WP_TILE_SYNC();"
 
-WARP_BARRIER = """
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-#else
-    WP_TILE_SYNC();
-#endif
-"""
+WARP_BARRIER = by_device("__syncwarp();", BARRIER)
 """The barrier of a block of one warp."""
 
 
 def _named(what: str, number: int, threads: int, elsewhere: str = "") -> str:
     """Code of a whole warp at one of the block's barriers beside that of all, for so many threads."""
-    return f"""
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-    asm volatile("bar.{what} {number}, {threads};" ::: "memory");
-#else
-    {elsewhere}
-#endif
-"""
+    return by_device(f'__syncwarp(); asm volatile("bar.{what} {number}, {threads};" ::: "memory");', elsewhere)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return 32;
-#else
-    return 1;
-#endif
-""")
+@wp.func_native(by_device("return 32;", "return 1;"))
 def lanes() -> int:
     """Threads of a warp."""
-    ...
 
 
 @wp.func
@@ -91,7 +72,6 @@ def group() -> int:
 """)
 def lowest_bit(mask: int) -> int:
     """Position of the lowest bit set in `mask`, which is not zero."""
-    ...
 
 
 @wp.func_native("""
@@ -107,7 +87,6 @@ def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
 
     As whole numbers, bits of positive numbers have their order.
     """
-    ...
 
 
 @wp.func_native("""
@@ -120,7 +99,6 @@ def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
 """)
 def widened(value: wp.float32) -> wp.float64:
     """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
-    ...
 
 
 def _adds(**types_of: str) -> str:
@@ -130,56 +108,32 @@ def _adds(**types_of: str) -> str:
     red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
     reds = [red.format(name, of, address.format(name), letters[of]) for name, of in types_of.items()]
     adds = [f"    tallies.data[at].{name} += more.{name};" for name in types_of]
-    return "\n".join(["", "#if defined(__CUDA_ARCH__)", *reds, "#else", *adds, "#endif", ""])
+    return by_device("\n".join(reds), "\n".join(adds))
 
 
 @wp.func_native(_adds(samples="u64", tension="f64", tension_square="f64"))
 def add_to_link(tallies: wp.array[LinkTally], at: int, more: LinkTally):
     """Adds `more` to a link's tally; no other thread does."""
-    ...
 
 
 @wp.func_native(_adds(dissipated="f64", friction="f64"))
 def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
     """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __ballot_sync(0xffffffffu, flag);
-#else
-    return flag;
-#endif
-""")
+@wp.func_native(by_device("return __ballot_sync(0xffffffffu, flag);", "return flag;"))
 def lanes_where(flag: int) -> int:
     """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
-    ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-#endif
-""")
+@wp.func_native(by_device("__syncwarp();", ""))
 def after_turn():
     """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
-    ...
 
 
-BLOCK_OR = """
-#if defined(__CUDA_ARCH__)
-    return __syncthreads_or(flag);
-"""
-
-WARP_OR = """
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-    return __any_sync(0xffffffffu, flag);
-"""
-
+BLOCK_OR = "return __syncthreads_or(flag);"
+WARP_OR = "__syncwarp(); return __any_sync(0xffffffffu, flag);"
 FIBERS_OR = """
-#else
     static int any;
     WP_TILE_SYNC();
     any = 0;
@@ -187,7 +141,6 @@ FIBERS_OR = """
     if (flag) any = 1;
     WP_TILE_SYNC();
     return any;
-#endif
 """
 
 
@@ -199,46 +152,37 @@ def sync(kind: BlockKind) -> SimpleNamespace:
     @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
     def barrier():
         """Waits for all threads of the variant."""
-        ...
 
     @wp.func_native(BARRIER)
     def together():
         """Waits for all threads of the block, of all its variants."""
-        ...
 
-    @wp.func_native((WARP_OR if threads == WARP else BLOCK_OR) + FIBERS_OR)
+    @wp.func_native(by_device(WARP_OR if threads == WARP else BLOCK_OR, FIBERS_OR))
     def any_thread(flag: int) -> int:
         """Whether `flag` is not zero in any thread of the variant; a barrier."""
-        ...
 
     @wp.func_native(_named("arrive", 1, threads))
     def hand_over():
         """Tells the warp that moves the bodies that this warp's contacts are done, and does not wait."""
-        ...
 
     @wp.func_native(_named("sync", 1, threads, BARRIER))
     def taken_over():
         """Waits until all other warps have handed over."""
-        ...
 
     @wp.func_native(_named("sync", 2, threads - WARP, BARRIER))
     def among_rollers():
         """Waits for all threads but those of the warp that moves the bodies."""
-        ...
 
     @wp.func_native(SUM)
     def warp_sum(value: wp.float64) -> wp.float64:
         """Sum of `value` over the threads of this warp."""
-        ...
 
     @wp.func_native(GROUP_SUM)
     def group_sum(value: Real) -> Real:
         """Sum of `value` over this thread's group, a quarter of a warp."""
-        ...
 
     @wp.func_native(LARGEST)
     def warp_max(value: Real) -> Real:
         """Largest `value` of the threads of this warp."""
-        ...
 
     return SimpleNamespace(**locals())

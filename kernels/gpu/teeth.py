@@ -8,11 +8,10 @@ import warp as wp
 from ..native import accessors, load_constant, products
 from ..number import difference, leading
 from ..physics.contact import after_teeth, reaction, sized, turned
-from ..physics.impact import is_linear_hysteretic, linear_force
+from ..physics.impact import linear_force
 from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
-from .geometry import contact_geometry
 from .kind import BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
@@ -24,22 +23,11 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     """The functions that find the rollers of one variant on a block in the tooth gaps of its sprockets."""
     Real, moving, kinds, bits = kind.Real, kind.moving, kind.types, near_mask(kind)
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
-    Bits, of_teeth, vec2 = bits.Bits, bits.of_teeth, kinds.vec2
-    Direction = kinds.Ensemble.vars["seats"].type.dtype
-    row, geometry = roller_rows(kind), contact_geometry(kind)
+    Bits, of_teeth, Touch, vec2 = bits.Bits, bits.of_teeth, contact_sums(kind).Touch, kinds.vec2
+    row, placed = roller_rows(kind), contact_sums(kind).placed
     point, velocity = row.point, row.velocity
     load_row = accessors(Real).load_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-
-    @wp.struct
-    class Touch:
-        """The partners that a thread's rollers are near (`update_near`), and what one keeps of the sprocket at hand."""
-
-        near: Bits
-        sprocket: wp.int32
-        seat: wp.int32  # negative where it has none yet
-        before: Real  # v0 [m/s], or whether it touched
-        direction: Direction  # of the seat at angle zero
 
     @wp.func
     def seat_at(ensemble: Ensemble, number: int):
@@ -50,7 +38,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     def looked_up(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, touch: Touch, j: int, s: int):
         """`touch` with what roller j keeps of sprocket s."""
         at = mine.memory + j + s * mine.rollers
-        touch.sprocket = s
+        touch.partner = s
         touch.seat = load_whole(state.seat, at)
         touch.before = load_row(state.impact_speed, at)
         touch.direction = seat_at(ensemble, shared.teeth[s].first_seat + wp.max(touch.seat, 0))
@@ -58,7 +46,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def touch_of(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, near: Bits):
-        """What the thread's rollers may touch."""
+        """The partners that the thread's rollers may touch."""
         touch = Touch()
         touch.near = near
         if wp.static(kind.gripping):  # without a branch, so that nothing waits for it
@@ -77,11 +65,8 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def in_gap_of(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, touch: Touch):
-        """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of a sprocket; its arm [m].
-
-        Its seat is kept at `at`.
-        """
-        s = touch.sprocket
+        """`touch` of roller j with where it is in the teeth of the sprocket; its arm [m]. Its seat is kept at `at`."""
+        s = touch.partner
         teeth = shared.teeth[s]
         body = shared.poses[s]
         p = difference(point(shared.rows, j), body.center)
@@ -96,12 +81,12 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         if found != touch.seat:
             store_whole(state.seat, at, found)
         penetration, normal, relative = in_teeth(arm, v, leading(body.speed), e, xi, lateral, teeth)
-        return penetration, normal, relative, arm
+        return placed(touch, penetration, normal, relative), arm
 
     @wp.func
     def in_straight_flank_gap(shared: Shared, teeth: kinds.Sprocket, j: int, touch: Touch):
         """As `in_gap_of`, and whether `straight_flank_gap` applies to the roller (1, else 0)."""
-        body = shared.poses[touch.sprocket]
+        body = shared.poses[touch.partner]
         p = difference(point(shared.rows, j), body.center)
         e, radial, xi, lateral = in_gap(p, touch.direction, body, teeth)
         arm = leading(p)
@@ -109,8 +94,8 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
         surface = vec2(-speed * arm[1], speed * arm[0])
-        relative = surface - velocity_from(shared, j, touch.sprocket)
-        return penetration, turned(e, along, across), relative, arm, wp.where(off, 0, applies)
+        relative = surface - velocity_from(shared, j, touch.partner)
+        return placed(touch, penetration, turned(e, along, across), relative), arm, wp.where(off, 0, applies)
 
     return SimpleNamespace(**locals())
 
@@ -118,7 +103,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
 @cache
 def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     """The functions that evaluate a roller's contact with a sprocket of one variant on a block."""
-    Real, sprockets, moving, sliding = kind.Real, kind.parts.sprockets, kind.moving, kind.friction.contacts
+    Real, moving, sliding = kind.Real, kind.moving, kind.friction.contacts
     kinds, Now = kind.types, kind.types.Now
     State, Shared = kinds.State, kinds.Shared
     vec2 = kinds.vec2
@@ -126,7 +111,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
     drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
-    Touch, in_gap_of, in_straight_flank_gap = gaps.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
+    Touch, in_gap_of, in_straight_flank_gap = sums.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
     force_on, set_force = row.force_on, row.set_force
 
     @wp.func
@@ -136,24 +121,6 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             return True
         else:
             return (now.summed >> s) & 1 != 0
-
-    @wp.func
-    def linear_hysteretic_laws(shared: Shared):
-        """The sprockets whose contacts are linear and hysteretic, as bits, unless all contacts are."""
-        mask = int(0)
-        if wp.static(not kind.linear_hysteretic):
-            for s in range(wp.static(sprockets)):
-                if is_linear_hysteretic(shared.teeth[s].law):
-                    mask = mask | (1 << s)
-        return mask
-
-    @wp.func
-    def is_linear(now: Now, s: int):
-        """Whether the contacts of sprocket s are linear and hysteretic; so that no thread asks where all are."""
-        if wp.static(kind.linear_hysteretic):
-            return True
-        else:
-            return (now.linear_hysteretic >> s) & 1 != 0
 
     @wp.func
     def at_sprocket(
@@ -167,12 +134,11 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         touch: Touch,
     ):
         """Adds the force of the teeth of a sprocket to roller j's, and its reaction to the sprocket if it is summed."""
-        s = touch.sprocket
+        s = touch.partner
         at = mine.memory + j + s * mine.rollers
-        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, touch)
-        if penetration > Real(0.0):
-            law = shared.teeth[s].law
-            force = press(state, tallies, shared, mine, now, j, s, touch.before, penetration, normal, relative, law)
+        closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
+        if closer.penetration > Real(0.0):
+            force = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
@@ -185,11 +151,11 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
 
         With few branches: at each a warp's threads part.
         """
-        s = touch.sprocket
+        s, before = touch.partner, touch.before
         at = mine.memory + j + s * mine.rollers
-        before = touch.before
         teeth = shared.teeth[s]
-        penetration, normal, relative, arm, applies = in_straight_flank_gap(shared, teeth, j, touch)
+        closer, arm, applies = in_straight_flank_gap(shared, teeth, j, touch)
+        penetration, normal, relative = closer.penetration, closer.normal, closer.relative
         speed = products(relative[0], normal[0], relative[1], normal[1])
         size, first = linear_force(penetration, speed, before, teeth.law)
         force = sized(normal, size)

@@ -120,9 +120,7 @@ def in_plain(body: BLOCKS.BodyState):
 
 
 @wp.func
-def body_rates(
-    time: Any, off: Any, body: Any, heading: Any, wrench: Any, load: Any, motion: Any, mount: Any, curves: Any
-):
+def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 for a prescribed angle that
     nothing else hangs on.
 
@@ -131,20 +129,21 @@ def body_rates(
         off: the body's center from where it is at home [m] (`mount.off_home`).
         body: its coordinates and rates in plain numbers; its speed must be that of `time`.
         heading: cosine and sine of its angle.
-        wrench: of the chain and of tensioners on it.
-        load: load moment [N m], if its angle is free.
+        wrench: of the chain and of tensioners on it, and its load, if its angle is free.
         motion, mount, curves: how it is turned and held.
     """
-    zero = type(load)(0.0)
+    zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
     if mount.active == 0:
-        rates[2] = (wrench.moment + load) * motion.inverse_inertia  # whose inverse is zero where the angle is led
+        rates[2] = (
+            wrench.moment + wrench.load
+        ) * motion.inverse_inertia  # whose inverse is zero where the angle is led
     else:
-        turning = wp.vector(zero, zero, load)
+        turning = wp.vector(zero, zero, wrench.load)
         if motion.prescribed == 1:
             angle, speed = prescribed_at(time, motion, curves)
             body.speed = speed
-            turning = wp.vector(type(load)(1.0), prescribed_acceleration(time, motion, curves), zero)
+            turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, curves), zero)
         driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
             place, velocity, driven = prescribed_center(time, mount)
@@ -230,12 +229,12 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 
 @wp.func
-def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, load: Any, motion: Any, mount: Any, curves: Any):
+def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
     """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
     Arguments as of `body_rates`, with the body's rates at `time`.
     """
-    rates = body_rates(time, off, body, heading, wrench, load, motion, mount, curves)
+    rates = body_rates(time, off, body, heading, wrench, motion, mount, curves)
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 

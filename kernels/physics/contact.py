@@ -1,7 +1,7 @@
 r"""The response of one roller's contact with a sprocket or guide, and the memory that the contact keeps.
 
 A contact keeps the approach speed v0 of its first instant until it opens. What stands there of an open one is not
-positive: `UNTOUCHED`, or between a sprocket's teeth `TOUCHED` once the roller has touched them in its pass, or in a
+positive: `UNTOUCHED`, or between a sprocket's teeth `SEPARATED` once the roller has left them in its pass, or in a
 guide-bar `MISSED` if the roller did not come in through the face: it then feels no force until it has left. A roller
 keeps its seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the
 partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller,
@@ -24,11 +24,11 @@ import warp as wp
 
 from ..native import product, products, quotient
 from ..number import leading
-from .friction import bounded, friction
+from .friction import coefficient, friction
 from .impact import contact_force, elastic_force
 
 UNTOUCHED = wp.constant(0.0)
-TOUCHED = wp.constant(-1.0)
+SEPARATED = wp.constant(-1.0)
 MISSED = wp.constant(-1.0)
 
 
@@ -79,7 +79,7 @@ def stored(penetration: Any, elastic: Any, law: Any):
 @wp.func
 def after_teeth(impact_speed: Any):
     """The memory of an open contact with teeth, from its memory of before."""
-    return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(TOUCHED))
+    return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(SEPARATED))
 
 
 @wp.func
@@ -105,7 +105,7 @@ def rub(size: Any, normal: Any, relative: Any, sliding: Any):
     """
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
-    drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
+    drag = friction(coefficient(wp.abs(speed), sliding.law), size, wp.abs(speed), sliding.stop)
     return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
 
 
@@ -114,7 +114,7 @@ def rub_evenly(size: Any, normal: Any, relative: Any, sliding: Any):
     """As `rub`, of one coefficient at all speeds."""
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
-    drag = bounded(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
+    drag = friction(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
     return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
 
 

@@ -45,7 +45,7 @@ def coefficient(speed: Any, law: Any):
 
 
 @wp.func
-def bounded(mu: Any, normal: Any, speed: Any, stop: Any):
+def friction(mu: Any, normal: Any, speed: Any, stop: Any):
     """Size [N] of the force against a sliding speed, at most mu N.
 
     Args:
@@ -55,19 +55,6 @@ def bounded(mu: Any, normal: Any, speed: Any, stop: Any):
         stop: beta m_e / h [N s/m].
     """
     return wp.min(mu * normal, stop * speed)
-
-
-@wp.func
-def friction(normal: Any, speed: Any, stop: Any, law: Any):
-    """Size [N] of the force against a sliding speed, at most mu(v) N.
-
-    Args:
-        normal: N >= 0 [N].
-        speed: |v| [m/s].
-        stop: beta m_e / h [N s/m].
-        law: what rubs (`structs.Friction`).
-    """
-    return bounded(coefficient(speed, law), normal, speed, stop)
 
 
 @wp.func

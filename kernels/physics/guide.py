@@ -91,11 +91,24 @@ def near_bar(p: Any, bar: Any):
 
 
 @wp.func
+def from_frame(q: wp.vec2d, body: Any):
+    """`q`, in a body's own frame, turned as the body is [m]."""
+    return turned(q, body.cosine, body.sine)
+
+
+@wp.func
+def from_frame(q: PairVector, body: Any):
+    """The same in pairs."""
+    x = component(q, 0)
+    y = component(q, 1)
+    return vector(x * body.cosine - y * body.sine, x * body.sine + y * body.cosine)
+
+
+@wp.func
 def carried(bar: Any, body: Any):
     """A guide-bar, given in the frame of the body that carries it, where the body is now."""
-    start = turned(bar.start, body.cosine, body.sine)
-    bar.start = body.center + start
-    bar.direction = turned(bar.direction, body.cosine, body.sine)
+    bar.start = body.center + from_frame(bar.start, body)
+    bar.direction = from_frame(bar.direction, body)
     return bar
 
 
@@ -130,15 +143,6 @@ def piece_height(u: Any, w: Any, curvature: Any):
     square = wp.max(one - curvature * g, type(u)(1.0e-12))  # 0 in an arc's center only
     inverse = inverse_root(square)
     return g / (one + square * inverse), -curvature * u * inverse, (one - curvature * w) * inverse
-
-
-@wp.func
-def place_along(u: wp.float64, w: wp.float64, curvature: wp.float64):
-    """How far from a piece's start its face is nearest [m]."""
-    place = u
-    if curvature != wp.float64(0.0):
-        place = wp.atan2(curvature * u, wp.float64(1.0) - curvature * w) / curvature
-    return place
 
 
 @wp.func

@@ -69,14 +69,8 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
 
 
 @wp.func
-def is_linear_hysteretic(law: Any):
-    """Whether a contact's law is hysteretic and linear."""
-    return law.form == 0 and law.exponent == type(law.exponent)(1.0)
-
-
-@wp.func
 def linear_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N] and v0 [m/s] of such a law, without branches (`hysteretic`, `contact_force`)."""
+    """Force [N] and v0 [m/s] of a linear hysteretic law (form 0, exponent 1), without branches, as `contact_force`."""
     first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
     elastic = law.stiffness * penetration
     one = type(speed)(1.0)

@@ -86,7 +86,7 @@ def two_sum(high: Any, low: Any, change: Any):
 
 @wp.func
 def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, chain: Any):
-    """What a roller and the link after it hold, kinetic and elastic, and what their weight does, m g . x [J].
+    """Kinetic and elastic energy of a roller and the link after it, and the work of their weight, m g . x [J].
 
     Args:
         position: of the roller [m].

@@ -1,4 +1,4 @@
-"""How a body turns: prescribed angle and speed, and the load moment of a free one (Pedersen et al. 2004, eq. (4)).
+"""Rotation of a body: prescribed angle and speed, and the load moment of a free one (Pedersen et al. 2004, eq. (4)).
 
 Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, phi' = Omega S(t / t_ramp) or tabulated:
 

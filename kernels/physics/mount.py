@@ -1,4 +1,4 @@
-r"""How a sprocket's center moves: prescribed, or on springs, with the inertia of an eccentric balance wheel.
+r"""Motion of a sprocket's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
 
 Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)).
 

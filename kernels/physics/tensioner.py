@@ -228,7 +228,7 @@ def filling(x: Pair, state: Any, tensioner: Any):
 
 @wp.func
 def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Any):
-    """What a step's inflow [m^3] leaves of V [m^3], and the logarithm of its part of V_0."""
+    """The part of V that a step's inflow leaves [m^3], and the logarithm of its ratio to V_0."""
     room = wp.max(volume - inflow, wp.float64(0.01) * volume)
     return room, wp.log(room / tensioner.volume)
 
@@ -242,7 +242,7 @@ def room_left(volume: wp.float32, inflow: wp.float32, tensioner: Any):
 
 @wp.func
 def imbalance(z: Any, content: Any, volume: Any, h: Any, rate: Any, t: Any):
-    """What is left of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
+    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
     phi, slope = compression(z, t)
     zero = type(z)(0.0)
     if h > zero:
@@ -349,7 +349,7 @@ def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_force(x: Any, rate: Any, state: Any, tensioner: Any):
-    """F >= 0 [N] on the touched point along the direction, and P [Pa], eq. (2), (3).
+    """F >= 0 [N] on the contact point along the direction, and P [Pa], eq. (2), (3).
 
     Args:
         x: extension [m].
@@ -374,7 +374,7 @@ def no_push(tensioner: BLOCKS.Tensioner):
 
 @wp.func
 def push_by(body: Any, remembered: Any, tensioner: Any):
-    """What a tensioner does to its body, of which it knows the pose."""
+    """The force of a tensioner on its body at `pose`, and its wrench there."""
     arm = touch_arm(body, tensioner)
     lever = leading(arm)
     push = no_push(tensioner)

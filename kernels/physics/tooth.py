@@ -254,10 +254,7 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     number = kept
     if number < 0:
         number = nearest_seat(leading(p), leading(body.cosine), leading(body.sine), sprocket.teeth)
-    found, e, xi, lateral = seat_from(
-        p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats
-    )
-    return found, e, xi, lateral
+    return seat_from(p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats)
 
 
 @wp.func

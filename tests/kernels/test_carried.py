@@ -12,10 +12,8 @@ from drives import MARINE
 from grown import grown, recipe, recipe_code, run_in
 
 from warpchain import dumps_drive, load_drive, simulate
-from warpchain.engine.arrays import empty_sums
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import FORMS
-from warpchain.engine.gpu import refusal
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels import relaxation, structs
@@ -255,17 +253,3 @@ def beside(*parts):
     rest = {name: getattr(parts[0], name) for name in ("precision", "harmonics", "tables", "seats")}
     joined["drives"] = numbered(joined["drives"])
     return Packed(**rest, **joined, assemblies=raw.blank_states(len(parts)))
-
-
-def test_a_gpu_takes_no_body_that_is_not_a_sprocket():
-    carried = straight(steps=1)
-    assert refusal(carried) == (
-        'variant 0: guide-bar 0 is carried by a body: a GPU takes guide-bars on the ground only; use device="cpu"'
-    )
-    carried.guides["body"] = structs.GROUND
-    assert refusal(carried) == (
-        'variant 0: 1 bodies for 0 sprockets: a GPU takes no bodies but sprockets and arms; use device="cpu"'
-    )
-    carried.drives["bodies"] = 0
-    assert refusal(carried) is None
-    assert len(empty_sums(carried, "cpu").contact) == 2

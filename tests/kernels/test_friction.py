@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.physics.friction import friction
+from warpchain.kernels.physics.friction import coefficient, friction
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -15,7 +15,7 @@ def slide(law: KINDS.Friction, pull: wp.float64, speed: wp.float64, h: wp.float6
     """A block of 1 kg pressed on a plane by 10 N: its speed after each step of h [s]."""
     v = speed
     for i in range(out.shape[0]):
-        f = friction(wp.float64(10.0), wp.abs(v), wp.float64(0.5) / h, law)
+        f = friction(coefficient(wp.abs(v), law), wp.float64(10.0), wp.abs(v), wp.float64(0.5) / h)
         v += h * (pull - wp.sign(v) * f)
         out[i] = v
 

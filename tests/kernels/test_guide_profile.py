@@ -5,7 +5,7 @@ import pytest
 import raw
 import warp as wp
 
-from warpchain.kernels.physics.guide import piece_height, place_along
+from warpchain.kernels.physics.guide import piece_height
 from warpchain.results.channels import FRAME
 
 ROLLER_RADIUS = 0.004
@@ -18,7 +18,6 @@ def heights(u: wp.array[wp.float64], w: wp.array[wp.float64], curvature: wp.floa
     found[i, 0] = height
     found[i, 1] = along
     found[i, 2] = across
-    found[i, 3] = place_along(u[i], w[i], curvature)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 4.0, -4.0, 1e-9])
@@ -26,23 +25,21 @@ def test_height_over_a_piece_is_the_distance_from_its_circle(curvature):
     # against the distance from the center as written; the difference of large lengths there costs 1e-16 / curvature
     rng = np.random.default_rng(1)
     u, w = rng.uniform(-0.05, 0.05, 50), rng.uniform(-0.02, 0.02, 50)
-    found = wp.zeros((50, 4), dtype=wp.float64, device="cpu")
+    found = wp.zeros((50, 3), dtype=wp.float64, device="cpu")
     arrays = [wp.array(values, dtype=wp.float64, device="cpu") for values in (u, w)]
     wp.launch(heights, dim=50, inputs=[*arrays, curvature], outputs=[found], device="cpu")
     found = found.numpy()
     if curvature == 0.0:
-        height, normal, place = w, np.stack([0 * u, 1 + 0 * w], axis=1), u
+        height, normal = w, np.stack([0 * u, 1 + 0 * w], axis=1)
     else:
         center = np.array([0.0, 1.0 / curvature])
         to_center = center - np.stack([u, w], axis=1)
         distance = np.hypot(*to_center.T)
         height = 1.0 / curvature - np.sign(curvature) * distance
         normal = np.sign(curvature) * to_center / distance[:, None]
-        place = np.arctan2(curvature * u, 1.0 - curvature * w) / curvature
     tolerance = 1e-14 + 4e-16 / max(abs(curvature), 1e-3 if curvature == 0.0 else 0.0)
     np.testing.assert_allclose(found[:, 0], height, rtol=0, atol=tolerance)
     np.testing.assert_allclose(found[:, 1:3], normal, rtol=0, atol=1e-9 if curvature == 1e-9 else 1e-14)
-    np.testing.assert_allclose(found[:, 3], place, rtol=0, atol=1e-12)
 
 
 def bar_pieces(start, end, radius):

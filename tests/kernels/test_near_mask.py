@@ -19,8 +19,8 @@ KINDS = [
 def walked(kind: BlockKind):
     """A kernel that walks through what is in `near` but not in `before`: all, of teeth, of bars; and tells changes."""
     of = near_mask(kind)
-    with_slot, any_of, first, rest, differ = of.with_slot, of.any_of, of.first, of.rest, of.differ
-    of_teeth, of_bars, both, without = of.of_teeth, of.of_bars, of.both, of.without
+    with_slot, any_of, first, rest = of.with_slot, of.any_of, of.first, of.rest
+    of_teeth, of_bars = of.of_teeth, of.of_bars
     rollers_per_thread, threads, Bits = kind.shape.rollers_per_thread, kind.shape.threads, of.Bits
     most = rollers_per_thread * (kind.parts.sprockets + kind.parts.guides)
 
@@ -41,11 +41,11 @@ def walked(kind: BlockKind):
         for k in range(wp.static(rollers_per_thread)):
             bits = with_slot(bits, k, near[thread, k])
             old = with_slot(old, k, before[thread, k])
-        walk(without(bits, old), seen, thread, 0)
+        walk(bits & ~old, seen, thread, 0)
         walk(of_teeth(bits), seen, thread, 1)
         walk(of_bars(bits), seen, thread, 2)
-        walk(both(bits, old), seen, thread, 3)
-        changed[thread] = wp.where(differ(bits, old), 1, 0)
+        walk(bits | old, seen, thread, 3)
+        changed[thread] = wp.where(bits == old, 0, 1)
 
     return walk_all, threads, most
 

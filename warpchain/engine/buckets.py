@@ -7,7 +7,7 @@ says how many threads of a GPU one variant gets, and how many of its rollers eac
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,7 +134,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
 
 
 def counted_led(packed: Packed) -> NDArray[np.integer]:
-    """Number of sprockets of each variant whose angle is prescribed, (variants,), at least 1."""
+    """Number of bodies of each variant whose angle is prescribed, (variants,), at least 1."""
     return np.maximum(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]), 1)
 
 
@@ -149,9 +149,10 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "arms": drives["arms"],
         "tensioners": drives["tensioners"],
         "prescribed": counted_led(packed),
+        "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "integrator": drives["integrator"],
         "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,
-        "profiles": drives["pieces"] > 0,
+        "profiles": packed.carried_guides,
         "contacts": packed.slides,
         "joints": packed.joints["rubs"],
         "by_speed": packed.stribeck,
@@ -162,7 +163,7 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
 
 def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
     """The kind of kernel of a variant with such columns (`kind_columns`), of which a multiprocessor gets `each`."""
-    counts = {name: int(columns[name]) for name in ("sprockets", "guides", "arms", "tensioners", "prescribed")}
+    counts = {field.name: int(columns[field.name]) for field in fields(Parts)}
     return BlockKind(
         real,
         block_shape(int(columns["room"]), each, shared_bytes),

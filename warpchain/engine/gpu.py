@@ -37,7 +37,7 @@ from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.near import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
-from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
+from warpchain.kernels.structs import DIVERGENCE_CHECK
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
@@ -116,14 +116,6 @@ def _refused(packed: Packed) -> tuple[Any, str] | None:
     partners = drives["sprockets"] + drives["guides"]
     for v in np.flatnonzero(partners > MOST_PARTNERS):
         return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
-    guides = packed.guides[: drives["guides"].sum()]
-    for g in np.flatnonzero((guides["body"] != GROUND) & (guides["pieces"] == 0)):
-        v = np.flatnonzero(drives["first_guide"] <= g)[-1]
-        number = g - drives["first_guide"][v]
-        return v, f"guide-bar {number} is carried by a body: a GPU takes guide-bars on the ground only"
-    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"] + drives["arms"]):
-        counts = f"{drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets"
-        return v, f"{counts}: a GPU takes no bodies but sprockets and arms"
     return None
 
 

@@ -34,7 +34,7 @@ TORN = 2.0
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.tension_bins`) [N]."""
+    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.statistics`) [N]."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 

@@ -18,6 +18,7 @@ from warpchain.drive.batch import LARGEST
 from warpchain.engine.arrays import PACKED, TABLE, array_type, dtype_of, lengths, numbered, starts
 from warpchain.errors import SimulationError
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.structs import GROUND
 from warpchain.results.channels import FRAME, FrameLayout
 
 REAL = {"float64": wp.float64, "float32": wp.float32}
@@ -130,24 +131,30 @@ class Packed(Arrays):
         """Number of variants."""
         return len(self.assemblies)
 
+    def having(self, sprockets: NDArray[np.bool_], guides: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(variants,) whether a variant has one of these sprockets or guides."""
+        found = np.zeros(self.variants, dtype=bool)
+        for which, counts in ((sprockets, "sprockets"), (guides, "guides")):
+            owner = np.repeat(np.arange(self.variants), self.drives[counts])
+            found[owner[which[: len(owner)]]] = True
+        return found
+
     @property
     def slides(self) -> NDArray[np.bool_]:
         """(variants,) whether rollers rub on teeth or guide-bars."""
-        found = np.zeros(self.variants, dtype=bool)
-        for sliding, counts in ((self.tooth_sliding, "sprockets"), (self.guide_sliding, "guides")):
-            owner = np.repeat(np.arange(self.variants), self.drives[counts])
-            found[owner[sliding["rubs"][: len(owner)] != 0]] = True
-        return found
+        return self.having(*(sliding["rubs"] != 0 for sliding in (self.tooth_sliding, self.guide_sliding)))
 
     @property
     def linear_hysteretic(self) -> NDArray[np.bool_]:
         """(variants,) whether all contacts' laws are hysteretic and linear."""
-        found = np.ones(self.variants, dtype=bool)
-        for partners, counts in ((self.sprockets, "sprockets"), (self.guides, "guides")):
-            owner = np.repeat(np.arange(self.variants), self.drives[counts])
-            law = partners["law"][: len(owner)]
-            found[owner[(law["exponent"] != 1.0) | (law["form"] != 0)]] = False
-        return found
+        laws = (self.sprockets["law"], self.guides["law"])
+        return ~self.having(*((law["exponent"] != 1.0) | (law["form"] != 0) for law in laws))
+
+    @property
+    def carried_guides(self) -> NDArray[np.bool_]:
+        """(variants,) whether a guide has a profile, or a body carries it."""
+        none = np.zeros(len(self.sprockets), dtype=bool)
+        return self.having(none, (self.guides["body"] != GROUND) | (self.guides["pieces"] > 0))
 
     @property
     def uniform_links(self) -> NDArray[np.bool_]:
@@ -158,12 +165,10 @@ class Packed(Arrays):
     @property
     def stribeck(self) -> NDArray[np.bool_]:
         """(variants,) whether a coefficient of friction depends on the speed."""
-        found = self.joints["law"]["mu_static"] != self.joints["law"]["mu_dynamic"]
-        for sliding, counts in ((self.tooth_sliding, "sprockets"), (self.guide_sliding, "guides")):
-            owner = np.repeat(np.arange(self.variants), self.drives[counts])
-            law = sliding["law"][: len(owner)]
-            found[owner[law["mu_static"] != law["mu_dynamic"]]] = True
-        return np.asarray(found)
+        laws = (self.tooth_sliding["law"], self.guide_sliding["law"])
+        joint = self.joints["law"]
+        depends = self.having(*(law["mu_static"] != law["mu_dynamic"] for law in laws))
+        return np.asarray(depends | (joint["mu_static"] != joint["mu_dynamic"]))
 
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
