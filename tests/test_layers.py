@@ -28,7 +28,8 @@ LEVELS = (
 """The package's folders and single modules from the lowest up; "" is the root, with the names that users see."""
 
 KERNEL_LEVELS = (
-    ("native", "number"),
+    ("native",),
+    ("number",),
     ("precision",),
     ("structs",),
     ("integrate",),
