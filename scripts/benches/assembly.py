@@ -11,14 +11,14 @@ from unittest import mock
 
 import numpy as np
 from common.cases import Line, case, option
-from common.timing import cpu_time_of
+from common.drives import Values, example
+from common.timing import times_of
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.assemble_batch import assemble_all, layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.drive.replace import Changes
 from warpchain.engine import pack as packing
 from warpchain.engine import share, simulation, start_warp
@@ -29,23 +29,22 @@ from warpchain.study.spec.study_tables import Adjust
 STAGES = ("made", "by changes", "adjusted", "sorted", "steps", "assembled", "packed", "layouts")
 ALONE = ("alone", "assembled alone", "fit alone")
 NONE = Record("none")
-LINKS: dict[str, Callable[[Drive], dict[str, Any]]] = {
+LINKS: dict[str, Callable[[Drive], Values]] = {
     "worn": lambda drive: {"chain.worn_links": _worn((5, 40, 90))},
     "each": lambda drive: {"chain.worn_links": _worn(range(drive.chain.links))},
     "outer": lambda drive: {"chain.outer": {"elongation": 0.003, "stiffness": 1.2 * drive.chain.stiffness}},
     "play": lambda drive: {"chain.play": 1e-3 * drive.chain.pitch},
 }
-"""How links are unlike."""
-
+"""Ways in which links are unlike."""
 SLOW = 10
 """Laying chains around guides takes its time: so many times fewer variants of a drive with arms."""
 
 
-def _worn(links: Iterable[int]) -> list[dict[str, Any]]:
+def _worn(links: Iterable[int]) -> list[Values]:
     return [{"link": link, "elongation": 0.003} for link in links]
 
 
-def links_of(drive: Drive, about: Callable[[float], float], random: np.random.Generator) -> dict[str, Any]:
+def links_of(drive: Drive, about: Callable[[float], float], random: np.random.Generator) -> Values:
     """Values of what a variant's links have of their own: of a few worn ones also which they are."""
     chain, found = drive.chain, dict[str, Any]()
     if chain.worn_links:
@@ -59,7 +58,7 @@ def links_of(drive: Drive, about: Callable[[float], float], random: np.random.Ge
     return found
 
 
-def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
+def values_of(drive: Drive, random: np.random.Generator) -> Values:
     """Values of a variant: each within a hundredth of the drive's own, the place within a fiftieth of a pitch."""
 
     def about(value: float) -> float:
@@ -103,9 +102,20 @@ def spent(times: dict[str, float], stage: str, count: int) -> Iterator[None]:
     times[stage] = min(times.get(stage, np.inf), 1e6 * (time.process_time() - begin) / count)
 
 
+def adjustment(base: Drive) -> Adjust:
+    """The second sprocket moved along x for the strain of the drive file."""
+    return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
+
+
+def schedules(drives: list[Drive], stacks: Any) -> Any:
+    """Whole runs without recordings."""
+    return simulation.schedules_of(drives, None, None, NONE, None, stacks)
+
+
 def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
-    """Microseconds a variant of each stage."""
-    random, times = np.random.default_rng(1), dict.fromkeys(STAGES, np.inf)
+    """Microseconds a variant of each stage, and of one drive by itself."""
+    random, times = np.random.default_rng(1), dict.fromkeys((*STAGES, *ALONE), np.inf)
+    wanted = adjustment(bases[0])
     for _ in range(rounds):
         values = [values_of(bases[v % len(bases)], random) for v in range(count)]
         with spent(times, "made", count):
@@ -114,35 +124,22 @@ def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
         with spent(times, "by changes", count):
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
-        wanted = adjustment(bases[0])
         with spent(times, "adjusted", count):
             adjusted_all(drives, wanted, [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):
-            schedules = simulation.schedules_of(drives, None, None, NONE, None, stacks)
+            when = schedules(drives, stacks)
         with spent(times, "assembled", count):
             assemblies = assemble_all(stacks)
         with spent(times, "packed", count), mock.patch.object(packing, "assemble_all", return_value=assemblies):
-            packing.pack(drives, schedules, stacks)
+            packing.pack(drives, when, stacks)
         with spent(times, "layouts", count):
             layouts_of(drives, assemblies, stacks)
-    return times | alone(drives[:5], rounds)
-
-
-def adjustment(base: Drive) -> Adjust:
-    """The second sprocket moved along x for the strain of the drive file."""
-    return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
-
-
-def alone(drives: list[Drive], rounds: int) -> dict[str, float]:
-    """Microseconds that one drive takes by itself: to sort, assemble and pack, to assemble, to fit."""
-    times = dict.fromkeys(ALONE, np.inf)
-    wanted = adjustment(drives[0])
-    for drive in drives * rounds:
+    for drive in drives[:5] * rounds:
         with spent(times, "alone", 1):
             stacks = stacks_of([drive])
-            packing.pack([drive], simulation.schedules_of([drive], None, None, NONE, None, stacks), stacks)
+            packing.pack([drive], schedules([drive], stacks), stacks)
         with spent(times, "assembled alone", 1):
             assemble(drive)
         with spent(times, "fit alone", 1):
@@ -155,7 +152,7 @@ def metrics(base: Drive, count: int) -> float:
     random, times = np.random.default_rng(2), []
     drives = [base.with_values({"run.settle": False} | values_of(base, random)) for _ in range(count)]
     for _ in range(2):
-        with cpu_time_of([(share, "metrics_blocks"), (simulation, "metrics_table")]) as found:
+        with times_of(time.thread_time, (share, "metrics_blocks"), (simulation, "metrics_table")) as found:
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
         times.append(sum(found))
     return 1e6 * min(times) / count
@@ -188,7 +185,7 @@ def assembly(asked: argparse.Namespace) -> Iterator[Line]:
     warnings.simplefilter("ignore")
     yield ("us a variant", "variants", *STAGES, "all packing", *ALONE)
     for name, links in product(["marine"] if asked.kinds else asked.drives, asked.links or [""]):
-        base = load_drive(drive_path(name))
+        base = example(name)
         base = base.with_values(LINKS[links](base)) if links else base
         bases = kinds_of(base, asked.kinds) if asked.kinds else [base]
         count = max(20, asked.count // SLOW) if base.arms else asked.count
@@ -196,4 +193,4 @@ def assembly(asked: argparse.Namespace) -> Iterator[Line]:
         whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
         yield (f"{name} {links}".strip(), count, *(times[of] for of in STAGES), whole, *(times[of] for of in ALONE))
     if asked.metrics:
-        yield f"metrics of 2000 marine variants: {metrics(load_drive(drive_path('marine')), 2000):.1f} us each"
+        yield f"metrics of 2000 marine variants: {metrics(example('marine'), 2000):.1f} us each"

@@ -5,7 +5,6 @@ So it names what it takes of the package by what either tree calls it, and impor
 
 import importlib
 import json
-import math
 import sys
 import time
 from dataclasses import replace
@@ -48,21 +47,21 @@ def packed_of(drive: Any, variants: int, precision: str, when: Any) -> Any:
     return first("warpchain.engine.pack:pack")([drive], [when]).at_precision(precision).taken([0] * variants)
 
 
-def engine_on(packed: Any, device: str) -> Any:
-    """An engine on a GPU, or on one core."""
+def engine_on(packed: Any, device: str, cores: int) -> Any:
+    """An engine on a GPU, or on some cores."""
     if device == "cpu":
-        return first("warpchain.engine.cpu:CpuEngine")(packed, 1)
+        return first("warpchain.engine.cpu:CpuEngine")(packed, cores)
     return first("warpchain.engine.gpu:GpuEngine")(packed, device)
 
 
-def launch(packed: Any, device: str, steps: int, after: int = 0) -> tuple[float, float]:
-    """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on the CPU.
+def launch(packed: Any, device: str, steps: int, after: int = 0, cores: int = 1) -> tuple[float, float]:
+    """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on one core.
 
     Raises:
         SystemExit: the run diverged.
     """
-    clock = time.process_time if device == "cpu" else time.perf_counter
-    engine, taken = engine_on(packed, device), []
+    clock = time.process_time if device == "cpu" and cores == 1 else time.perf_counter
+    engine, taken = engine_on(packed, device, cores), []
     frames = engine.frame_buffer(1 if device == "cpu" else 0)
     for count in (64 + after, steps):
         begin = clock()
@@ -106,9 +105,7 @@ def rates(asked: dict[str, Any]) -> dict[str, float]:
                     when = replace(when, window_start=asked["after"]) if metrics else when
                     packed = packed_of(drive, variants, precision, when)
                     steps = max(1, asked["steps"] // variants) if device == "cpu" else asked["steps"]
-                    best = math.inf
-                    for _ in range(asked["repeats"]):
-                        best = min(best, launch(packed, device, steps, asked["after"])[0])
+                    best = min(launch(packed, device, steps, asked["after"])[0] for _ in range(asked["repeats"]))
                     name = f"{title}, {precision}, {variants}{', metrics' if metrics else ''}"
                     found[name] = variants * drive.chain.links * steps / best / 1e6
         if asked["assemble"]:

@@ -9,9 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from common.cases import Line, case, option
+from common.cases import ROOT, Line, case, option
 
-HERE = Path(__file__).resolve().parents[2]
 COMMAND = ("run", "industrial", "--duration", "0.001", "--quiet", "--overwrite")
 CALL = """
 import resource, subprocess, sys, time
@@ -58,7 +57,7 @@ def start(asked: argparse.Namespace) -> Iterator[Line]:
     there, as it does for users. Prints the least CPU time, of all cores, and the least by the clock; the latter counts
     little with an empty cache where trees and others share few cores.
     """
-    trees = [HERE, *(tree.resolve() for tree in asked.trees)]
+    trees = [ROOT, *(tree.resolve() for tree in asked.trees)]
     empty: list[list[tuple[float, float]]] = []
     compiled: list[list[tuple[float, float]]] = []
     devices = [asked.device] * len(trees)

@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-import matplotlib
 import numpy as np
 from common.cases import Line, case, option
 from common.drives import example
+from matplotlib import style
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
@@ -104,7 +104,7 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
     reach = 0.10 * span / float(np.quantile(np.hypot(*arrows.T), 0.99))
     pictures = []
     for f in chosen:
-        with matplotlib.style.context(["dark_background", {"font.size": 8.0}]):
+        with style.context(["dark_background", {"font.size": 8.0}]):
             canvas = FigureCanvasAgg(frame_figure(trajectory, curves, int(f), reach))
             canvas.draw()
         pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
