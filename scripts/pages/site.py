@@ -1,11 +1,4 @@
-"""Builds the site of the documents: tutorials, how-to pages, the model, and the reference made from the code.
-
-    python scripts/build_docs.py [FOLDER]      # default out/site; needs the extra `docs`, no network
-
-Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there. The pages are those of
-docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and `docs_reference.py`'s. Those of
-docs/notes/ are built, but no menu shows them.
-"""
+"""The site of the documents: tutorials, how-to pages, the model, and the reference made from the code."""
 
 import argparse
 import base64
@@ -16,23 +9,21 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import docs_reference
+from common.cases import ROOT, Line, case, option
 
-ROOT = Path(__file__).resolve().parents[1]
+from pages import reference
+
 GROUPS = {
     "How to": ("check", "fit", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
     "The model": ("model", "teeth", "moving-sprockets", "wear"),
     "Reference": ("drive-file", "catalogue", "examples", "metrics", "archive", "formats"),
     "The project": ("performance", "reliability", "contributing", "changelog"),
 }
-"""Which page stands where in the menu; pages that are not named are how-to pages."""
-TUTORIALS = ("first-drive", "first-study", "first-optimization")
-QUIET = {"NO_MKDOCS_2_WARNING": "1"}
-"""Of what the theme says about its own future."""
-REFERENCE = ("drive-keys", "study-keys", "metrics", "commands")
+"""Pages by their place in the menu; pages that are not named are how-to pages."""
 
 
 def sources(folder: Path) -> None:
@@ -50,7 +41,7 @@ def sources(folder: Path) -> None:
         )
     for book in sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")):
         (folder / "tutorials" / f"{book.stem}.md").write_text(notebook(book, folder / "tutorials"))
-    for name, text in docs_reference.pages().items():
+    for name, text in reference.pages().items():
         path = folder / "reference" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text + "\n")
@@ -82,28 +73,24 @@ def notebook(path: Path, folder: Path) -> str:
 
 def menu(folder: Path) -> list[Any]:
     """The site's menu of whatever pages are there."""
-    left = {path.stem for path in folder.glob("*.md")} - {"index"}
-    found: list[Any] = [{"warpchain": "index.md"}]
-    found.append({"Tutorials": _ordered(folder, "tutorials", TUTORIALS)})
-    groups = {title: [name for name in names if name in left] for title, names in GROUPS.items()}
-    groups["How to"] += sorted(left - {name for names in groups.values() for name in names})
-    for title, names in groups.items():
-        entries: list[Any] = [f"{name}.md" for name in names]
-        if title == "Reference":
-            entries = _ordered(folder, "reference", REFERENCE) + entries
-            entries.append({"Python": _ordered(folder, "reference/python", ("warpchain",))})
-        found.append({title: entries})
-    return found
 
+    def below(place: str, *first: str) -> list[str]:
+        names = sorted(
+            (path.stem for path in (folder / place).glob("*.md")), key=lambda name: (name not in first, name)
+        )
+        return [f"{place}/{name}.md" for name in [*first, *(name for name in names if name not in first)]]
 
-def _ordered(folder: Path, below: str, first: tuple[str, ...]) -> list[str]:
-    names = sorted(path.stem for path in (folder / below).glob("*.md"))
-    ordered = [name for name in first if name in names] + [name for name in names if name not in first]
-    return [f"{below}/{name}.md" for name in ordered]
+    known = {name for names in GROUPS.values() for name in names} | {"index"}
+    groups: dict[str, list[Any]] = {title: [f"{name}.md" for name in names] for title, names in GROUPS.items()}
+    groups["How to"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
+    groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
+    groups["Reference"].append({"Python": below("reference/python", "warpchain")})
+    tutorials = below("tutorials", "first-drive", "first-study", "first-optimization")
+    return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
 
 
 def settings(folder: Path, site: Path) -> dict[str, Any]:
-    """What mkdocs is told. Fonts are the reader's own: the site asks no other machine for anything."""
+    """Settings of mkdocs. Fonts are the reader's own: the site asks no other machine for anything."""
     docstrings = {
         "docstring_style": "google",
         "docstring_options": {"warnings": False},
@@ -150,32 +137,27 @@ def settings(folder: Path, site: Path) -> dict[str, Any]:
 
 
 def build(site: Path) -> subprocess.CompletedProcess:
-    """Builds the site; what mkdocs says is in the result."""
+    """Builds the site; the output of mkdocs is in the result."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work) / "docs"
         sources(folder)
         config = Path(work) / "mkdocs.yml"
         config.write_text(json.dumps(settings(folder, site.resolve())))  # JSON is YAML
+        quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}  # of the theme's own future
         command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(config)]
-        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=os.environ | QUIET)
+        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=quiet)
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command's words."""
-    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site")
-    return made
+@case(option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
+def site(asked: argparse.Namespace) -> Iterator[Line]:
+    """Builds the site of the documents; needs the extra `docs`, no network.
 
+    python scripts/docs.py site [FOLDER]
 
-def main() -> None:
-    """Builds the site and tells where it is."""
-    folder = parser().parse_args().folder
-    done = build(folder)
-    print(done.stdout + done.stderr, end="")
-    if done.returncode == 0:
-        print(folder / "index.html")
-    sys.exit(done.returncode)
-
-
-if __name__ == "__main__":
-    main()
+    Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there. The pages are those of
+    docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and those of `pages/reference.py`. Those
+    of docs/notes/ are built, but no menu shows them.
+    """
+    done = build(asked.folder)
+    yield done.stdout + done.stderr + str(asked.folder / "index.html")
+    raise SystemExit(done.returncode)
