@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import warp as wp
+from common.cases import described
 from golden_runs.cases import CASES
 
 import warpchain
@@ -127,7 +128,7 @@ def compare(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
-    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made = described(__doc__)
     made.add_argument("--compare", action="store_true", help="compare with what is stored")
     made.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
     made.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")

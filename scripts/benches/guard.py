@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from common.cases import ROOT, Line, case, option
-from common.drives import TWO as TWO_SPROCKETS
+from common.drives import TWO as TWO_FILE
 from common.timing import best_but_one
 
 from benches.drives import SMOOTH, TWO
@@ -67,12 +67,10 @@ def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
         subprocess.run([*git, "remove", "--force", str(tree)], capture_output=True)
 
 
-def drives_of(tree: Path, names: Sequence[str], folder: Path) -> dict[str, tuple[str, dict[str, Any]]]:
+def drives_of(tree: Path, names: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
     """File and values of the drives that both trees run; the files are those of one tree."""
     examples = tree / "warpchain" / "drive" / "examples"
-    two = folder / "two.toml"
-    two.write_text(TWO_SPROCKETS)
-    special = {"two": (str(two), TWO), "smooth": (str(examples / "marine.toml"), SMOOTH)}
+    special = {"two": (str(TWO_FILE), TWO), "smooth": (str(examples / "marine.toml"), SMOOTH)}
     return {name: special.get(name, (str(examples / f"{name}.toml"), {})) for name in names}
 
 
@@ -122,10 +120,9 @@ def guard(asked: argparse.Namespace) -> Iterator[Line]:
     on_gpu = asked.device != "cpu"
     chosen = {name: getattr(asked, name) or usual[on_gpu] for name, usual in USUAL.items()}
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
-        trees = [stack.enter_context(checkout(folder, side, getattr(asked, side))) for side in ("a", "b")]
+        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
         what = {
-            "drives": drives_of(trees[0], chosen["drives"], folder),
+            "drives": drives_of(trees[0], chosen["drives"]),
             "precisions": PRECISIONS,
             "variants": chosen["variants"],
             "device": asked.device,

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import shutil
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common.drives import TWO, example, pair
 from mcap.reader import make_reader
 from pyarrow import parquet
 
@@ -21,13 +23,10 @@ from golden_runs.drives import (
     LAWS,
     LOAD,
     MOUNTS,
-    PAIR,
     PROFILES,
     STUDY,
     TABLES,
     WORN,
-    example,
-    pair,
     run,
 )
 from warpchain import ArchiveOptions, Record, Run
@@ -200,7 +199,7 @@ def content(path: Path) -> dict[str, Any]:
 
 def study(folder: Path) -> dict[str, Any]:
     """Studies from file to table and report, with constraint, adjustment, recorded and worst variants, fatigue."""
-    (folder / "pair.toml").write_text(PAIR)
+    shutil.copy(TWO, folder / "pair.toml")
     found: dict[str, Any] = {}
     for name, design in DESIGNS.items():
         out = folder / name

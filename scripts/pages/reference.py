@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Any, get_args
 
-import griffe
-
 import warpchain
 from pages.tables import table
 from warpchain.cli.parser import parser as command_line
@@ -32,11 +30,10 @@ def attributes(kind: type) -> dict[str, str]:
     """Descriptions of attributes in the docstrings of a class and its bases, by name."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__):
-        for section in griffe.Docstring(inspect.cleandoc(base.__doc__ or "")).parse("google", warnings=False):
-            if section.kind is griffe.DocstringSectionKind.attributes:
-                for entry in section.value:
-                    names = f"{entry.name} {entry.annotation or ''}".replace(",", " ").split()
-                    found |= dict.fromkeys(names, " ".join(entry.description.split()))
+        block = re.search(r"^Attributes:\n((?:    .*\n?|\n)*)", inspect.cleandoc(base.__doc__ or ""), re.MULTILINE)
+        entries = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {5,}.*)*)", block[1] if block else "", re.MULTILINE)
+        for names, words in entries:
+            found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
     return found
 
 

@@ -1,7 +1,11 @@
-"""A moving picture of a run, and a run-up as reports show it."""
+"""Pictures of runs: a moving one, the viewer's, and those of reports."""
 
 import argparse
+import os
+import tempfile
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +31,9 @@ FRAMES, TEETH = 48, 6
 LASTS = 100
 """Milliseconds of a frame."""
 COLORS = 128
+DRIVERS = Path("/usr/share/vulkan/icd.d")
+SOFTWARE = DRIVERS / "lvp_icd.x86_64.json"
+DRIVE = option("drive", nargs="?", default="marine", help="name of an example drive (default marine)")
 
 
 def shown_frames(trajectory: Any) -> np.ndarray:
@@ -82,7 +89,7 @@ def frame_figure(trajectory: Any, curves: dict[str, dict[str, np.ndarray]], f: i
     return made
 
 
-@case(option("drive", nargs="?", default="marine", help="name of an example drive (default marine)"))
+@case(DRIVE)
 def moving(asked: argparse.Namespace) -> Iterator[Line]:
     """A moving picture of an example drive: the chain in the color of its tension, forces, and curves.
 
@@ -115,6 +122,54 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
     path = asked.output / f"{asked.drive}.gif"
     first.save(path, save_all=True, append_images=rest, duration=LASTS, loop=0, optimize=True)
     yield str(path)
+
+
+def no_vulkan() -> str | None:
+    """The reason that the headless viewer cannot run here, or None."""
+    return None if list(DRIVERS.glob("*.json")) else "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
+
+
+def screenshot(recording: Path, picture: Path, seconds: float) -> None:
+    """Opens a recording in the headless viewer, goes to a simulated time and saves its picture."""
+    if SOFTWARE.exists():
+        os.environ.setdefault("VK_ICD_FILENAMES", str(SOFTWARE))
+    from rerun.experimental import ViewerClient
+
+    from warpchain.view.rerun.viewer import Viewer
+
+    with Viewer(kind="headless") as viewer:
+        client = ViewerClient.connect(viewer.data)
+        client.open(str(recording))
+        time.sleep(2.0)
+        client.set_time("sim_time", duration=seconds, play_state="paused")
+        time.sleep(2.5)
+        client.save_screenshot(str(picture))
+
+
+@case(
+    DRIVE, option("--at", type=float, default=1.5, help="simulated time [s]"), option("--tab", help="tab of the viewer")
+)
+def viewer(asked: argparse.Namespace) -> Iterator[Line]:
+    """A picture of an example drive's run in the headless Rerun viewer.
+
+    python scripts/figures.py viewer [DRIVE]
+    python scripts/figures.py viewer car --at 0.15
+    python scripts/figures.py viewer --tab tension
+
+    Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1. Writes DRIVE.png, or
+    playback-TAB.png of a tab.
+    """
+    from PIL import Image
+
+    from warpchain.view.rerun.run_playback import view
+
+    picture = asked.output / (f"playback-{asked.tab}.png" if asked.tab else f"{asked.drive}.png")
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / f"{asked.drive}.rrd"
+        view(simulate(example(asked.drive)), save=recording, tab=asked.tab)
+        screenshot(recording, picture, asked.at)
+    Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
+    yield str(picture)
 
 
 @case(option("--duration", type=float, default=1.0, help="of the run-up [s]"))
