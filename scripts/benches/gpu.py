@@ -31,7 +31,6 @@ QUICK = {1, 1056, 16896, 118, 510, 1022, 4000}
 """Numbers of variants and lengths of chain that `--quick` keeps."""
 EACH = (DRIVES, PRECISIONS)
 MANY = list(product(*EACH, VARIANTS))
-HOW = ("marine, a load", "marine, five values", "smooth, five values")
 NONE = Record(variants="none")
 Row = tuple[Any, ...]
 
@@ -138,17 +137,12 @@ def runs(name: str, precision: str, effort: Effort) -> Row:
 
 
 @part(
-    "drive, values that differ | precision | s | packing and table | diverged | mean tension [N]",
-    product(HOW, PRECISIONS),
+    "drive | precision | s | packing and table | diverged | mean tension [N]", product(("marine", "smooth"), PRECISIONS)
 )
-def headline(kind: str, precision: str, effort: Effort) -> Row:
-    """10,000 marine drives, 2 s each, that differ in five values (tables packed anew), or in a load alone."""
-    name, _, how = kind.partition(", ")
-    drive, path = named(name), "sprockets.camshaft.load.torque"
-    if how == "five values":
-        many = [drives.other(drive, k) for k in range(10_000)]
-    else:
-        many = [drive.with_values({path: 8000.0 + 0.2 * k}) for k in range(10_000)]
+def headline(name: str, precision: str, effort: Effort) -> Row:
+    """10,000 marine drives, 2 s each, that differ in five values (tables packed anew)."""
+    drive = named(name)
+    many = [drives.other(drive, k) for k in range(10_000)]
     run, total = timed(many, device=DEVICE, precision=precision, duration=2.0)
     mean = float(np.mean(run.metrics["tension_mean"].to_numpy()))
     return total, total - run.info.wall_time, sum(run.metrics["diverged"].to_pylist()), mean
