@@ -37,9 +37,9 @@ def schedule(drive: Any, metrics: bool) -> Any:
         "warpchain.engine.sampling:longest_apart",
         "warpchain.engine.looks:longest_apart",
     )
-    looks = int(longest_apart(drive, step))  # as far apart as in a long window
+    apart = int(longest_apart(drive, step))  # as in a long window
     begin = 0 if metrics else FOREVER - 1
-    return first("warpchain.results.schedule:Schedule")(step, FOREVER, begin, FOREVER, 0, looks)
+    return first("warpchain.results.schedule:Schedule")(step, FOREVER, begin, FOREVER, 0, apart)
 
 
 def packed_of(drive: Any, variants: int, precision: str, when: Any) -> Any:

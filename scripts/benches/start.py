@@ -39,7 +39,7 @@ def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
     option("--compiled", type=int, default=4, help="times with compiled kernels (default 4)"),
 )
 def start(asked: argparse.Namespace) -> Iterator[Line]:
-    """What a short command takes, in this tree and in others: with compiled kernels, and with none.
+    """CPU and clock time of a short command, in this tree and in others: with compiled kernels, and with none.
 
     python scripts/bench.py start ../before --empty 3 --compiled 4
 

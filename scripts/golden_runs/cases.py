@@ -109,7 +109,7 @@ def diverging(_: Path) -> Run:
 
 
 def setup(folder: Path) -> dict[str, Any]:
-    """What comes before a run: derived quantities, assembly, limits, outlines, fits, what `warpchain check` says."""
+    """Everything before a run: derived quantities, assembly, limits, outlines, fits, and `warpchain check`."""
     found: dict[str, Any] = {}
     drives = {name: example(name) for name in example_names()} | {"worn": pair(WORN), "iso": pair(PROFILES["maximum"])}
     for name, drive in drives.items():
@@ -130,7 +130,7 @@ def setup(folder: Path) -> dict[str, Any]:
 
 
 def readings(_: Path) -> dict[str, Any]:
-    """What is read off a recorded run: signals, scene, fatigue, objectives, tables."""
+    """Quantities read off a recorded run: signals, scene, fatigue, objectives, tables."""
     recorded = run(example("marine", {"run.settle": False}), duration=0.4, record=Record(rate=2000.0))
     one, tension = recorded[0], recorded[0].tension
     assert tension is not None
