@@ -135,7 +135,7 @@ def table(run: Run, messages: Messages, folder: Path, compression: str, size: fl
         jobs["warpchain, level 3"] = partial(level_3, run, path["warpchain, level 3"])
     others = ("foxglove-sdk, PointCloud", messages, variants, compression)
     jobs[others[0]] = partial(write_foxglove, path[others[0]], *others[1:])
-    reading = {
+    reading: dict[str, Callable[[], object]] = {
         "warpchain": partial(read_arrays, path["warpchain"]),
         "views": partial(read_views, path["warpchain"]),
         bytes_: partial(messages_of, path[bytes_]),

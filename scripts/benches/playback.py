@@ -3,6 +3,7 @@
 import argparse
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,12 @@ LONG = equal(30, 150, 0.05) | {
     "contact.sprocket.seat_angle": 137.0,
     "run": {"duration": 0.4995, "step": 1e-5, "sample_rate": 2000.0},
 }
+
+
+def built(part: Callable[[Any], object], stream: Any) -> None:
+    """Writes a part into a stream."""
+    part(stream)
+    stream.flush()
 
 
 def frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
@@ -69,7 +76,7 @@ def playback(asked: argparse.Namespace) -> Iterator[Line]:
             for name, part in parts.items():
                 stream = rr.RecordingStream("warpchain")
                 stream.save(Path(folder) / f"{turn}.rrd")
-                best[name] = min(best[name], seconds(lambda part=part, stream=stream: (part(stream), stream.flush())))
+                best[name] = min(best[name], seconds(partial(built, part, stream)))
                 stream.disconnect()
     yield ("part", "ms")
     yield from ((name, f"{1e3 * least:.1f}") for name, least in best.items())

@@ -5,6 +5,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from common.cases import Line, case, option
@@ -86,7 +87,7 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
         for turn in range(asked.repeats):
             alone.append(both_clocks(bare))
             with times_of(time.perf_counter, (simulation, "simulate")) as runs:
-                whole.append(both_clocks(lambda turn=turn: run_study(file, Path(name) / f"{turn}")))
+                whole.append(both_clocks(partial(run_study, file, Path(name) / f"{turn}")))
             own.append(whole[-1][0] - sum(runs))
     yield f"{asked.count} marine variants of {asked.duration:g} s, {asked.shards} shards, {asked.precision}"
     yield ("", "s", "variants/s", "CPU time [s]")
@@ -95,8 +96,8 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
         wall, busy = (statistics.median(of) for of in zip(*times, strict=True))
         middle.append((wall, busy))
         yield (what, " ".join(f"{taken:.2f}" for taken, _ in times), asked.count / wall, busy)
-    more = [100.0 * (theirs / ours - 1.0) for ours, theirs in zip(*middle, strict=True)]
-    yield f"more of the study: {more[0]:+.1f} % of the time, {more[1]:+.1f} % of CPU time"
+    above = [100.0 * (theirs / ours - 1.0) for ours, theirs in zip(*middle, strict=True)]
+    yield f"more of the study: {above[0]:+.1f} % of the time, {above[1]:+.1f} % of CPU time"
     outside, inside = statistics.median(own), middle[1][0] - statistics.median(own)
     each = 1e3 * outside / asked.count
     yield f"outside simulate: {100.0 * outside / inside:.1f} % of it, {each:.2f} ms a variant"

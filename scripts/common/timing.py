@@ -1,7 +1,5 @@
 """Times: of jobs in turns, of functions where they are called, and on what machine."""
 
-import os
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,25 +9,10 @@ from unittest.mock import patch
 
 def environment() -> Iterator[str]:
     """The machine and the versions that times are of."""
-    import numpy as np
-    import warp as wp
+    from warpchain.engine.device_choice import machine
+    from warpchain.engine.devices import usable_gpus
 
-    wp.config.log_level = wp.LOG_ERROR
-    wp.init()
-    cores = len(os.sched_getaffinity(0))
-    gpus = [wp.get_device(f"cuda:{k}").name for k in range(wp.get_cuda_device_count())]
-    yield (
-        f"{_processor()}, {cores} cores, Python {platform.python_version()}, Warp {wp.__version__}, numpy "
-        f"{np.__version__}; GPUs: {', '.join(gpus) or 'none'}"
-    )
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    yield ", ".join(f"{name}: {value}" for name, value in machine(usable_gpus()).items())
 
 
 def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:

@@ -10,9 +10,10 @@ from common.cases import Line, case
 from common.drives import Values, example
 from matplotlib.figure import Figure
 
-from warpchain import Drive, Record, Run, Trajectory, simulate
+from warpchain import Drive, Record, Run, simulate
 from warpchain.results.rotation import order_amplitudes, turns_of
 from warpchain.results.shaft_signals import phase_error
+from warpchain.view.figures.style import grid
 
 SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
 AT = (1500, 3000, 6000)
@@ -95,12 +96,12 @@ def powers(row: Row) -> np.ndarray:
     return np.array([sum(row[f"{name}.friction"] for name in names) / span for names in PARTS.values()])
 
 
-def later(trajectory: Trajectory) -> np.ndarray:
+def later(trajectory: Any) -> np.ndarray:
     """The frames of the second half of a recording."""
     return np.asarray(trajectory.time >= 0.5 * trajectory.time[-1])
 
 
-def crank_degrees(trajectory: Trajectory, s: int) -> np.ndarray:
+def crank_degrees(trajectory: Any, s: int) -> np.ndarray:
     """Phase error of sprocket s over the second half of a recording [degrees of the crankshaft]."""
     return np.degrees(phase_error(trajectory, s))[later(trajectory)]
 
@@ -126,17 +127,14 @@ def orders_table(run: Run) -> Iterator[Line]:
     yield ("rpm", "orders of the tensioner's force: amplitude [N]")
     orders = np.arange(0.5, 60.0, 0.5)
     for k, rpm in enumerate(SPEEDS):
-        part, force = later(run[k]), run[k].tensioner_force
-        assert force is not None
-        size = order_amplitudes(turns_of(run[k])[part], np.asarray(force[part, 0], float), orders.tolist())
-        assert size is not None
+        part, force = later(run[k]), run[k].channels()["tensioner_force"][:, 0].astype(float)
+        size: Any = order_amplitudes(turns_of(run[k])[part], force[part], orders.tolist())
         yield (rpm, ", ".join(f"{orders[i]:g}: {size[i]:.0f}" for i in np.argsort(size)[:-5:-1]))
 
 
 def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
     """Friction power by group, tensions, phase error, stroke, force and pressure over speed."""
-    figure = Figure(figsize=(12, 7), layout="constrained")
-    friction, share, tension, phase, stroke, pressure = figure.subplots(2, 3).flat
+    figure, (friction, share, tension, phase, stroke, pressure) = grid(6, 3, 4.0, 3.5)
     power = np.array([powers(row) for row in rows]).T
     friction.stackplot(SPEEDS, *power, labels=PARTS, colors=COLORS)
     friction.set(ylabel="friction [W]")
@@ -165,16 +163,15 @@ def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
         axes.set(ylabel=label)
     for axes in figure.axes:
         axes.set(xlabel="crankshaft [rpm]")
-        axes.grid(alpha=0.3)
     for axes in (friction, tension, phase):
         axes.legend(fontsize=8)
     return figure
 
 
-def trends(rows: Iterator[Row], figure: Figure) -> Iterator[Line]:
+def trends(rows: Iterator[Row], panels: Sequence[Any]) -> Iterator[Line]:
     """Rows and curves of friction over what was changed, a line a speed."""
     yield ("changed", "", "rpm", "friction [W]", "of it arm and guide")
-    for axes, (label, (_, values, scale)) in zip(figure.subplots(1, len(CHANGES)), CHANGES.items(), strict=True):
+    for axes, (label, (_, values, scale)) in zip(panels, CHANGES.items(), strict=True):
         x = [scale * value for value in values]
         for rpm, color in zip(AT, COLORS, strict=False):
             power = np.array([powers(next(rows)) for _ in values]).T
@@ -184,9 +181,8 @@ def trends(rows: Iterator[Row], figure: Figure) -> Iterator[Line]:
             cells = (", ".join(map("{:.0f}".format, total)), ", ".join(map("{:.2f}".format, guides / total)))
             yield (label, ", ".join(f"{v:g}" for v in x), rpm, *cells)
         axes.set(xlabel=label, ylim=(0, None))
-        axes.grid(alpha=0.3)
-    figure.axes[0].set(ylabel="friction [W], dotted: arm and guide")
-    figure.axes[0].legend(fontsize=8)
+    panels[0].set(ylabel="friction [W], dotted: arm and guide")
+    panels[0].legend(fontsize=8)
 
 
 @case()
@@ -206,12 +202,12 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=("sprocket_angle", "tensioner_force"))
     run = simulate(drives, record=record, progress=True)
     rows = run.metrics.to_pylist()
-    sweep, over = rows[: len(SPEEDS)], Figure(figsize=(12, 3.6), layout="constrained")
+    sweep, (over, panels) = rows[: len(SPEEDS)], grid(4, 4, 3.0, 3.6)
     yield from sweep_table(run, sweep)
     yield ""
     yield from orders_table(run)
     yield ""
-    yield from trends(iter(rows[len(SPEEDS) :]), over)
+    yield from trends(iter(rows[len(SPEEDS) :]), panels)
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
     yield f"{len(rows)} runs, {int(run.ok.sum())} ok, largest energy residual {worst:.1e}"
     yield {"car-speed": sweep_figure(run, sweep), "car-trends": over}

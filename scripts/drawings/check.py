@@ -8,7 +8,7 @@ import numpy as np
 from common.cases import Line, case, option
 from common.drives import example
 
-from warpchain import Record, Trajectory, simulate
+from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.statics import running
 
@@ -27,13 +27,12 @@ MARINE: dict[str, dict[str, Any]] = {
 }
 
 
-def bent(trajectory: Trajectory) -> tuple[float, float]:
+def bent(trajectory: Any) -> tuple[float, float]:
     """Length of all strands beyond straight ones in the run's second half [m]: whole, and what is not standing.
 
     Half of the slopes' squares along the strand; the mean slope at each place, a pitch long, stands.
     """
     drive, path = trajectory.drive, chain_path(trajectory.drive)
-    assert trajectory.position is not None
     x = trajectory.position[trajectory.time >= 0.5 * trajectory.time[-1]].astype(float)
     whole, waves = 0.0, 0.0
     for begin, end in zip(path.strand_start, path.strand_end, strict=True):

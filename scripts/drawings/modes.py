@@ -150,7 +150,7 @@ def recorded(drive: Drive) -> Trajectory:
     return simulate(drive, record=Record(channels=("position", "velocity", "tension", "sprocket_speed")))[0]
 
 
-def signal_of(trajectory: Trajectory, mode: str) -> Array:
+def signal_of(trajectory: Any, mode: str) -> Array:
     """(F,) displacement of a mode's strand at `PLACE` of its length [m]."""
     drive, path = trajectory.drive, assembled_path(trajectory.drive)
     strand = drive.strand_names.index(mode.rpartition(" ")[0])
@@ -181,10 +181,9 @@ def running(run: RunUp, drive: Drive) -> Campbell:
     return over_a_pitch(loaded(run, drive), speeds.tolist(), run.count, PHASES)[0]
 
 
-def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST) -> Iterator[Seen]:
+def seen(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[Seen]:
     """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows (at least so
     many), each over the frequency relative to the mode's at the window's speed."""
-    assert trajectory.sprocket_speed is not None
     size, drive = int(run.window * run.rate), found.drive
     speeds = np.abs(np.asarray(trajectory.sprocket_speed[:, drive.driver], float))
     first = int(np.argmax(speeds > found.speed[0]))
@@ -210,7 +209,7 @@ def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST
                 yield Seen(name, time, speed, frequency, float(AROUND[peak]) * frequency)
 
 
-def draw(axis: Any, run: RunUp, trajectory: Trajectory, modes: Campbell, found: list[Seen]) -> None:
+def draw(axis: Any, run: RunUp, trajectory: Any, modes: Campbell, found: list[Seen]) -> None:
     """The spectrum of all signals over time, the modes' frequencies, and the peaks."""
     size = int(run.window * run.rate)
     rows = range(0, len(trajectory.time) - size, size // 8)

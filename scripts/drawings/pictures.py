@@ -72,7 +72,8 @@ def draw(axis: Any, trajectory: Any, f: int, reach: float) -> None:
 def frame_figure(trajectory: Any, curves: dict[str, dict[str, np.ndarray]], f: int, reach: float) -> Figure:
     """One frame as a figure: the drive, and curves about the shown teeth."""
     made = Figure(figsize=(9.0, 5.4), layout="constrained")
-    left, right = made.subfigures(1, 2, width_ratios=[0.36, 0.64])
+    halves: Any = made.subfigures(1, 2, width_ratios=[0.36, 0.64])
+    left, right = halves
     draw(left.subplots(), trajectory, f, reach)
     time, colors = trajectory.time, thing_colors(trajectory.drive)
     last = time >= time[-1] - 2.2 * (time[-1] - time[shown_frames(trajectory)[0]])

@@ -9,13 +9,13 @@ import numpy as np
 from common.cases import Line, case
 from common.drives import Values, equal, pair
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from warpchain import Drive, Record, Trajectory, simulate
+from warpchain import Drive, Record, simulate
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.tooth_shape import half_gap_outline
 from warpchain.results.scene import nearest_sprocket, sprocket_normals, tooth_outline, turned
 from warpchain.results.signals import order_spectrum, strand_tension
+from warpchain.view.figures.style import grid, panels
 
 TEETH, PITCH, ROLLER = 19, 25.4e-3, 7.94e-3
 ISO: Values = {"contact.sprocket.profile": "iso606", "contact.sprocket.clearance": None}
@@ -51,13 +51,12 @@ def drive(profile: str, values: Values | None = None, elongation: float = 0.0, s
     return pair(equal(TEETH, 78, PITCH) | common | PROFILES[profile]).with_values(values or {})
 
 
-def radial(trajectory: Trajectory, s: int) -> np.ndarray:
+def radial(trajectory: Any, s: int) -> np.ndarray:
     """Places of rollers from the center of sprocket s (F, N, 2) [m]."""
-    assert trajectory.position is not None and trajectory.sprocket_center is not None
     return trajectory.position - trajectory.sprocket_center[:, None, s]
 
 
-def over_pitches(trajectory: Trajectory, s: int, values: np.ndarray, edges: np.ndarray, rollers: slice) -> Any:
+def over_pitches(trajectory: Any, s: int, values: np.ndarray, edges: np.ndarray, rollers: slice) -> Any:
     """Pitches since a roller's arrival on sprocket s, and the mean of values (F, N) there."""
     arm = radial(trajectory, s)[:, rollers]
     on = ((nearest_sprocket(trajectory) == s) & (trajectory.time > BEGIN)[:, None])[:, rollers]
@@ -70,13 +69,11 @@ def over_pitches(trajectory: Trajectory, s: int, values: np.ndarray, edges: np.n
     return 0.5 * (edges[:-1] + edges[1:]), total / np.maximum(count, 1)
 
 
-def approach_speeds(trajectory: Trajectory, s: int) -> np.ndarray:
+def approach_speeds(trajectory: Any, s: int) -> np.ndarray:
     """Speed along the tooth's normal with which each roller that arrives on sprocket s first touches it [m/s].
 
     Normal and speed are those of the frame before.
     """
-    assert trajectory.velocity is not None and trajectory.sprocket_speed is not None
-    assert trajectory.sprocket_force is not None
     on = nearest_sprocket(trajectory) == s
     met = []
     for frame, roller in np.argwhere(~on[:-1] & on[1:]):
@@ -95,9 +92,8 @@ def seated(profile: str) -> tuple[np.ndarray, float]:
     values = {"chain.damping": 2e3, "sprockets.driver.prescribed.speed": 0.0, "sprockets.driven.load.viscous": 20.0}
     values |= {"contact.sprocket.impact_speed_floor": 0.5, "contact.sprocket.stiffness": 2e9}
     slow = drive(profile, values | {"run.step": 1.5e-6, "run.duration": 1.0})
-    trajectory = simulate(slow, record=Record(rate=100.0))[0]
+    trajectory: Any = simulate(slow, record=Record(rate=100.0))[0]
     phi = slow.tooth(0).pressure_angle(TEETH)
-    assert trajectory.sprocket_force is not None and trajectory.tension is not None
     force, tension = trajectory.sprocket_force[-1], trajectory.tension[-1]
     on = nearest_sprocket(trajectory)[-1] == 0
     loaded = np.flatnonzero(on & (force > 0.005 * force.max()))
@@ -120,10 +116,9 @@ def repeated(profile: str) -> tuple[dict[str, list[float]], np.ndarray, list[np.
     for load in loads:  # one after the other: a recording takes a gigabyte
         run = simulate(drive(profile, load), record=Record(rate=20e3), window=(BEGIN, END))
         (row,), trajectory = run.metrics.to_pylist(), run[0]
-        assert trajectory.sprocket_force is not None
         speeds.append(np.concatenate([approach_speeds(trajectory, s) for s in (0, 1)]))
         edges = np.arange(-0.5, TEETH / 2 + 1.0, 0.1)
-        where, force = over_pitches(trajectory, 1, trajectory.sprocket_force, edges, slice(None))
+        where, force = over_pitches(trajectory, 1, trajectory.channels()["sprocket_force"], edges, slice(None))
         forces.append(force)
         rebound = contact_rebound(trajectory.drive.contact.sprocket)
         quantities = {
@@ -150,8 +145,7 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
     motion is chaotic: each profile runs ten times with loads a millionth apart, and means are given with the standard
     error that their scatter leaves.
     """
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    shape, force, approach, decay = figure.subplots(2, 2).flat
+    figure, (shape, force, approach, decay) = grid(4, 2, 5.5, 4.0)
     for name, color in zip(PROFILES, COLORS, strict=True):
         one = drive(name)
         yield (f"{name}, pressure angle", f"{math.degrees(one.tooth(0).pressure_angle(TEETH)):.1f} deg")
@@ -177,8 +171,6 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
     approach.set(xlabel="approach speed along the normal [m/s]", ylabel="rollers", title="rollers that arrive")
     decay.set(xlabel="link around the wrap", ylabel="tension over the largest", title="seated, closed form dashed")
     decay.set_ylim(5e-3, 1.5)
-    for axes in figure.axes:
-        axes.grid(alpha=0.3)
     yield {"profiles": figure}
 
 
@@ -187,15 +179,14 @@ LINK = 40  # the one that is worn alone, an outer one
 SHOWN = "iso606, maximum gap"
 
 
-def climbed(trajectory: Trajectory, rollers: slice) -> Any:
+def climbed(trajectory: Any, rollers: slice) -> Any:
     """Pitches since arrival on the driver, and there the rollers' mean radius over the pitch radius, less one [%]."""
     off = np.hypot(*np.moveaxis(radial(trajectory, 0), -1, 0)) / trajectory.drive.pitch_radius(0) - 1.0
     return over_pitches(trajectory, 0, 100.0 * off, np.arange(0.5, TEETH / 2 - 0.4, 0.25), rollers)
 
 
-def draw(axes: Axes, trajectory: Trajectory) -> None:
+def draw(axes: Axes, trajectory: Any) -> None:
     """The driver with its chain at the end of the run."""
-    assert trajectory.position is not None and trajectory.sprocket_angle is not None
     teeth = turned(tooth_outline(trajectory.drive, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
     axes.fill(*(1e3 * teeth).T, color="0.85", ec="0.4", linewidth=0.8)
     rollers, radius = 1e3 * trajectory.position[-1], 1e3 * trajectory.drive.chain.roller_radius
@@ -224,8 +215,7 @@ def wear(asked: argparse.Namespace) -> Iterator[Line]:
     drives.append(drive(SHOWN, {"chain.worn_links": [{"link": LINK, "elongation": 0.03}]}))
     run = simulate(drives, record=Record(rate=2e3), window=(BEGIN, END))
     rows = run.metrics.to_pylist()
-    figure = Figure(figsize=(11, 8.5), layout="constrained")
-    place, climb, picture, single = figure.subplots(2, 2).flat
+    figure, (place, climb, picture, single) = grid(4, 2, 5.5, 4.25)
     yield ("profile", "elongation [%]", "climb, outer / inner link follows [%]", "tension [N]", "losses [W]", "status")
     heights = np.empty((len(cases), 2))
     for v, (name, e) in enumerate(cases):
@@ -254,7 +244,6 @@ def wear(asked: argparse.Namespace) -> Iterator[Line]:
     single.set(title=f"{SHOWN}, one link 3 % longer", **places)
     for axes in (place, climb, single):
         axes.legend(fontsize=8)
-        axes.grid(alpha=0.3)
     yield {"wear": figure}
 
 
@@ -280,19 +269,15 @@ def wear_spectrum(asked: argparse.Namespace) -> Iterator[Line]:
     rubs = {"chain.joint": JOINT, "run.duration": 2.0}
     drives = [drive("iso606, minimum gap", rubs | values, longer, 3e-4) for longer, values in WORN.values()]
     run = simulate(drives, record=record)
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
-    axes = figure.subplots(2, 1, sharex=True)
+    figure, axes = panels(2, 7.0, "", None)
     orders = [f"{what}, order {order}" for what in ("tight strand [N]", "driven speed [%]") for order in ("1/2", "1")]
     yield ("chain", *orders, "status")
     for v, (name, color) in enumerate(zip(WORN, ("0.55", *COLORS), strict=False)):
-        assert run[v].sprocket_speed is not None
-        speed = run[v].sprocket_speed[:, 1]
+        speed: Any = run[v].channels()["sprocket_speed"][:, 1]
         found = []
-        for axis, values in zip(
-            axes, (strand_tension(run[v], 1), 100.0 * speed / speed[len(speed) // 2 :].mean()), strict=True
-        ):
-            spectrum = order_spectrum(run[v], values)
-            assert spectrum is not None
+        signals = (strand_tension(run[v], 1), 100.0 * speed / speed[len(speed) // 2 :].mean())
+        for axis, values in zip(axes, signals, strict=True):
+            spectrum: Any = order_spectrum(run[v], values)
             order, size = spectrum[0] / TEETH, spectrum[1]
             axis.semilogy(order, size, color=color, lw=1.1, label=name)
             found += [float(size[np.abs(order - at) < 0.02].max()) for at in (0.5, 1.0)]
@@ -300,7 +285,6 @@ def wear_spectrum(asked: argparse.Namespace) -> Iterator[Line]:
     for axis, label in zip(axes, ("tight strand's tension [N]", "driven speed over its mean [%]"), strict=True):
         low, high = axis.get_ylim()
         axis.set(ylabel=label, xlim=(0.0, 2.6), ylim=(max(low, 1e-5 * high), high))
-        axis.grid(alpha=0.3)
     axes[0].legend(loc="upper right", fontsize=9)
     axes[1].set(xlabel="order of the tooth passing (1 is z, 1/2 is z/2 of a revolution)")
     yield {"wear-spectrum": figure}

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, SCRIPTS, Line, case, option
 
 from pages import reference
 
@@ -89,63 +89,17 @@ def menu(folder: Path) -> list[Any]:
     return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
 
 
-def settings(folder: Path, site: Path) -> dict[str, Any]:
-    """Settings of mkdocs. Fonts are the reader's own: the site asks no other machine for anything."""
-    docstrings = {
-        "docstring_style": "google",
-        "docstring_options": {"warnings": False},
-        "show_root_heading": True,
-        "show_root_full_path": True,
-        "show_source": False,
-        "members_order": "source",
-        "filters": ["!^_"],
-        "heading_level": 2,
-        "show_signature_annotations": False,
-        "show_if_no_docstring": False,
-        "summary": False,
-    }
-    return {
-        "site_name": "warpchain",
-        "docs_dir": str(folder),
-        "site_dir": str(site),
-        "use_directory_urls": False,
-        "theme": {
-            "name": "material",
-            "font": False,
-            "features": ["navigation.sections", "navigation.top", "content.code.copy", "search.suggest"],
-            "palette": [
-                {"media": "(prefers-color-scheme: light)", "scheme": "default", "primary": "blue grey"},
-                {"media": "(prefers-color-scheme: dark)", "scheme": "slate", "primary": "blue grey"},
-            ],
-        },
-        "plugins": [
-            "search",
-            {"mkdocstrings": {"handlers": {"python": {"paths": [str(ROOT)], "options": docstrings}}}},
-        ],
-        "markdown_extensions": [
-            "tables",
-            "attr_list",
-            "md_in_html",
-            {"toc": {"permalink": True, "toc_depth": 3}},
-            {"pymdownx.highlight": {"use_pygments": True}},
-            "pymdownx.superfences",
-        ],
-        "validation": {"nav": {"omitted_files": "warn"}, "links": {"anchors": "warn", "not_found": "warn"}},
-        "nav": menu(folder),
-        "not_in_nav": "/notes/",
-    }
-
-
 def build(site: Path) -> subprocess.CompletedProcess:
     """Builds the site; the output of mkdocs is in the result."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work) / "docs"
         sources(folder)
         config = Path(work) / "mkdocs.yml"
-        config.write_text(json.dumps(settings(folder, site.resolve())))  # JSON is YAML
-        quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}  # of the theme's own future
+        base = {"INHERIT": str(SCRIPTS / "pages" / "mkdocs.yml"), "nav": menu(folder)}
+        config.write_text(json.dumps(base | {"docs_dir": str(folder), "site_dir": str(site.resolve())}))  # JSON is YAML
+        environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}  # of the theme's own future
         command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(config)]
-        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=quiet)
+        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=environment)
 
 
 @case(option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
