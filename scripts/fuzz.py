@@ -1,6 +1,6 @@
-"""Feeds files, folders of studies and command lines that were changed at random to what reads them.
+"""Feeds files and folders of studies that were changed at random to what reads them.
 
-    python scripts/fuzz.py --kind drives studies tables archives folders commands --count 1000 --seed 0
+    python scripts/fuzz.py --kind drives studies tables archives folders --count 1000 --seed 0
 
 Each case starts from something right and changes it: bits, bytes, lines, numbers, pieces of others. It is accepted,
 refused (by a `WarpchainError`), or broken: any other exception, or an archive or a study's table that reads back with
@@ -14,7 +14,6 @@ import argparse
 import contextlib
 import datetime
 import faulthandler
-import io
 import re
 import shutil
 import struct
@@ -39,7 +38,6 @@ from warpchain.archive.archive_format import TOPICS
 from warpchain.archive.mcap_read import RECORD, records
 from warpchain.archive.recover import recover_archive
 from warpchain.assembly.timestep import resolve_step
-from warpchain.cli import main as command_line
 from warpchain.drive import Guide, dumps_drive, load_drive, loads_drive
 from warpchain.drive.csv_files import read_points
 from warpchain.drive.motion_table import read_csv
@@ -67,22 +65,6 @@ VALUES = [
 ]
 """Values of a key or a cell, right or wrong."""
 KEYS = [*Factor.model_fields, *Design.model_fields]
-COMMANDS = (
-    "check marine --set run.duration=1.0",
-    "check engine --json --set run.step=1e-6",
-    "check {folder}/case.toml",
-    "chains",
-    "fit {folder}/case.toml --sprocket camshaft --along 1,0 --preload 1000 -o {folder}/fit.toml --overwrite",
-    "fit {folder}/case.toml --links --overwrite -o {folder}/fit.toml",
-    "export {folder}/zstd.mcap -o {folder}/out.npz --variant 1",
-    "recover {folder}/zstd.mcap -o {folder}/new.mcap --overwrite",
-    "study status {folder}/home",
-    "study merge {folder}/home",
-)
-WORDS = (
-    *(*VALUES, "9" * 5000, "x" * 5000, "\udc80", "\n", "/dev/null", "..", "[1", "1e308,1e308", "marine", "camshaft"),
-    *("--", "--json", "--set", "-o", "a=b=c", "--set=chain.links=0", "--set=sprockets.9=1", "--set=run.gravity=nan"),
-)
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
 STUDY = """
 [study]
@@ -275,7 +257,6 @@ class Fuzz:
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]
         (folder / "t.csv").write_text("torque,double\n1000.0,74\n1500.0,76\n")
-        (folder / "case.toml").write_text(self.texts[0])
         softer = {"chain.stiffness": 0.9 * self.base.chain.stiffness}
         record = Record("all", 5000.0, ("position", "tension", "sprocket_angle"))
         self.run = simulate([self.base, self.base.with_values(softer)], device="cpu", duration=1e-3, record=record)
@@ -366,21 +347,6 @@ class Fuzz:
         for variant, trajectory in recorded_variants(results, home).items():
             assert np.array_equal(trajectory.channels()["position"], self.recorded[variant].channels()["position"])
 
-    def commands(self, draw: Draw) -> None:
-        """A command line whose words are right or not; those that simulate or show are left out."""
-        words = [word.format(folder=self.folder) for word in draw(one(COMMANDS)).split()]
-        for _ in range(draw(below(3))):
-            at = draw(st.integers(0, len(words)))
-            words[at : at + draw(below(2))] = [draw(one(WORDS))]
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
-            try:
-                status = command_line(words)
-            except SystemExit as ended:
-                status = int(ended.code or 0)
-        if status == 2:
-            raise WarpchainError("refused")
-        assert status in (0, 1) and "Traceback" not in said.getvalue()
-
     def compare(self, path: Path, whole: bool) -> None:
         """Holds every frame that is read against its variant's own, and its place."""
         back = read_archive(path)
@@ -395,7 +361,7 @@ class Fuzz:
                 assert np.array_equal(values, getattr(own, name)[kept]), f"{name} of {variant} are other values"
 
 
-KINDS = ("drives", "studies", "tables", "archives", "folders", "commands")
+KINDS = ("drives", "studies", "tables", "archives", "folders")
 
 
 def fuzz(case: Callable[[Draw], None], count: int, first: int) -> Counter[str]:

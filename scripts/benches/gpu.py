@@ -1,4 +1,4 @@
-"""Ensembles on GPUs: the time loop, whole runs, and which device is taken."""
+"""Ensembles on GPUs: the time loop and whole runs."""
 
 import argparse
 import tempfile
@@ -168,15 +168,6 @@ def gpus(effort: Effort) -> Row:
     found = [timed(many, device=device, duration=0.2) for device in (DEVICE, "cuda")]
     (one, every), (one_all, every_all) = (run.info.wall_time for run, _ in found), (total for _, total in found)
     return count, one, every, one / every, one_all, every_all, one_all / every_all
-
-
-@part("variants | cpu [s] | GPU [s] | taken | over faster", product((1, 8, 64, 512)))
-def choice(variants: int, effort: Effort) -> Row:
-    """Which device finishes 0.1 s of the two sprockets first, and which one is taken by itself."""
-    many = [named("two").with_values({"run.settle": False})] * variants
-    cpu, gpu = (timed(many, device=device, duration=0.1)[0].info.wall_time for device in ("cpu", DEVICE))
-    taken = simulate(many, duration=0.1, record=NONE).info.device
-    return cpu, gpu, taken, (gpu if "cuda" in taken else cpu) / min(cpu, gpu)
 
 
 def rows_of(name: str, quick: bool) -> list[tuple[Any, ...]]:

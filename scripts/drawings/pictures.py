@@ -173,7 +173,7 @@ def viewer(asked: argparse.Namespace) -> Iterator[Line]:
     yield str(picture)
 
 
-@case(option("--duration", type=float, default=1.0, help="of the run-up [s]"))
+@case()
 def report(asked: argparse.Namespace) -> Iterator[Line]:
     """Loads of a run-up of the timing drive on its shafts and its guide, as `warpchain report` shows them.
 
@@ -181,14 +181,16 @@ def report(asked: argparse.Namespace) -> Iterator[Line]:
 
     Writes report-hubs.png, report-orders.png and report-guide.png.
     """
-    table = {"time": [0.0, asked.duration], "speed": [105.0, 600.0]}  # rad/s
-    values = {"sprockets.crankshaft.prescribed.table": table, "run.duration": asked.duration}
+    table = {"time": [0.0, 1.0], "speed": [105.0, 600.0]}  # s, rad/s
+    values = {"sprockets.crankshaft.prescribed.table": table, "run.duration": 1.0}
     drive = example("engine", values)
-    found = handed_in(simulate(drive, record=Record(rate=20_000.0), window=(0.0, asked.duration)))
-    figures = {"report-hubs": hub_figure(found), "report-guide": guide_load_figure(found, 0)}
-    cuts = run_up_cuts(found)
-    if cuts:
-        figures["report-orders"] = cuts_figure(drive, "force on the hub", *cuts["force on the hub"])
+    found = handed_in(simulate(drive, record=Record(rate=20_000.0), window=(0.0, 1.0)))
+    cuts = run_up_cuts(found)["force on the hub"]
+    figures = {
+        "report-hubs": hub_figure(found),
+        "report-guide": guide_load_figure(found, 0),
+        "report-orders": cuts_figure(drive, "force on the hub", *cuts),
+    }
     yield ("metric", "value")
     yield from found.metrics().items()
     yield figures
