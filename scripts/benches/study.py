@@ -15,23 +15,16 @@ from warpchain import Record, open_study, run_study, simulate
 from warpchain.engine import simulation
 
 STUDY = """
+factors = [
+  {{ name = "torque", path = "sprockets.camshaft.load.torque", range = [6e3, 12e3] }},
+  {{ name = "speed", path = "sprockets.crankshaft.prescribed.speed", range = [8.0, 11.0] }},
+  {{ name = "indentation", path = "guides.0.start.0", range = [-0.835, -0.825] }},
+]
 [study]
 drive = "marine"
 [design]
 kind = "latin-hypercube"
 count = {count}
-[[factors]]
-name = "torque"
-path = "sprockets.camshaft.load.torque"
-range = [6e3, 12e3]
-[[factors]]
-name = "speed"
-path = "sprockets.crankshaft.prescribed.speed"
-range = [8.0, 11.0]
-[[factors]]
-name = "indentation"
-path = "guides.0.start.0"
-range = [-0.835, -0.825]
 {adjust}
 [run]
 duration = {duration}

@@ -17,18 +17,7 @@ from pyarrow import parquet
 
 import warpchain
 from golden_runs import blocks as golden_blocks
-from golden_runs.drives import (
-    ARCHIVES,
-    DESIGNS,
-    LAWS,
-    LOAD,
-    MOUNTS,
-    PROFILES,
-    STUDY,
-    TABLES,
-    WORN,
-    run,
-)
+from golden_runs.drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PROFILES, STUDY, TABLES, WORN, run
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive
