@@ -103,13 +103,6 @@ def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeyp
     assert list(found.values()) == pytest.approx([variants * links * 50 / 1e6 / 1e-3 for variants, _ in cases])
 
 
-def test_a_name_of_an_older_tree_is_found_too():
-    probe = load_script("benches.probe")
-    assert probe.first("warpchain.gone:load_drive", "warpchain:gone", "warpchain:load_drive").__name__ == "load_drive"
-    with pytest.raises(ImportError, match=r"^none of warpchain:gone$"):
-        probe.first("warpchain:gone")
-
-
 def test_both_trees_run_the_drives_of_one(guard, tmp_path):
     found = guard.drives_of(tmp_path, ["marine", "smooth"])
     assert found["marine"][0].startswith(str(tmp_path)) and found["smooth"][0] == found["marine"][0]

@@ -3,7 +3,7 @@
 import argparse
 import inspect
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, get_args
 
 import warpchain
@@ -142,10 +142,3 @@ def pages() -> dict[str, str]:
         "commands.md": commands_page(),
         **python_pages(),
     }
-
-
-def undescribed() -> Iterable[str]:
-    """Keys that no docstring describes; there should be none."""
-    for top in (Drive, Study):
-        for kind in sections(top):
-            yield from (f"{kind.__name__}.{row[0].strip('`')}" for row in key_rows(kind) if not row[3])
