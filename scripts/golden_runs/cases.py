@@ -192,7 +192,7 @@ def study(folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, design in DESIGNS.items():
         out = folder / name
-        points = "points = 3" if name == "factorial" else ""
+        points = ", points = 3" if name == "factorial" else ""
         (folder / "study.toml").write_text(STUDY.format(design=design, points=points))
         outcome = warpchain.run_study(folder / "study.toml", out, workers=1)
         table = parquet.read_table(out / "results.parquet")

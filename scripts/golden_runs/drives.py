@@ -10,21 +10,15 @@ import warpchain
 from warpchain import Drive, Run
 
 STUDY = """
+factors = [
+  {{ name = "torque", path = "sprockets.driven.load.torque", range = [100.0, 400.0]{points} }},
+  {{ name = "teeth", path = "sprockets.driven.teeth", levels = [20, 21] }},
+]
+constraints = [{{ require = "torque < 350 or teeth > 20" }}]
 [study]
 drive = "pair.toml"
 [design]
 {design}
-[[factors]]
-name = "torque"
-path = "sprockets.driven.load.torque"
-range = [100.0, 400.0]
-{points}
-[[factors]]
-name = "teeth"
-path = "sprockets.driven.teeth"
-levels = [20, 21]
-[[constraints]]
-require = "torque < 350 or teeth > 20"
 [adjust]
 sprocket = "driven"
 direction = [1.0, 0.0]
