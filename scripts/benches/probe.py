@@ -22,7 +22,7 @@ from warpchain.results.schedule import Schedule
 try:
     from warpchain.engine.simulation import longest_apart
 except ImportError:  # of a tree before commit a898f41
-    from warpchain.engine.looks import longest_apart
+    from warpchain.engine.looks import longest_apart  # type: ignore[no-redef]
 
 FOREVER = 10**9
 
