@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import warp as wp
+from common.cases import described
 from golden_runs.cases import CASES
 
 import warpchain
@@ -41,7 +42,7 @@ from warpchain import Run, Trajectory
 
 
 def parts(value: Any) -> dict[Any, Any] | None:
-    """What a value consists of, by name; None if it is a leaf."""
+    """The parts of a value, by name; None if it is a leaf."""
     if isinstance(value, Run):
         return {"metrics": value.metrics, "ended": value.info.ended, "run": dict(value.items())}
     if isinstance(value, Trajectory):
@@ -86,7 +87,7 @@ def flat(value: Any, name: str = "") -> dict[str, np.ndarray]:
 
 
 def difference(old: np.ndarray, new: np.ndarray) -> str:
-    """How two arrays differ, "" if not in a single bit."""
+    """The difference of two arrays, "" if not in a single bit."""
     if (old.dtype, old.shape) != (new.dtype, new.shape):
         return f"{new.dtype}{list(new.shape)} instead of {old.dtype}{list(old.shape)}"
     bits = [np.frombuffer(a.tobytes(), dtype=np.uint8).reshape(a.size, -1) for a in (old, new) if a.size]
@@ -114,7 +115,7 @@ def some(found: Sequence[str], most: int = 5) -> str:
 
 
 def compare(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:
-    """How a case differs from what is stored, "" if not in a single bit; and what it has beyond that."""
+    """The difference of a case from what is stored, "" if not in a single bit; and what it has beyond that."""
     if not path.exists():
         return f"missing: {path}", ""
     with np.load(path) as old:
@@ -127,7 +128,7 @@ def compare(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
-    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made = described(__doc__)
     made.add_argument("--compare", action="store_true", help="compare with what is stored")
     made.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
     made.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")

@@ -4,9 +4,9 @@ import sys
 import time
 import types
 
-import benching
 import pytest
-from loading import SCRIPTS, load_script
+from loading import load_script
+from matplotlib.figure import Figure
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
@@ -21,7 +21,7 @@ def drives():
 
 
 def test_the_kinds_are_224_and_can_be_assembled(drives):
-    kinds = drives.kinds_of(drives.named("two"))
+    kinds = drives.kinds()
     assert len({(drive.chain.links, drive.sprockets[0].teeth) for drive in kinds}) == len(kinds) == 224
     chosen = [kinds[0], kinds[15], kinds[-16], kinds[-1]]
     packed = pack(chosen, [Schedule(1e-6, 10, 0, 10, 0)] * len(chosen))
@@ -31,7 +31,7 @@ def test_the_kinds_are_224_and_can_be_assembled(drives):
 
 def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(drives):
     marine = load_drive(drive_path("marine"))
-    ends = [*drives.different(marine, 1), drives.other(marine, 9_999)]  # of those that are measured
+    ends = [drives.other(marine, 0), drives.other(marine, 9_999)]  # of those that are measured
     pack(ends, [Schedule(1e-6, 10, 0, 10, 0)] * 2)
     a, b = (drive.chain for drive in ends)
     assert a.elongation != b.elongation and a.roller_mass != b.roller_mass and a.damping != b.damping
@@ -53,35 +53,23 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
     """Seconds 8, 10, then 9, 8.5 in turns: the best without metrics is 8, with them 10 or 8.5."""
     gpu, asked, seconds = load_script("benches.gpu"), [], iter([8.0, 10.0, 9.0, 8.5])
 
-    def timed(drives, count, **options):
-        asked.append((len(drives), count, options.get("window"), options["duration"], options["precision"]))
-        return next(seconds)
+    def timed(drives, **options):
+        asked.append((len(drives), options["window"], options["precision"]))
+        return types.SimpleNamespace(info=types.SimpleNamespace(wall_time=next(seconds))), 11.0
 
     monkeypatch.setattr(gpu, "timed", timed)
-    row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, False, ""))
+    row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, ""))
     last = (2.0 - 1e-5, 2.0)  # its last step
-    assert asked == [(16896, 1, last, 2.0, "float32"), (16896, 1, None, 2.0, "float32")] * rounds
+    assert asked == [(16896, last, "float32"), (16896, None, "float32")] * rounds
     best = 10.0 if rounds == 1 else 8.5
     rate = 16896 * 162 * 2.0 / 1e-5 / 1e9
     assert row == pytest.approx((2.0, 8.0, best, 8.0 / best, rate / 8.0, rate / best))
 
 
-def test_rows_that_fail_die_or_hang_do_not_keep_others_from_being_measured(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))  # as in the script, where the workers' processes look for their modules
-    monkeypatch.setitem(sys.modules, "common.workers", workers := load_script("common.workers"))
-    found = list(workers.one_by_one(benching.measured, [("fails",), ("dies",), ("fine",)], 60.0))
-    assert found == ["failed: no memory", "failed: its process died", (1.5,)]
-    begin = time.monotonic()
-    late = list(workers.one_by_one(benching.measured, [("hangs",), ("late",)], 2.0))
-    assert late == ["failed: cut off", "failed: no time was left for it"]
-    assert time.monotonic() < begin + 7.0  # what hangs for ten minutes is ended
-    assert workers.side_by_side(benching.measured, [("fails",), ("fine",)]) == ["failed: no memory", (1.5,)]
-
-
 def test_calls_are_timed_and_functions_put_back():
     owner = types.SimpleNamespace(wait=lambda seconds, more=0.0: time.sleep(seconds + more) or "waited", left=len)
     wait = owner.wait
-    with load_script("common.timing").cpu_time_of([(owner, "wait"), (owner, "left")]) as found:
+    with load_script("common.timing").times_of(time.thread_time, (owner, "wait"), (owner, "left")) as found:
         assert owner.wait(0.02, more=0.01) == "waited" and owner.left("abc") == 3
     assert len(found) == 2 and 0.03 > found[0] >= 0.0  # it slept
     assert owner.wait is wait and owner.left is len
@@ -106,17 +94,19 @@ def test_without_a_case_they_are_listed(cases, monkeypatch, capsys):
         raise WarpchainError("no such device")
         yield ""
 
-    held = {one.name: one for one in (some_rows, refused)}
+    held = {one.run.__name__: one for one in (some_rows, refused)}
     for words, said in (
-        ([], "some-rows  Some rows.\nrefused    One that is refused.\n"),
-        (["some-rows", "--count", "1"], "machine\ntext\n| name | value |\n|---|---|\n| x | 1.235 |\n"),
+        ([], "Some rows."),
+        (["some_rows", "--count", "1"], "machine\ntext\n| name | value |\n|---|---|\n| x | 1.235 |\n"),
     ):
         monkeypatch.setattr(sys, "argv", ["bench.py", *words])
-        try:
-            cases.run("words", held, lambda: ["machine"])
-        except SystemExit as left:
-            assert left.code == 0
-        assert capsys.readouterr().out == said
+        cases.run("words", held, lambda: ["machine"])
+        assert said in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["bench.py", "refused"])
     with pytest.raises(SystemExit, match=r"^no such device$"):
         cases.run("words", held)
+
+
+def test_figures_are_saved_where_they_are_asked_for(cases, tmp_path, capsys):
+    cases.show([{"empty": Figure()}], tmp_path)
+    assert capsys.readouterr().out == f"{tmp_path / 'empty.png'}\n" and (tmp_path / "empty.png").exists()

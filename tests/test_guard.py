@@ -41,18 +41,18 @@ def test_the_status_says_whether_a_case_is_slower(guard, monkeypatch, tmp_path):
 
     monkeypatch.setattr(guard, "checkout", checkout)
     monkeypatch.setattr(guard, "rates", rates)
-    words = asked("main", "HEAD", "--rounds", "2", "--drives", "two", "--precisions", "float64")
-    for speed[0], slower in ((10.0, True), (20.0, False)):  # the best of B is its last, the sixth: 60 and 120
+    words = asked("main", "HEAD", "--rounds", "2", "--drives", "two")
+    for speed[0], slower in ((10.0, True), (20.0, False)):  # the best of B is its last, the eighth: 80 and 160
         found.clear()
         rows = []
         try:
-            rows.extend(guard.guard(words))
+            rows.extend(guard.guard.run(words))
             ended = 0
         except SystemExit as left:
             ended = left.code
         assert ended == int(slower)
-        assert sorted(found[:2]) == ["a", "b"]  # to compile, side by side
-        assert found[2:] == ["a", "b"] * 2  # then in turns
+        assert sorted(found[:4]) == ["a", "a", "b", "b"]  # to compile, side by side
+        assert found[4:] == ["a", "b"] * 2  # then in turns
 
 
 class Launched:
@@ -60,7 +60,7 @@ class Launched:
 
     asked: ClassVar[list] = []
 
-    def __init__(self, packed, device):
+    def __init__(self, packed, device, cores):
         drives = packed.drives
         self.what = len(drives), drives["rollers"][0], drives["window_start"][0], drives["look_every"][0], packed.real
 
@@ -79,7 +79,7 @@ class Launched:
 
 
 @pytest.mark.parametrize(("name", "links"), [("two", 118), ("smooth", 162), ("engine", 132)])
-def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeypatch, tmp_path, name, links):
+def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeypatch, name, links):
     probe = load_script("benches.probe")
     Launched.asked.clear()
     monkeypatch.setattr(probe, "engine_on", Launched)
@@ -87,7 +87,7 @@ def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeyp
     monkeypatch.setattr(time, "perf_counter", lambda: 1e-3 * next(clock))
     found = probe.rates(
         {
-            "drives": guard.drives_of(guard.HERE, [name], tmp_path),
+            "drives": guard.drives_of(guard.ROOT, [name]),
             "precisions": ["float32"],
             "variants": [1, 4224],
             "device": "cuda:0",
@@ -103,17 +103,10 @@ def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeyp
     assert list(found.values()) == pytest.approx([variants * links * 50 / 1e6 / 1e-3 for variants, _ in cases])
 
 
-def test_a_name_of_an_older_tree_is_found_too():
-    probe = load_script("benches.probe")
-    assert probe.first("warpchain.gone:load_drive", "warpchain:gone", "warpchain:load_drive").__name__ == "load_drive"
-    with pytest.raises(ImportError, match=r"^none of warpchain:gone$"):
-        probe.first("warpchain:gone")
-
-
 def test_both_trees_run_the_drives_of_one(guard, tmp_path):
-    found = guard.drives_of(tmp_path, ["marine", "smooth"], tmp_path)
+    found = guard.drives_of(tmp_path, ["marine", "smooth"])
     assert found["marine"][0].startswith(str(tmp_path)) and found["smooth"][0] == found["marine"][0]
-    assert guard.drives_of(guard.HERE, ["marine"], tmp_path)["marine"] == (str(drive_path("marine")), {})
+    assert guard.drives_of(guard.ROOT, ["marine"])["marine"] == (str(drive_path("marine")), {})
 
 
 def test_a_commit_that_is_none_is_named_in_one_line(guard, tmp_path):
@@ -124,8 +117,8 @@ def test_a_commit_that_is_none_is_named_in_one_line(guard, tmp_path):
 
 
 def test_a_folder_is_taken_as_it_is(guard, tmp_path):
-    with guard.checkout(tmp_path, "a", str(guard.HERE)) as tree:
-        assert tree == guard.HERE
+    with guard.checkout(tmp_path, "a", str(guard.ROOT)) as tree:
+        assert tree == guard.ROOT
     assert tree.exists()
 
 

@@ -33,11 +33,6 @@ BANNED = [
 ]  # fmt: skip
 """Words that say less than the field's own terms do."""
 LEFT = {
-    "scripts": (0, 2, 6),
-    "scripts/benches": (1, 0, 3),
-    "scripts/common": (0, 0, 1),
-    "scripts/drawings": (1, 2, 9),
-    "scripts/golden_runs": (0, 0, 3),
     "warpchain/engine": (0, 0, 1),
 }
 """What a folder still has of names with banned words, of docstrings whose first lines have them, and of docstrings

@@ -3,7 +3,7 @@
 import argparse
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
 from typing import Any
@@ -11,55 +11,39 @@ from unittest import mock
 
 import numpy as np
 from common.cases import Line, case, option
-from common.timing import cpu_time_of
+from common.drives import Values, example
+from common.timing import times_of
 
-from warpchain import Record, load_drive, simulate
+from benches.drives import kinds
+from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.assemble_batch import assemble_all, layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.drive.replace import Changes
 from warpchain.engine import pack as packing
 from warpchain.engine import share, simulation, start_warp
-from warpchain.errors import DriveError
 from warpchain.study.run.row_drives import adjusted_all
 from warpchain.study.spec.study_tables import Adjust
 
 STAGES = ("made", "by changes", "adjusted", "sorted", "steps", "assembled", "packed", "layouts")
 ALONE = ("alone", "assembled alone", "fit alone")
 NONE = Record("none")
-LINKS: dict[str, Callable[[Drive], dict[str, Any]]] = {
-    "worn": lambda drive: {"chain.worn_links": _worn((5, 40, 90))},
-    "each": lambda drive: {"chain.worn_links": _worn(range(drive.chain.links))},
-    "outer": lambda drive: {"chain.outer": {"elongation": 0.003, "stiffness": 1.2 * drive.chain.stiffness}},
-    "play": lambda drive: {"chain.play": 1e-3 * drive.chain.pitch},
-}
-"""How links are unlike."""
-
 SLOW = 10
 """Laying chains around guides takes its time: so many times fewer variants of a drive with arms."""
 
 
-def _worn(links: Iterable[int]) -> list[dict[str, Any]]:
-    return [{"link": link, "elongation": 0.003} for link in links]
+def links_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
+    """Values of a variant's links: three worn ones, all worn, other outer ones, or play, each within a hundredth."""
+    chain, about = drive.chain, 1.0 + 0.01 * random.random(drive.chain.links)
+    places = {"worn": random.choice(chain.links, 3, replace=False), "each": np.arange(chain.links)}
+    if unlike in places:
+        return {"chain.worn_links": [{"link": int(k), "elongation": 0.003 * about[k]} for k in places[unlike]]}
+    outer = {"elongation": 0.003 * about[0], "stiffness": 1.2 * chain.stiffness * about[1]}
+    return {"": {}, "outer": {"chain.outer": outer}, "play": {"chain.play": 1e-3 * chain.pitch * about[0]}}[unlike]
 
 
-def links_of(drive: Drive, about: Callable[[float], float], random: np.random.Generator) -> dict[str, Any]:
-    """Values of what a variant's links have of their own: of a few worn ones also which they are."""
-    chain, found = drive.chain, dict[str, Any]()
-    if chain.worn_links:
-        worn = len(chain.worn_links)
-        places = random.choice(chain.links, worn, replace=False).tolist() if worn < chain.links else range(worn)
-        found["chain.worn_links"] = [{"link": link, "elongation": about(0.003)} for link in places]
-    if chain.outer is not None and chain.outer.stiffness is not None:
-        found |= {"chain.outer.elongation": about(0.003), "chain.outer.stiffness": about(chain.outer.stiffness)}
-    if chain.play is not None:
-        found["chain.play"] = about(chain.play)
-    return found
-
-
-def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
+def values_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
     """Values of a variant: each within a hundredth of the drive's own, the place within a fiftieth of a pitch."""
 
     def about(value: float) -> float:
@@ -73,26 +57,8 @@ def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
         f"sprockets.{drive.sprockets[1].name}.center.0": x + 0.02 * drive.chain.pitch * float(random.random() - 0.5),
         f"sprockets.{last.name}.load.torque": about(last.load.torque if last.load else 1.0),
         f"sprockets.{last.name}.inertia": about(last.inertia or 1.0),
-        **links_of(drive, about, random),
+        **links_of(drive, unlike, random),
     }
-
-
-def kinds_of(drive: Drive, count: int) -> list[Drive]:
-    """Drives of as many kinds: with other teeth of the second sprocket, and the links that then fit."""
-    found: list[Drive] = []
-    for teeth in range(drive.sprockets[1].teeth, drive.sprockets[1].teeth + 60):
-        for links in range(drive.chain.links - 8, drive.chain.links + 40, 2):
-            one = drive.with_values({"sprockets.1.teeth": teeth, "chain.links": links})
-            try:
-                (state,) = assemble_all(stacks_of([one]))
-            except DriveError:  # that one does not fit
-                continue
-            if abs(state.strain) > 0.03:  # nor may one beside it
-                continue
-            found.append(one)
-            if len(found) == count:
-                return found
-    return found
 
 
 @contextmanager
@@ -103,46 +69,44 @@ def spent(times: dict[str, float], stage: str, count: int) -> Iterator[None]:
     times[stage] = min(times.get(stage, np.inf), 1e6 * (time.process_time() - begin) / count)
 
 
-def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
-    """Microseconds a variant of each stage."""
-    random, times = np.random.default_rng(1), dict.fromkeys(STAGES, np.inf)
+def adjustment(base: Drive) -> Adjust:
+    """The second sprocket moved along x for the strain of the drive file."""
+    return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
+
+
+def schedules(drives: list[Drive], stacks: Any) -> Any:
+    """Whole runs without recordings."""
+    return simulation.schedules_of(drives, None, None, NONE, None, stacks)
+
+
+def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str, float]:
+    """Microseconds a variant of each stage, and of one drive by itself."""
+    random, times = np.random.default_rng(1), dict.fromkeys((*STAGES, *ALONE), np.inf)
+    wanted = adjustment(bases[0])
     for _ in range(rounds):
-        values = [values_of(bases[v % len(bases)], random) for v in range(count)]
+        values = [values_of(bases[v % len(bases)], unlike, random) for v in range(count)]
         with spent(times, "made", count):
             drives = [bases[v % len(bases)].with_values(each) for v, each in enumerate(values)]
         changes = [Changes(base) for base in bases]
         with spent(times, "by changes", count):
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
-        wanted = adjustment(bases[0])
         with spent(times, "adjusted", count):
             adjusted_all(drives, wanted, [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):
-            schedules = simulation.schedules_of(drives, None, None, NONE, None, stacks)
+            when = schedules(drives, stacks)
         with spent(times, "assembled", count):
             assemblies = assemble_all(stacks)
         with spent(times, "packed", count), mock.patch.object(packing, "assemble_all", return_value=assemblies):
-            packing.pack(drives, schedules, stacks)
+            packing.pack(drives, when, stacks)
         with spent(times, "layouts", count):
             layouts_of(drives, assemblies, stacks)
-    return times | alone(drives[:5], rounds)
-
-
-def adjustment(base: Drive) -> Adjust:
-    """The second sprocket moved along x for the strain of the drive file."""
-    return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
-
-
-def alone(drives: list[Drive], rounds: int) -> dict[str, float]:
-    """Microseconds that one drive takes by itself: to sort, assemble and pack, to assemble, to fit."""
-    times = dict.fromkeys(ALONE, np.inf)
-    wanted = adjustment(drives[0])
-    for drive in drives * rounds:
+    for drive in drives[:5] * rounds:
         with spent(times, "alone", 1):
             stacks = stacks_of([drive])
-            packing.pack([drive], simulation.schedules_of([drive], None, None, NONE, None, stacks), stacks)
+            packing.pack([drive], schedules([drive], stacks), stacks)
         with spent(times, "assembled alone", 1):
             assemble(drive)
         with spent(times, "fit alone", 1):
@@ -153,19 +117,18 @@ def alone(drives: list[Drive], rounds: int) -> dict[str, float]:
 def metrics(base: Drive, count: int) -> float:
     """Microseconds a variant to form the metrics of a run of a few steps on the CPU."""
     random, times = np.random.default_rng(2), []
-    drives = [base.with_values({"run.settle": False} | values_of(base, random)) for _ in range(count)]
+    drives = [base.with_values({"run.settle": False} | values_of(base, "", random)) for _ in range(count)]
     for _ in range(2):
-        with cpu_time_of([(share, "metrics_blocks"), (simulation, "metrics_table")]) as found:
+        with times_of(time.thread_time, (share, "metrics_blocks"), (simulation, "metrics_table")) as found:
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
         times.append(sum(found))
     return 1e6 * min(times) / count
 
 
 @case(
-    option("--drives", nargs="*", default=["marine", "engine", "car"], metavar="NAME"),
+    option("--drives", nargs="*", default=["marine", "engine", "car"], metavar="NAME", help="examples, or kinds"),
     option("--count", type=int, default=10_000, help="variants (of the car, a tenth of them)"),
-    option("--kinds", type=int, default=0, help="kinds of the marine drive among them"),
-    option("--links", nargs="*", default=[], choices=list(LINKS), help="how links of the drives are unlike"),
+    option("--links", nargs="*", default=[""], choices=("worn", "each", "outer", "play"), help="ways links are unlike"),
     option("--rounds", type=int, default=3),
     option("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too"),
 )
@@ -173,7 +136,7 @@ def assembly(asked: argparse.Namespace) -> Iterator[Line]:
     """Many drives that differ: microseconds of CPU time a variant of each stage before the kernels, on one core.
 
     python scripts/bench.py assembly                       # marine, engine, car; 10,000, 10,000 and 1,000 variants
-    python scripts/bench.py assembly --kinds 224           # the marine drive with as many numbers of teeth and links
+    python scripts/bench.py assembly --drives kinds        # two sprockets with 224 numbers of teeth and links
     python scripts/bench.py assembly --drives marine --count 1000 --links worn each outer play
 
     Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `adjusted` as studies do, the second
@@ -187,13 +150,11 @@ def assembly(asked: argparse.Namespace) -> Iterator[Line]:
     start_warp()
     warnings.simplefilter("ignore")
     yield ("us a variant", "variants", *STAGES, "all packing", *ALONE)
-    for name, links in product(["marine"] if asked.kinds else asked.drives, asked.links or [""]):
-        base = load_drive(drive_path(name))
-        base = base.with_values(LINKS[links](base)) if links else base
-        bases = kinds_of(base, asked.kinds) if asked.kinds else [base]
-        count = max(20, asked.count // SLOW) if base.arms else asked.count
-        times = stages(bases, count, asked.rounds)
+    for name, links in product(asked.drives, asked.links):
+        bases = kinds() if name == "kinds" else [example(name)]
+        count = max(20, asked.count // SLOW) if bases[0].arms else asked.count
+        times = stages(bases, links, count, asked.rounds)
         whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
         yield (f"{name} {links}".strip(), count, *(times[of] for of in STAGES), whole, *(times[of] for of in ALONE))
     if asked.metrics:
-        yield f"metrics of 2000 marine variants: {metrics(load_drive(drive_path('marine')), 2000):.1f} us each"
+        yield f"metrics of 2000 marine variants: {metrics(example('marine'), 2000):.1f} us each"

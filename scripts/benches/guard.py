@@ -13,24 +13,23 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from common.cases import Line, case, option
+from common.cases import ROOT, Line, case, option
+from common.drives import TWO as TWO_FILE
 from common.timing import best_but_one
 
-from benches.drives import SMOOTH, TWO_SPROCKETS
+from benches.drives import SMOOTH, TWO
 
-HERE = Path(__file__).resolve().parents[2]
-PROBE = HERE / "scripts" / "benches" / "probe.py"
+PRECISIONS = ("float64", "float32")
 LIMIT = 0.97
 """Rounds of the same commit differ by less."""
-CPU: dict[str, Any] = {"drives": ["two", "marine"], "variants": [1, 8], "steps": 40_000, "assembled": 200, "rounds": 5}
-GPU: dict[str, Any] = {
-    "drives": ["two", "smooth"],
-    "variants": [1, 1056, 4224, 16896],
-    "steps": 2000,
-    "assembled": 0,
-    "rounds": 3,
+USUAL: dict[str, list[Any]] = {
+    "drives": [["two", "marine"], ["two", "smooth"]],
+    "variants": [[1, 8], [1, 1056, 4224, 16896]],
+    "steps": [40_000, 2000],
+    "assembled": [200, 0],
+    "rounds": [5, 3],
 }
-"""What is asked where no option says otherwise."""
+"""The values of options that are not given, on the CPU and on a GPU."""
 
 
 def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
@@ -40,7 +39,7 @@ def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
         SystemExit: it failed, with its last line.
     """
     done = subprocess.run(
-        [sys.executable, "-P", str(PROBE)],
+        [sys.executable, "-P", str(ROOT / "scripts" / "benches" / "probe.py")],
         input=json.dumps({"tree": str(tree), **asked}),
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")])},
         cwd=tree,
@@ -49,8 +48,7 @@ def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
     )
     if done.returncode:
         raise SystemExit(f"{tree.name}: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 @contextmanager
@@ -59,7 +57,7 @@ def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
     if Path(commit).is_dir():
         yield Path(commit).resolve()
         return
-    git, tree = ["git", "-C", str(HERE), "worktree"], folder / name
+    git, tree = ["git", "-C", str(ROOT), "worktree"], folder / name
     done = subprocess.run([*git, "add", "--detach", str(tree), commit], capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{commit}: {done.stderr.strip().splitlines()[-1]}")
@@ -69,15 +67,10 @@ def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
         subprocess.run([*git, "remove", "--force", str(tree)], capture_output=True)
 
 
-def drives_of(tree: Path, names: Sequence[str], folder: Path) -> dict[str, tuple[str, dict[str, Any]]]:
+def drives_of(tree: Path, names: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
     """File and values of the drives that both trees run; the files are those of one tree."""
     examples = tree / "warpchain" / "drive" / "examples"
-    two = folder / "two.toml"
-    two.write_text(TWO_SPROCKETS)
-    special: dict[str, tuple[str, dict[str, Any]]] = {
-        "two": (str(two), {}),
-        "smooth": (str(examples / "marine.toml"), SMOOTH),
-    }
+    special = {"two": (str(TWO_FILE), TWO), "smooth": (str(examples / "marine.toml"), SMOOTH)}
     return {name: special.get(name, (str(examples / f"{name}.toml"), {})) for name in names}
 
 
@@ -90,7 +83,7 @@ def table(a: Mapping[str, float], b: Mapping[str, float], limit: float) -> list[
 
 def compile_in(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
     """Compiles what the trees run, side by side: a drive and a precision in each process."""
-    short = {**asked, "steps": 64, "after": 0, "repeats": 1, "assemble": 2 if asked["assemble"] else 0}
+    short = {**asked, "steps": 64, "after": 0, "repeats": 1, "assemble": 0}
     jobs = [
         (tree, {**short, "drives": {name: drive}, "precisions": [precision]})
         for name, drive in asked["drives"].items()
@@ -102,10 +95,9 @@ def compile_in(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
 
 @case(
     option("a", metavar="A", help="a commit, or the folder of a tree"),
-    option("b", metavar="B", nargs="?", default=str(HERE), help="what to hold against it (default this tree)"),
+    option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
     option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
     option("--drives", nargs="+", metavar="NAME", help="two, smooth (marine without friction), or examples"),
-    option("--precisions", nargs="+", default=["float64", "float32"], choices=("float64", "float32")),
     option("--variants", nargs="+", type=int, metavar="N", help="how many at once"),
     option("--steps", type=int, help="of a launch (of one variant on the CPU, of any number on a GPU)"),
     option("--after", type=int, default=0, help="steps before them, which the metrics leave out"),
@@ -125,19 +117,18 @@ def guard(asked: argparse.Namespace) -> Iterator[Line]:
     second. The exit status is 1 where B is below `--limit` times A. Metrics are taken from step `--after` on: near a
     run's start extremes are surpassed often, and rollers touch fewer teeth or more.
     """
-    usual = CPU if asked.device == "cpu" else GPU
-    chosen = {name: usual[name] if getattr(asked, name) is None else getattr(asked, name) for name in usual}
+    on_gpu = asked.device != "cpu"
+    chosen = {name: getattr(asked, name) or usual[on_gpu] for name, usual in USUAL.items()}
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
-        trees = [stack.enter_context(checkout(folder, side, getattr(asked, side))) for side in ("a", "b")]
+        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
         what = {
-            "drives": drives_of(trees[0], chosen["drives"], folder),
-            "precisions": asked.precisions,
+            "drives": drives_of(trees[0], chosen["drives"]),
+            "precisions": PRECISIONS,
             "variants": chosen["variants"],
             "device": asked.device,
             "steps": chosen["steps"],
             "after": asked.after,
-            "repeats": 1 if asked.device == "cpu" else 2,
+            "repeats": 2 if on_gpu else 1,
             "assemble": chosen["assembled"],
         }
         compile_in(trees, what)

@@ -1,68 +1,57 @@
 """The speed of the time loop in one tree. `guard` runs this file by itself with the package of either tree.
 
-So it names what it takes of the package by what either tree calls it, and imports nothing else of `scripts`.
+So it takes only what either tree has, and imports nothing else of `scripts`.
 """
 
-import importlib
 import json
-import math
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import warp as wp
+
+import warpchain
+from warpchain.assembly.timestep import resolve_step
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.gpu import GpuEngine
+from warpchain.engine.pack import pack
+from warpchain.results.schedule import Schedule
+
+try:
+    from warpchain.engine.simulation import longest_apart
+except ImportError:  # of a tree before commit a898f41
+    from warpchain.engine.looks import longest_apart  # type: ignore[no-redef]
+
 FOREVER = 10**9
-
-
-def first(*names: str) -> Any:
-    """The first of some things that is there, each named `module:name`; older trees call it otherwise.
-
-    Raises:
-        ImportError: none of them is.
-    """
-    for name in names:
-        module, _, inner = name.partition(":")
-        try:
-            return getattr(importlib.import_module(module), inner)
-        except (ImportError, AttributeError):
-            continue
-    raise ImportError(f"none of {', '.join(names)}")
 
 
 def schedule(drive: Any, metrics: bool) -> Any:
     """A run without end, without frames; the window is either all of it or far away."""
-    step = first("warpchain.assembly.timestep:resolve_step")(drive)
-    longest_apart = first(
-        "warpchain.engine.simulation:longest_apart",
-        "warpchain.engine.sampling:longest_apart",
-        "warpchain.engine.looks:longest_apart",
-    )
-    looks = int(longest_apart(drive, step))  # as far apart as in a long window
-    begin = 0 if metrics else FOREVER - 1
-    return first("warpchain.results.schedule:Schedule")(step, FOREVER, begin, FOREVER, 0, looks)
+    step = resolve_step(drive)
+    apart = int(longest_apart(drive, step))  # as in a long window
+    return Schedule(step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0, apart)
 
 
 def packed_of(drive: Any, variants: int, precision: str, when: Any) -> Any:
     """A drive packed so many times over, without assembling each."""
-    return first("warpchain.engine.pack:pack")([drive], [when]).at_precision(precision).taken([0] * variants)
+    return pack([drive], [when]).at_precision(precision).taken([0] * variants)
 
 
-def engine_on(packed: Any, device: str) -> Any:
-    """An engine on a GPU, or on one core."""
-    if device == "cpu":
-        return first("warpchain.engine.cpu:CpuEngine")(packed, 1)
-    return first("warpchain.engine.gpu:GpuEngine")(packed, device)
+def engine_on(packed: Any, device: str, cores: int) -> Any:
+    """An engine on a GPU, or on some cores."""
+    return CpuEngine(packed, cores) if device == "cpu" else GpuEngine(packed, device)
 
 
-def launch(packed: Any, device: str, steps: int, after: int = 0) -> tuple[float, float]:
-    """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on the CPU.
+def launch(packed: Any, device: str, steps: int, after: int = 0, cores: int = 1) -> tuple[float, float]:
+    """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on one core.
 
     Raises:
         SystemExit: the run diverged.
     """
-    clock = time.process_time if device == "cpu" else time.perf_counter
-    engine, taken = engine_on(packed, device), []
+    clock = time.process_time if device == "cpu" and cores == 1 else time.perf_counter
+    engine, taken = engine_on(packed, device, cores), []
     frames = engine.frame_buffer(1 if device == "cpu" else 0)
     for count in (64 + after, steps):
         begin = clock()
@@ -82,9 +71,9 @@ def assembled(drive: Any, count: int) -> float:
     place, mass = f"sprockets.{sprocket.name}.center", drive.chain.roller_mass
     values = [{place: [x + 1e-7 * k, y], "chain.roller_mass": mass * (1.0 + 1e-5 * k)} for k in range(count)]
     drives = [drive.with_values(each) for each in values]
-    whens = [first("warpchain.results.schedule:Schedule")(1e-6, 10, 0, 10, 0)] * count
+    whens = [Schedule(1e-6, 10, 0, 10, 0)] * count
     begin = time.process_time()
-    first("warpchain.engine.pack:pack")(drives, whens)
+    pack(drives, whens)
     return count / (time.process_time() - begin)
 
 
@@ -96,9 +85,9 @@ def rates(asked: dict[str, Any]) -> dict[str, float]:
             with one variant on the CPU, of any on a GPU, `after`, `repeats`, `assemble`.
     """
     found: dict[str, float] = {}
-    load, device = first("warpchain:load_drive"), asked["device"]
+    device = asked["device"]
     for title, (file, values) in asked["drives"].items():
-        drive = load(Path(file)).with_values(values)
+        drive = warpchain.load_drive(Path(file)).with_values(values)
         for precision in asked["precisions"]:
             for variants in asked["variants"]:
                 for metrics in (False, True):
@@ -106,9 +95,7 @@ def rates(asked: dict[str, Any]) -> dict[str, float]:
                     when = replace(when, window_start=asked["after"]) if metrics else when
                     packed = packed_of(drive, variants, precision, when)
                     steps = max(1, asked["steps"] // variants) if device == "cpu" else asked["steps"]
-                    best = math.inf
-                    for _ in range(asked["repeats"]):
-                        best = min(best, launch(packed, device, steps, asked["after"])[0])
+                    best = min(launch(packed, device, steps, asked["after"])[0] for _ in range(asked["repeats"]))
                     name = f"{title}, {precision}, {variants}{', metrics' if metrics else ''}"
                     found[name] = variants * drive.chain.links * steps / best / 1e6
         if asked["assemble"]:
@@ -118,11 +105,9 @@ def rates(asked: dict[str, Any]) -> dict[str, float]:
 
 def main() -> None:
     """Reads what is asked from standard input and prints what is found, after checking whose package this is."""
-    import warp as wp
-
     asked = json.load(sys.stdin)
     wp.config.log_level = wp.LOG_ERROR
-    package = Path(str(importlib.import_module("warpchain").__file__)).resolve()
+    package = Path(str(warpchain.__file__)).resolve()
     if not package.is_relative_to(Path(asked["tree"]).resolve()):
         raise SystemExit(f"{package} is not of {asked['tree']}")
     print(json.dumps(rates(asked)))

@@ -7,12 +7,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from common.cases import SCRIPTS
 
 from benches.probe import packed_of, schedule
 from warpchain import Drive
 from warpchain.engine.packed import Packed
-
-HERE = Path(__file__).resolve().parents[1]
 
 
 def reference_input(packed: Packed) -> bytes:
@@ -51,26 +50,24 @@ def run(program: Path, drive: Drive, *words: object) -> tuple[str, np.ndarray]:
         return said, np.fromfile(f"{name}/out")
 
 
-def c_program(folder: Path, *flags: str) -> Path | None:
-    """The C program in a folder; None without a compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
+def compiled(program: Path, *command: str) -> Path | None:
+    """A program that a compiler makes, if it is not there yet; None without the compiler."""
+    if shutil.which(command[0]) is None:
         return None
-    program = folder / "-".join(["chain_reference", *flags])
-    command = [compiler, "-O3", "-march=native", *flags, "-o", str(program), str(HERE / "chain_reference.c"), "-lm"]
-    subprocess.run(command, check=True)
+    if not program.exists():
+        subprocess.run([*command, "-o", str(program)], check=True)
     return program
+
+
+def c_program(folder: Path, *flags: str) -> Path | None:
+    """The C program in a folder."""
+    source = str(SCRIPTS / "chain_reference.c")
+    return compiled(folder / "-".join(["c", *flags]), "cc", "-O3", "-march=native", *flags, source, "-lm")
 
 
 def cuda_program(folder: Path) -> Path | None:
-    """The CUDA program in a folder, compiled if it is not there yet; None without nvcc."""
-    program = folder / "chain_reference_cuda"
-    if shutil.which("nvcc") is None:
-        return None
-    if not program.exists():
-        source = str(HERE / "chain_reference.cu")
-        subprocess.run(["nvcc", "-O3", "-arch=native", "-o", str(program), source], check=True)
-    return program
+    """The CUDA program in a folder."""
+    return compiled(folder / "cuda", "nvcc", "-O3", "-arch=native", str(SCRIPTS / "chain_reference.cu"))
 
 
 def cuda_seconds(drive: Drive, precision: str, steps: int, variants: int, folder: Path) -> float:

@@ -4,24 +4,15 @@ import argparse
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from common.cases import Line, case, option
+from common.cases import ROOT, Line, case, option
 
-HERE = Path(__file__).resolve().parents[2]
 COMMAND = ("run", "industrial", "--duration", "0.001", "--quiet", "--overwrite")
-CALL = """
-import resource, subprocess, sys, time
-begin = time.monotonic()
-subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
-took = time.monotonic() - begin
-of = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(of.ru_utime + of.ru_stime, took)
-"""
-"""Runs a command from a process of its own, whose children are that command alone."""
 
 
 def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
@@ -33,13 +24,12 @@ def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
         "PYTHONDONTWRITEBYTECODE": "",
         **caches,
     }
-    done = subprocess.run(
-        [sys.executable, "-c", CALL, *command], cwd=tree, env=environment, capture_output=True, text=True
-    )
-    if done.returncode:
-        raise SystemExit(f"{tree}: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
-    cpu, clock = map(float, done.stdout.split())
-    return cpu, clock
+    begin = time.monotonic()
+    process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"{tree}: the command failed")
+    return used.ru_utime + used.ru_stime, time.monotonic() - begin
 
 
 @case(
@@ -49,7 +39,7 @@ def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
     option("--compiled", type=int, default=4, help="times with compiled kernels (default 4)"),
 )
 def start(asked: argparse.Namespace) -> Iterator[Line]:
-    """What a short command takes, in this tree and in others: with compiled kernels, and with none.
+    """CPU and clock time of a short command, in this tree and in others: with compiled kernels, and with none.
 
     python scripts/bench.py start ../before --empty 3 --compiled 4
 
@@ -58,7 +48,7 @@ def start(asked: argparse.Namespace) -> Iterator[Line]:
     there, as it does for users. Prints the least CPU time, of all cores, and the least by the clock; the latter counts
     little with an empty cache where trees and others share few cores.
     """
-    trees = [HERE, *(tree.resolve() for tree in asked.trees)]
+    trees = [ROOT, *(tree.resolve() for tree in asked.trees)]
     empty: list[list[tuple[float, float]]] = []
     compiled: list[list[tuple[float, float]]] = []
     devices = [asked.device] * len(trees)

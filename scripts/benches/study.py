@@ -4,35 +4,27 @@ import argparse
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
-from unittest import mock
 
 from common.cases import Line, case, option
+from common.timing import seconds, times_of
 
-from warpchain import Record, Run, load_drive, simulate
-from warpchain.drive.examples import drive_path
+from warpchain import Record, open_study, run_study, simulate
+from warpchain.engine import simulation
 
 STUDY = """
+factors = [
+  {{ name = "torque", path = "sprockets.camshaft.load.torque", range = [6e3, 12e3] }},
+  {{ name = "speed", path = "sprockets.crankshaft.prescribed.speed", range = [8.0, 11.0] }},
+  {{ name = "indentation", path = "guides.0.start.0", range = [-0.835, -0.825] }},
+]
 [study]
 drive = "marine"
 [design]
 kind = "latin-hypercube"
 count = {count}
-[[factors]]
-name = "torque"
-path = "sprockets.camshaft.load.torque"
-range = [6e3, 12e3]
-[[factors]]
-name = "speed"
-path = "sprockets.crankshaft.prescribed.speed"
-range = [8.0, 11.0]
-[[factors]]
-name = "indentation"
-path = "guides.0.start.0"
-range = [-0.835, -0.825]
 {adjust}
 [run]
 duration = {duration}
@@ -43,116 +35,10 @@ precision = "{precision}"
 ADJUST = '[adjust]\nsprocket = "tightener"\ndirection = [1.0, 0.0]\npreload = 2500.0\n'
 
 
-def study_text(arguments: argparse.Namespace, count: int) -> str:
-    """The study file."""
-    return STUDY.format(
-        count=count,
-        duration=arguments.duration,
-        shard=-(-count // arguments.shards),
-        precision=arguments.precision,
-        adjust=ADJUST if arguments.adjust else "",
-        device=f'device = "{arguments.device}"' if arguments.device else "",
-    )
-
-
-def study_seconds(arguments: argparse.Namespace, count: int) -> tuple[float, float, list[dict]]:
-    """Time of a study from its file to its table, the part of it outside `simulate`, and the table's rows."""
-    from pyarrow import parquet
-
-    from warpchain.study.run import run_study
-
-    inside = 0.0
-
-    def timed(*drives: Any, **settings: Any) -> Run:
-        nonlocal inside
-        begun = time.perf_counter()
-        run = simulate(*drives, **settings)
-        inside += time.perf_counter() - begun
-        return run
-
-    with tempfile.TemporaryDirectory() as name, mock.patch("warpchain.engine.simulation.simulate", timed):
-        folder = Path(name)
-        (folder / "study.toml").write_text(study_text(arguments, count))
-        begun = time.perf_counter()
-        outcome = run_study(folder / "study.toml", folder / "out")
-        seconds = time.perf_counter() - begun
-        return seconds, seconds - inside, parquet.read_table(outcome.table).to_pylist()
-
-
-def bare_seconds(arguments: argparse.Namespace, drives: list) -> float:
-    """Time of `simulate` for the same drives."""
-    size = -(-len(drives) // arguments.shards)
-    settings = {"device": arguments.device, "precision": arguments.precision, "duration": arguments.duration}
-    begun = time.perf_counter()
-    for first in range(0, len(drives), size):
-        simulate(drives[first : first + size], record=Record("none"), **settings)
-    return time.perf_counter() - begun
-
-
-@dataclass(frozen=True)
-class Times:
-    """Seconds of each round: `simulate` and its table, the study, the study outside `simulate`; CPU time of both."""
-
-    asked: argparse.Namespace
-    bare: list[float]
-    study: list[float]
-    own: list[float]
-    busy: tuple[float, float]
-
-    @property
-    def overhead(self) -> float:
-        """What the study takes more, as a part of `simulate`."""
-        return statistics.median(self.study) / statistics.median(self.bare) - 1.0
-
-    def lines(self) -> list[str]:
-        """For the reader."""
-        count, (alone, whole) = self.asked.count, (statistics.median(s) for s in (self.bare, self.study))
-        part = statistics.median(own / (study - own) for own, study in zip(self.own, self.study, strict=True))
-        each = 1e3 * statistics.median(self.own) / count
-        bare, study = self.busy
-        return [
-            f"simulate: {' '.join(f'{s:.2f}' for s in self.bare)} s, median {count / alone:.1f} variants/s",
-            f"study: {' '.join(f'{s:.2f}' for s in self.study)} s, median {count / whole:.1f} variants/s",
-            f"overhead: {100.0 * self.overhead:+.1f} % of simulate",
-            f"CPU time: {bare:.2f} s, {study:.2f} s: {100.0 * (study / bare - 1.0):+.1f} %",
-            f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant",
-        ]
-
-
-def same_drives(arguments: argparse.Namespace, rows: list[dict]) -> list:
-    """The drives of a study's rows."""
-    base = load_drive(drive_path("marine"))
-    places = {
-        "torque": "sprockets.camshaft.load.torque",
-        "speed": "sprockets.crankshaft.prescribed.speed",
-        "indentation": "guides.0.start.0",
-    }
-    drives = []
-    for row in rows:
-        values = {path: row[name] for name, path in places.items()}
-        if arguments.adjust:
-            values["sprockets.tightener.center.0"] = base.sprockets[1].center[0] + row["adjusted_travel"]
-        drives.append(base.with_values(values))
-    return drives
-
-
-def times_of(arguments: argparse.Namespace) -> Times:
-    """Runs both in turns, after a short study that compiles and tells the rows."""
-    short = argparse.Namespace(**vars(arguments) | {"duration": min(arguments.duration, 0.001)})
-    *_, rows = study_seconds(short, arguments.count)
-    drives = same_drives(arguments, rows)
-    bare, study, own, busy = [], [], [], [0.0, 0.0]
-    for _ in range(arguments.repeats):
-        marks = [time.process_time()]
-        bare.append(bare_seconds(arguments, drives))
-        marks.append(time.process_time())
-        seconds, outside, rows = study_seconds(arguments, arguments.count)
-        marks.append(time.process_time())
-        study.append(seconds)
-        own.append(outside)
-        busy = [total + end - begun for total, begun, end in zip(busy, marks, marks[1:], strict=False)]
-    assert all(row["status"] != "infeasible" for row in rows)
-    return Times(arguments, bare, study, own, (busy[0], busy[1]))
+def both_clocks(job: Callable[[], object]) -> tuple[float, float]:
+    """Seconds of a job, and of CPU time."""
+    begin = time.process_time()
+    return seconds(job), time.process_time() - begin
 
 
 @case(
@@ -176,6 +62,35 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
     turns in one process, after a warm-up that compiles; the median of each counts. The study's own work is also timed
     apart, as what its runs spend outside `simulate`, and the process's CPU time: other work disturbs both less.
     """
-    times = times_of(asked)
+    shard = -(-asked.count // asked.shards)
+    more = {"adjust": ADJUST if asked.adjust else "", "device": f'device = "{asked.device}"' if asked.device else ""}
+    with tempfile.TemporaryDirectory() as name:
+        file = Path(name) / "study.toml"
+        file.write_text(STUDY.format(**vars(asked) | more, shard=shard))
+        known = open_study(file)
+        drives = known.drives(known.design())
+
+        def bare(duration: float = asked.duration) -> None:
+            options = {"device": asked.device, "precision": asked.precision, "duration": duration}
+            for first in range(0, asked.count, shard):
+                simulate(drives[first : first + shard], record=Record("none"), **options)
+
+        bare(0.001)
+        alone, whole, own = [], [], []
+        for turn in range(asked.repeats):
+            alone.append(both_clocks(bare))
+            with times_of(time.perf_counter, (simulation, "simulate")) as runs:
+                whole.append(both_clocks(partial(run_study, file, Path(name) / f"{turn}")))
+            own.append(whole[-1][0] - sum(runs))
     yield f"{asked.count} marine variants of {asked.duration:g} s, {asked.shards} shards, {asked.precision}"
-    yield from times.lines()
+    yield ("", "s", "variants/s", "CPU time [s]")
+    middle = []
+    for what, times in (("simulate", alone), ("study", whole)):
+        wall, busy = (statistics.median(of) for of in zip(*times, strict=True))
+        middle.append((wall, busy))
+        yield (what, " ".join(f"{taken:.2f}" for taken, _ in times), asked.count / wall, busy)
+    above = [100.0 * (theirs / ours - 1.0) for ours, theirs in zip(*middle, strict=True)]
+    yield f"more of the study: {above[0]:+.1f} % of the time, {above[1]:+.1f} % of CPU time"
+    outside, inside = statistics.median(own), middle[1][0] - statistics.median(own)
+    each = 1e3 * outside / asked.count
+    yield f"outside simulate: {100.0 * outside / inside:.1f} % of it, {each:.2f} ms a variant"

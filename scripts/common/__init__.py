@@ -1,1 +1,1 @@
-"""What the scripts have in common."""
+"""Harness, drives and clocks that the scripts share."""

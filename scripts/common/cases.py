@@ -1,13 +1,15 @@
 """Cases that a script lists and runs: functions of a folder's modules, each with options of its own.
 
-A case yields what is printed: a text as it stands, anything else as a row of a Markdown table, the first row its head.
+A case yields what is shown: a text as it stands, figures by name, which are saved as files, anything else as a row of a
+Markdown table, the first row its head.
 """
 
 import argparse
 import importlib
+import inspect
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,29 +17,17 @@ from typing import Any
 from warpchain.errors import WarpchainError
 
 SCRIPTS = Path(__file__).resolve().parents[1]
+ROOT = SCRIPTS.parent
 Option = tuple[tuple[str, ...], dict[str, Any]]
-Line = str | tuple[Any, ...] | list[Any]
+Line = str | Mapping[str, Any] | tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A function that prints lines, by the name of its command."""
+    """A function that gives lines, and its options."""
 
-    run: Callable[[argparse.Namespace], Iterable[Line] | None]
+    run: Callable[[argparse.Namespace], Iterable[Line]]
     options: tuple[Option, ...]
-
-    @property
-    def name(self) -> str:
-        """The word that runs it."""
-        return self.run.__name__.strip("_").replace("_", "-")
-
-    @property
-    def words(self) -> str:
-        """The description."""
-        return (self.run.__doc__ or "").replace("\n    ", "\n")
-
-    def __call__(self, asked: argparse.Namespace) -> Iterable[Line]:
-        return self.run(asked) or ()
 
 
 def option(*names: str, **settings: Any) -> Option:
@@ -45,43 +35,36 @@ def option(*names: str, **settings: Any) -> Option:
     return names, settings
 
 
-def case(*options: Option) -> Callable[[Callable[[argparse.Namespace], Iterable[Line] | None]], Case]:
+def case(*options: Option) -> Callable[[Callable[[argparse.Namespace], Iterable[Line]]], Case]:
     """Makes a function a case."""
     return lambda run: Case(run, options)
 
 
-def cases_of(folder: str) -> Mapping[str, Case]:
+def described(words: str | None) -> argparse.ArgumentParser:
+    """A command line whose help is a script's description as it stands."""
+    return argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def cases_of(folder: str) -> dict[str, Case]:
     """The cases in the modules of a folder, by name."""
-    found: dict[str, Case] = {}
-    for name in sorted(info.name for info in pkgutil.iter_modules([str(SCRIPTS / folder)])):
-        try:
-            module = importlib.import_module(f"{folder}.{name}")
-        except ModuleNotFoundError as error:
-            if str(error.name).split(".")[0] in ("warpchain", "common", folder):
-                raise
-            print(f"{folder}/{name}.py is left out: {error}", file=sys.stderr)  # a machine may have less installed
-            continue
-        found |= {one.name: one for one in vars(module).values() if isinstance(one, Case)}
-    return found
+    names = sorted(info.name for info in pkgutil.iter_modules([str(SCRIPTS / folder)]))
+    modules = [importlib.import_module(f"{folder}.{name}") for name in names]
+    held = [one for module in modules for one in vars(module).values() if isinstance(one, Case)]
+    return {one.run.__name__.replace("_", "-"): one for one in held}
 
 
 def parser_of(words: str | None, cases: Mapping[str, Case]) -> argparse.ArgumentParser:
     """The command line: a case and its options."""
-    shape: Any = {"formatter_class": argparse.RawDescriptionHelpFormatter}
-    made = argparse.ArgumentParser(description=words, **shape)
+    made = described(words)
     below = made.add_subparsers(dest="case", metavar="CASE")
     for name, one in cases.items():
-        brief = one.words.splitlines()[0].replace("%", "%%")
-        inner = below.add_parser(name, help=brief, description=one.words, **shape)
+        text = inspect.getdoc(one.run) or ""
+        brief = text.splitlines()[0].replace("%", "%%")
+        inner = below.add_parser(name, help=brief, description=text, formatter_class=made.formatter_class)
         for names, settings in one.options:
             inner.add_argument(*names, **settings)
+        inner.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "images", help="folder of figures")
     return made
-
-
-def listed(cases: Mapping[str, Case]) -> Iterator[str]:
-    """A line for each case."""
-    width = max(map(len, cases))
-    yield from (f"{name:{width}}  {one.words.splitlines()[0]}" for name, one in cases.items())
 
 
 def cell(value: object) -> str:
@@ -89,26 +72,31 @@ def cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def show(lines: Iterable[Line]) -> None:
-    """Prints a case's lines as they come."""
+def show(lines: Iterable[Line], folder: Path) -> None:
+    """Prints a case's lines as they come, and saves its figures."""
     head = True
     for line in lines:
-        if isinstance(line, str):
+        if isinstance(line, Mapping):
+            from warpchain.view.figures.style import save_figures
+
+            print(*save_figures(line, folder, "png"), sep="\n", flush=True)
+        elif isinstance(line, str):
             print(line, flush=True)
         else:
             rule = "\n|" + "---|" * len(line) if head else ""
             print(f"| {' | '.join(map(cell, line))} |{rule}", flush=True)
-        head = isinstance(line, str)
+        head = not isinstance(line, tuple)
 
 
 def run(words: str | None, cases: Mapping[str, Case], before: Callable[[], Iterable[Line]] = tuple) -> None:
     """Runs the case that the command line names, after the lines `before`; without a name it lists them."""
-    asked = parser_of(words, cases).parse_args()
+    made = parser_of(words, cases)
+    asked = made.parse_args()
     if asked.case is None:
-        show(listed(cases))
-        sys.exit(0)
-    show(before())
+        made.print_help()
+        return
     try:
-        show(cases[asked.case](asked))
+        show(before(), asked.output)
+        show(cases[asked.case].run(asked), asked.output)
     except WarpchainError as error:
         sys.exit(str(error))

@@ -1,7 +1,5 @@
 """Times: of jobs in turns, of functions where they are called, and on what machine."""
 
-import os
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,29 +9,14 @@ from unittest.mock import patch
 
 def environment() -> Iterator[str]:
     """The machine and the versions that times are of."""
-    import numpy as np
-    import warp as wp
+    from warpchain.engine.device_choice import machine
+    from warpchain.engine.devices import usable_gpus
 
-    wp.config.log_level = wp.LOG_ERROR
-    wp.init()
-    cores = len(os.sched_getaffinity(0))
-    gpus = [wp.get_device(f"cuda:{k}").name for k in range(wp.get_cuda_device_count())]
-    yield (
-        f"{_processor()}, {cores} cores, Python {platform.python_version()}, Warp {wp.__version__}, numpy "
-        f"{np.__version__}; GPUs: {', '.join(gpus) or 'none'}"
-    )
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    yield ", ".join(f"{name}: {value}" for name, value in machine(usable_gpus()).items())
 
 
 def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """The numbers that jobs return, round by round: what slows the machine for a while slows all of them."""
+    """The numbers that jobs return, round by round: a spell in which the machine is slow slows all of them."""
     found: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
@@ -41,19 +24,17 @@ def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, 
     return found
 
 
+def seconds(job: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Seconds that a job takes."""
+    begin = clock()
+    job()
+    return clock() - begin
+
+
 def least(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """The least time of each job [s], in turns."""
-    found = in_turns({name: _timed(job) for name, job in jobs.items()}, rounds)
-    return {name: min(times) for name, times in found.items()}
-
-
-def _timed(job: Callable[[], object]) -> Callable[[], float]:
-    def run() -> float:
-        begin = time.perf_counter()
-        job()
-        return time.perf_counter() - begin
-
-    return run
+    timed = {name: lambda job=job: seconds(job) for name, job in jobs.items()}
+    return {name: min(times) for name, times in in_turns(timed, rounds).items()}
 
 
 def best_but_one(rates: Sequence[float]) -> float:
@@ -62,15 +43,15 @@ def best_but_one(rates: Sequence[float]) -> float:
 
 
 @contextmanager
-def cpu_time_of(parts: Sequence[tuple[Any, str]]) -> Iterator[list[float]]:
-    """The CPU time [s] of each call of some functions, each given by its owner and its name there."""
+def times_of(clock: Callable[[], float], *parts: tuple[Any, str]) -> Iterator[list[float]]:
+    """The time [s] by a clock of each call of some functions, each given by its owner and its name there."""
     found: list[float] = []
 
     def noting(called: Any) -> Any:
         def call(*args: Any, **options: Any) -> Any:
-            begin = time.thread_time()
+            begin = clock()
             result = called(*args, **options)
-            found.append(time.thread_time() - begin)
+            found.append(clock() - begin)
             return result
 
         return call

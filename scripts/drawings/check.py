@@ -1,37 +1,38 @@
-"""What `check` says beside runs."""
-
-from __future__ import annotations
+"""Tensions of `check` beside runs."""
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import case, option
+from common.cases import Line, case, option
+from common.drives import example
 
-from warpchain import Record, Trajectory, load_drive, simulate
+from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.statics import running
-from warpchain.drive.examples import drive_path
 
-RUNS = {"engine": (0.1, 0.2), "industrial": (0.5, 1.0), "marine": (1.0, 2.0), "motorcycle": (0.15, 0.3)}
-"""Window of each run's metrics [s]."""
-
-SMOOTH = {"chain.joint": None, "contact.sprocket.friction": 0.0, "contact.guide": None, "guides": ()}
+DURATION = {"engine": 0.2, "industrial": 1.0, "marine": 2.0, "motorcycle": 0.3}
+"""Of the runs [s], whose second half counts."""
 MARINE: dict[str, dict[str, Any]] = {
     "as it is": {},
     "joints rub twice as much": {"chain.joint.friction": 0.14},
     "crankshaft at 1 rad/s": {"sprockets.crankshaft.prescribed.speed": 1.0},
-    "nothing rubs, no guide-bar": SMOOTH,
+    "nothing rubs, no guide-bar": {
+        "chain.joint": None,
+        "contact.sprocket.friction": 0.0,
+        "contact.guide": None,
+        "guides": (),
+    },
 }
 
 
-def bent(trajectory: Trajectory) -> tuple[float, float]:
-    """How much longer than straight all strands are in the run's second half [m]: whole, and what is not standing.
+def bent(trajectory: Any) -> tuple[float, float]:
+    """Length of all strands beyond straight ones in the run's second half [m]: whole, and what is not standing.
 
     Half of the slopes' squares along the strand; the mean slope at each place, a pitch long, stands.
     """
     drive, path = trajectory.drive, chain_path(trajectory.drive)
-    assert trajectory.position is not None
     x = trajectory.position[trajectory.time >= 0.5 * trajectory.time[-1]].astype(float)
     whole, waves = 0.0, 0.0
     for begin, end in zip(path.strand_start, path.strand_end, strict=True):
@@ -48,39 +49,29 @@ def bent(trajectory: Trajectory) -> tuple[float, float]:
     return whole, waves
 
 
-def marine() -> None:
-    """Prints the second table."""
-    base = load_drive(drive_path("marine"))
-    drives = [base.with_values(changes) for changes in MARINE.values()]
-    run = simulate(drives, record=Record(channels=("position",), rate=1000.0))
-    print("| marine | runs above `check` by | strands' way longer than straight | of it waves |\n|---|---|---|---|")
-    for k, (name, row) in enumerate(zip(MARINE, run.metrics.to_pylist(), strict=True)):
-        found = np.array([row[f"{strand}.tension_mean"] for strand in base.strand_names])
-        above, (whole, waves) = 1e-3 * (found - running(drives[k]).tension), bent(run[k])
-        print(f"| {name} | {above.min():.1f} to {above.max():.1f} kN | {1e3 * whole:.2f} mm | {1e3 * waves:.2f} mm |")
-
-
-@case(
-    option("name", nargs="*", help="example drives; all of them if none is named"),
-    option("--marine", action="store_true", help="the second table instead"),
-)
-def check(asked: argparse.Namespace) -> None:
+@case(option("--marine", action="store_true", help="the second table instead"))
+def check(asked: argparse.Namespace) -> Iterator[Line]:
     """The tables of docs/check.md: mean strand tensions that `warpchain check` prints, and those of runs.
 
-    python scripts/figures.py check [NAME ...]
+    python scripts/figures.py check
     python scripts/figures.py check --marine
 
-    The second: the marine drive, what its run has above `check`, and how much longer its bent strands are.
+    The second: the marine drive, by how much its run is above `check`, and how much longer its bent strands are.
     """
     if asked.marine:
-        marine()
+        yield ("marine", "runs above `check` by", "strands' way longer than straight", "of it waves")
+        drives = [example("marine", changes) for changes in MARINE.values()]
+        run = simulate(drives, record=Record(channels=("position",), rate=1000.0))
+        for k, (name, row) in enumerate(zip(MARINE, run.metrics.to_pylist(), strict=True)):
+            found = np.array([row[f"{strand}.tension_mean"] for strand in drives[0].strand_names])
+            above, (whole, waves) = 1e-3 * (found - running(drives[k]).tension), bent(run[k])
+            yield (name, f"{above.min():.1f} to {above.max():.1f} kN", f"{1e3 * whole:.2f} mm", f"{1e3 * waves:.2f} mm")
         return
-    names = asked.name or list(RUNS)
-    print("| strand | `check` | a run | off, of the tightest |\n|---|---|---|---|")
-    for name in names:
-        drive, window = load_drive(drive_path(name)), RUNS[name]
-        (row,) = simulate(drive, record=Record("none"), duration=window[1], window=window).metrics.to_pylist()
+    yield ("strand", "`check`", "a run", "off, of the tightest")
+    for name, duration in DURATION.items():
+        drive = example(name)
+        (row,) = simulate(drive, record=Record("none"), duration=duration).metrics.to_pylist()
         found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
         for strand, said, seen in zip(drive.strand_names, running(drive).tension, found, strict=True):
             off = 100.0 * (said - seen) / found.max()
-            print(f"| {name}: {strand} | {said:.4g} N | {seen:.4g} N | {off:+.1f} % |", flush=True)
+            yield (f"{name}: {strand}", f"{said:.4g} N", f"{seen:.4g} N", f"{off:+.1f} %")

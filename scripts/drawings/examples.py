@@ -1,43 +1,193 @@
-"""Pictures of the example drives."""
+"""Pictures and tables of the example drives."""
 
 import argparse
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from common.cases import case, option
+import numpy as np
+from common.cases import Line, case, option
+from common.drives import example
 
-from warpchain import Record, Run, load_drive, simulate
-from warpchain.drive.examples import drive_path, example_names
+from warpchain import Drive, Record, simulate
+from warpchain.assembly import assemble
+from warpchain.assembly.timestep import automatic_step, step_limit
+from warpchain.drive.examples import example_names
 from warpchain.view.figures.plot import drive_figure
 
-FOLDER = Path(__file__).parents[2] / "docs" / "images"
 
+@case()
+def examples(asked: argparse.Namespace) -> Iterator[Line]:
+    """The pictures of the example drives: the drive and the forces on its chain at one instant of a run.
 
-def table(name: str, run: Run) -> str:
-    """One row: rollers, simulated time, means of the slackest and tightest strand, extremes of the tension."""
-    row = run.metrics.to_pylist()[0]
-    drive = run[0].drive
-    strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
-    return (
-        f"| {name} | {drive.chain.links} | {drive.run.duration:g} | {min(strands):.0f} | "
-        f"{max(strands):.0f} | {row['tension_min']:.0f} | {row['tension_max']:.0f} |"
-    )
-
-
-@case(option("names", nargs="*", metavar="NAME", help="examples; default: all"))
-def examples(asked: argparse.Namespace) -> None:
-    """The pictures of the example drives in docs/images: the drive and the forces on its chain at one instant of a run.
-
-    python scripts/figures.py examples [NAME ...]
+    python scripts/figures.py examples
 
     Prints a table of what each run came to, as docs/examples.md has it.
     """
-    names = asked.names or example_names()
-    channels = ["position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"]
-    channels += ["arm_angle", "tensioner_extension"]
-    head = "drive | links | simulated [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
-    print(f"| {head} |")
-    print("|---|---|---|---|---|---|---|")
-    for name in names:
-        run = simulate(load_drive(drive_path(name)), record=Record(channels=channels))
-        drive_figure(run[0]).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)
-        print(table(name, run))
+    yield ("drive", "links", "simulated [s]", "slackest strand [N]", "tightest strand [N]", "least [N]", "most [N]")
+    for name in example_names():
+        run = simulate(example(name))
+        drive, (row,) = run[0].drive, run.metrics.to_pylist()
+        strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
+        tensions = (min(strands), max(strands), row["tension_min"], row["tension_max"])
+        yield (name, drive.chain.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
+        drive_figure(run[0]).savefig(asked.output / f"{name.replace('_', '-')}-drive.png", dpi=90)
+
+
+NO_FRICTION: Mapping[str, Any] = {"chain.joint": None, "contact.sprocket.friction": 0.0}
+SMOOTH_BARS: Mapping[str, Any] = {"contact.guide.friction": 0.0, "contact.guide.rolling": False}
+OLD_TEETH: Mapping[str, Any] = {
+    "contact.sprocket.restitution": 0.3,
+    "contact.sprocket.restitution_means": "parameter",
+    "contact.sprocket.bush_stiffness": None,
+}
+BEFORE: Mapping[str, Mapping[str, Any]] = {
+    "marine": {
+        "chain.damping": 3.0e4,
+        "sprockets.tightener.center": [1.203057, 3.0],
+        "sprockets.crankshaft.prescribed.ramp_time": None,
+    },
+    "engine": {"sprockets.crankshaft.prescribed.ramp_time": None},
+    "industrial": {"sprockets.motor.prescribed.ramp_time": None},
+    "motorcycle": {"sprockets.gearbox.prescribed.ramp_time": None},
+}
+"""Values that the drives had before they became real ones, friction and teeth aside."""
+
+
+def versions(name: str) -> Mapping[str, Drive]:
+    """An example as it was and as it is, each without friction and with it; it was without."""
+    drive = example(name)
+    old = drive.with_values({**OLD_TEETH, **BEFORE[name]})
+    smooth = {**NO_FRICTION, **(SMOOTH_BARS if drive.guides else {})}
+    return {
+        "before": old.with_values(smooth),
+        "before, with friction": old,
+        "now, without friction": drive.with_values(smooth),
+        "now": drive,
+    }
+
+
+def copies(drive: Drive, count: int) -> list[Drive]:
+    """The drive `count` times, each a part of 1e-9 faster than the one before."""
+    path = f"sprockets.{drive.sprockets[drive.driver].name}.prescribed.speed"
+    speed = drive.get_value(path)
+    return [drive.with_values({path: speed * (1.0 + k * 1e-9)}) for k in range(count)]
+
+
+def contact_share(trajectory: Any) -> float:
+    """The part of the run's second half that a roller in a sprocket's wrap, a pitch from its ends at least, touches."""
+    path, later = assemble(trajectory.drive).path, trajectory.time >= 0.5 * trajectory.time[-1]
+    position, force = trajectory.position[later], trajectory.sprocket_force[later]
+    touching, inside = 0, 0
+    for s, sprocket in enumerate(trajectory.drive.sprockets):
+        arm = position - trajectory.sprocket_center[later, None, s]
+        near = np.abs(np.hypot(arm[..., 0], arm[..., 1]) - path.radius[s]) < 0.5 * trajectory.drive.chain.pitch
+        turned = sprocket.sign * (np.arctan2(arm[..., 1], arm[..., 0]) - path.arrival_angle[s]) % (2.0 * np.pi)
+        margin = 2.0 * np.pi / sprocket.teeth
+        on = near & (turned > margin) & (turned < path.wrap_angle[s] - margin)
+        touching += int((force[on] > 0.0).sum())
+        inside += int(on.sum())
+    return touching / inside
+
+
+def scattered(drive: Drive, count: int) -> tuple[str, ...]:
+    """A row of a drive's copies: tension's mean, its scatter, quantiles, extremes; contact, efficiency, residual."""
+    run = simulate(copies(drive, count), record=Record(channels=("position", "sprocket_force", "sprocket_center")))
+
+    def of(name: str, scale: float = 1.0) -> Any:
+        return scale * np.asarray(run.metrics[name], float)
+
+    def scatter(values: Any) -> str:
+        return f"{100.0 * values.std(ddof=1) / values.mean():.2g} %"
+
+    mean, most = of("tension_mean", 1e-3), of("tension_max", 1e-3)
+    quantiles = [of(f"tension_{q}", 1e-3).mean() for q in ("q001", "q50", "q999")]
+    tensions = [f"{value:.3g}" for value in (mean.mean(), *quantiles, of("tension_min", 1e-3).min(), most.max())]
+    share = np.mean([contact_share(run[k]) for k in range(count)])
+    efficiency, residual = of("efficiency").mean(), np.abs(of("energy_residual_relative")).max()
+    shares = (scatter(most), f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}")
+    return (tensions[0], scatter(mean), *tensions[1:], *shares)
+
+
+@case(
+    option("--copies", type=int, default=8),
+    option("--nearby", action="store_true", help="mean tensions of marine drives with loads up to 1 %% apart instead"),
+)
+def example_table(asked: argparse.Namespace) -> Iterator[Line]:
+    """Each example drive as it was, as it is, and without friction: copies that scatter.
+
+    python scripts/figures.py example-table [--copies 8]
+    python scripts/figures.py example-table --nearby
+
+    Copies would agree to nine digits if the motion were regular. Where impacts make it chaotic they are draws from one
+    distribution, and their scatter is the error of a single run's number.
+    """
+    if asked.nearby:
+        path = "sprockets.camshaft.load.torque"
+        for name, drive in versions("marine").items():
+            torques = drive.get_value(path) * np.linspace(0.99, 1.01, asked.copies)
+            run = simulate([drive.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
+            yield (name, *(f"{tension:.0f} N" for tension in run.metrics["tension_mean"].to_pylist()))
+        return
+    tensions = ("tension [kN]", "scatter", "0.1 %", "50 %", "99.9 %", "least", "most", "scatter")
+    yield ("drive", *tensions, "in contact", "efficiency", "residual")
+    for name in BEFORE:
+        for how, drive in versions(name).items():
+            yield (f"{name}, {how}", *scattered(drive, asked.copies))
+
+
+ENGINE_SCALE = 12.7 / 9.525
+"""Of the engine example when an 08B chain runs on it."""
+
+
+def with_gap(drive: Drive, name: str) -> Drive:
+    """The drive with a tooth gap of ISO 606, entered at 0.02 m/s at least."""
+    return drive.with_values(
+        {
+            "contact.sprocket.profile": "iso606",
+            "contact.sprocket.gap": name,
+            "contact.sprocket.clearance": None,
+            "contact.sprocket.seat_angle": None,
+            "contact.sprocket.impact_speed_floor": 0.02,
+        }
+    )
+
+
+def engine_08b() -> Drive:
+    """The engine example a third larger, on 08B."""
+    drive = example("engine")
+    values = {f"sprockets.{s.name}.center": [ENGINE_SCALE * x for x in s.center] for s in drive.sprockets}
+    for guide in drive.guides:
+        values[f"guides.{guide.name}.start"] = [ENGINE_SCALE * x for x in guide.bar.start]
+        values[f"guides.{guide.name}.end"] = [ENGINE_SCALE * x for x in guide.bar.end]
+    return drive.with_values(values | {"chain.size": "08B", "chain.stiffness": "estimate"})
+
+
+@case(
+    option("--copies", type=int, default=150, help="of each drive"),
+    option("--device", help="as of simulate"),
+)
+def step(asked: argparse.Namespace) -> Iterator[Line]:
+    """Copies of four drives, 1e-9 apart, at the automatic step, twice and four times of it: does `step = "auto"` hold?
+
+    python scripts/figures.py step [--copies 150] [--device cuda]
+
+    A copy is suspect where its status says so. The residual is the largest of the energy balance's over the turnover;
+    the scatter of the mean tension says what the residual is to be compared with.
+    """
+    drives = {
+        "engine on 08B, iso606 maximum": with_gap(engine_08b(), "maximum"),
+        "industrial, iso606 maximum": with_gap(example("industrial"), "maximum"),
+        "motorcycle, iso606 minimum": with_gap(example("motorcycle"), "minimum"),
+        "marine": example("marine"),
+    }
+    yield ("drive", "step [s]", "of the limit", "suspect", "residual", "tension [N]", "scatter", "largest [N]")
+    for name, drive in drives.items():
+        for times in (1.0, 2.0, 4.0):
+            step = times * automatic_step(drive)
+            run = simulate(copies(drive, asked.copies), step=step, record=Record("none"), device=asked.device)
+            found = [run.metrics[of] for of in ("energy_residual_relative", "tension_mean", "tension_max")]
+            residual, mean, most = (np.ma.masked_invalid(np.asarray(values, float)) for values in found)
+            share, suspect = f"{step / step_limit(drive):.2f}", f"{int((~run.ok).sum())} of {asked.copies}"
+            scatter = f"{mean.std() / mean.mean():.2%}"
+            tensions = (f"{mean.mean():.4g}", scatter, f"{most.max():.4g}")
+            yield (name, f"{step:.3g}", share, suspect, f"{np.abs(residual).max():.1e}", *tensions)

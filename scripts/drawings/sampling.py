@@ -1,31 +1,25 @@
 """Metrics that are not taken every step."""
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
+from collections import defaultdict
+from collections.abc import Iterator
 
 import numpy as np
-from common.cases import case
+from common.cases import Line, case
+from common.drives import example
 
-from warpchain import Drive, Record, load_drive, simulate
+from warpchain import Drive, Record, simulate
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.examples import drive_path
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.scene import strand_displacement
 
 WINDOWS = {"industrial": (0.2, 40_000), "marine": (0.5, 30_000), "motorcycle": (0.1, 40_000)}
 """Where the window of each example begins [s], and its steps."""
-
 SMOOTH = {f"contact.sprocket.{name}": None for name in ("friction", "static_friction", "stribeck_speed")}
 
 
-def off_mean(row: Mapping[str, Any], name: str, values: np.ndarray) -> float:
-    """How far a mean is from that of all values, in standard errors of its own."""
-    return float(abs(row[name] - values.mean()) / row[f"{name}_se"])
-
-
 def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
-    """How far metrics of a window that begins at `start` [s] are from those of its every step.
+    """Differences of metrics of a window that begins at `start` [s] from those of its every step.
 
     Returns:
         `..._mean`: in standard errors of the metric; `..._std`, `..._rms`, `..._max` and `impulse`: relative;
@@ -38,39 +32,39 @@ def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     row, whole = run.metrics.to_pylist()[0], HandedIn(run[0], start - 0.25 * step, end)
     seen = whole.part
     tension, hubs = np.asarray(seen.tension, dtype=float), whole.hubs
-    spread = tension.max() - tension.min()
-    found = {
-        "tension_mean": off_mean(row, "tension_mean", tension),
-        "tension_std": abs(row["tension_std"] / tension.std() - 1.0),
-        "tension_max": 1.0 - row["tension_max"] / tension.max(),
-        "tension_min": (row["tension_min"] - tension.min()) / spread,
-    }
-    names = ("hub_force_mean", "hub_force_max", "speed_mean", "speed_std", "speed_range")
-    worst = {name: [0.0] for name in (*names, "displacement_mean", "displacement_rms")}
+    found: defaultdict[str, list[float]] = defaultdict(list)
+
+    def mean(what: str, name: str, values: np.ndarray) -> None:
+        found[what].append(float(abs(row[name] - values.mean()) / row[f"{name}_se"]))
+
+    mean("tension_mean", "tension_mean", tension)
+    found["tension_std"].append(abs(row["tension_std"] / tension.std() - 1.0))
+    found["tension_max"].append(1.0 - row["tension_max"] / tension.max())
+    found["tension_min"].append((row["tension_min"] - tension.min()) / np.ptp(tension))
     for s, sprocket in enumerate(drive.sprockets):
-        speed = np.asarray(seen.sprocket_speed, dtype=float)[:, s]
+        name, speed = sprocket.name, np.asarray(seen.sprocket_speed, dtype=float)[:, s]
         if sprocket.prescribed is None:
-            worst["speed_mean"].append(off_mean(row, f"{sprocket.name}.speed_mean", speed))
-            worst["speed_std"].append(abs(row[f"{sprocket.name}.speed_std"] / speed.std() - 1.0))
-            least, most = row[f"{sprocket.name}.speed_min"], row[f"{sprocket.name}.speed_max"]
-            worst["speed_range"].append(max(least - speed.min(), speed.max() - most) / np.ptp(speed))
+            mean("speed_mean", f"{name}.speed_mean", speed)
+            found["speed_std"].append(abs(row[f"{name}.speed_std"] / speed.std() - 1.0))
+            beyond = max(row[f"{name}.speed_min"] - speed.min(), speed.max() - row[f"{name}.speed_max"])
+            found["speed_range"].append(beyond / np.ptp(speed))
         for c, axis in enumerate("xy"):
-            worst["hub_force_mean"].append(off_mean(row, f"{sprocket.name}.hub_force_{axis}_mean", hubs[:, s, c]))
-        worst["hub_force_max"].append(1.0 - row[f"{sprocket.name}.hub_force_max"] / np.hypot(*hubs[:, s].T).max())
+            mean("hub_force_mean", f"{name}.hub_force_{axis}_mean", hubs[:, s, c])
+        found["hub_force_max"].append(1.0 - row[f"{name}.hub_force_max"] / np.hypot(*hubs[:, s].T).max())
     for s, name in enumerate(drive.strand_names):
         values = strand_displacement(seen, s)
-        worst["displacement_mean"].append(off_mean(row, f"{name}.displacement_mean", values))
-        worst["displacement_rms"].append(abs(row[f"{name}.displacement_rms"] / np.sqrt((values**2).mean()) - 1.0))
+        mean("displacement_mean", f"{name}.displacement_mean", values)
+        found["displacement_rms"].append(abs(row[f"{name}.displacement_rms"] / np.sqrt((values**2).mean()) - 1.0))
     teeth = np.asarray(seen.sprocket_force, dtype=float)
     largest = max(row[f"{sprocket.name}.force_max"] for sprocket in drive.sprockets)
     impulse = sum(row[f"{sprocket.name}.impulse"] for sprocket in drive.sprockets)
-    found["force_max"] = 1.0 - largest / teeth.max()
-    found["impulse"] = abs(impulse / np.trapezoid(teeth.sum(axis=1), seen.time) - 1.0)
-    return found | {name: max(values) for name, values in worst.items()}
+    found["force_max"].append(1.0 - largest / teeth.max())
+    found["impulse"].append(abs(impulse / np.trapezoid(teeth.sum(axis=1), seen.time) - 1.0))
+    return {name: max(values) for name, values in found.items()}
 
 
 @case()
-def sampling(asked: argparse.Namespace) -> None:
+def sampling(asked: argparse.Namespace) -> Iterator[Line]:
     """Metrics that are not taken every step, beside the same of every step: does it matter?
 
     python scripts/figures.py sampling
@@ -81,9 +75,7 @@ def sampling(asked: argparse.Namespace) -> None:
     missed; of the smallest tension and of speeds, of their range. Without friction on teeth, which the hub forces of
     frames leave out.
     """
-    found = {
-        name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()
-    }
-    print(f"{'':18s}" + "".join(f"{name:>12s}" for name in found))
-    for metric in next(iter(found.values())):
-        print(f"{metric:18s}" + "".join(f"{values[metric]:12.1e}" for values in found.values()))
+    found = [misses(example(name, SMOOTH), *window) for name, window in WINDOWS.items()]
+    yield ("", *WINDOWS)
+    for metric in found[0]:
+        yield (metric, *(f"{values[metric]:.1e}" for values in found))

@@ -1,1 +1,1 @@
-"""What `golden.py` runs: drives, cases over them, and the block kernel on fibers."""
+"""The runs of `golden.py`: drives, cases over them, and the block kernel on fibers."""

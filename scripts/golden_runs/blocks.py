@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from common.drives import example, pair
 
-from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
+from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN
 from warpchain import Drive
 from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.engine.arrays import empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import shutil
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -10,26 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common.drives import TWO, example, pair
 from mcap.reader import make_reader
 from pyarrow import parquet
 
 import warpchain
 from golden_runs import blocks as golden_blocks
-from golden_runs.drives import (
-    ARCHIVES,
-    DESIGNS,
-    LAWS,
-    LOAD,
-    MOUNTS,
-    PAIR,
-    PROFILES,
-    STUDY,
-    TABLES,
-    WORN,
-    example,
-    pair,
-    run,
-)
+from golden_runs.drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PROFILES, STUDY, TABLES, WORN, run
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive
@@ -110,7 +98,7 @@ def diverging(_: Path) -> Run:
 
 
 def setup(folder: Path) -> dict[str, Any]:
-    """What comes before a run: derived quantities, assembly, limits, outlines, fits, what `warpchain check` says."""
+    """Everything before a run: derived quantities, assembly, limits, outlines, fits, and `warpchain check`."""
     found: dict[str, Any] = {}
     drives = {name: example(name) for name in example_names()} | {"worn": pair(WORN), "iso": pair(PROFILES["maximum"])}
     for name, drive in drives.items():
@@ -131,7 +119,7 @@ def setup(folder: Path) -> dict[str, Any]:
 
 
 def readings(_: Path) -> dict[str, Any]:
-    """What is read off a recorded run: signals, scene, fatigue, objectives, tables."""
+    """Quantities read off a recorded run: signals, scene, fatigue, objectives, tables."""
     recorded = run(example("marine", {"run.settle": False}), duration=0.4, record=Record(rate=2000.0))
     one, tension = recorded[0], recorded[0].tension
     assert tension is not None
@@ -200,11 +188,11 @@ def content(path: Path) -> dict[str, Any]:
 
 def study(folder: Path) -> dict[str, Any]:
     """Studies from file to table and report, with constraint, adjustment, recorded and worst variants, fatigue."""
-    (folder / "pair.toml").write_text(PAIR)
+    shutil.copy(TWO, folder / "pair.toml")
     found: dict[str, Any] = {}
     for name, design in DESIGNS.items():
         out = folder / name
-        points = "points = 3" if name == "factorial" else ""
+        points = ", points = 3" if name == "factorial" else ""
         (folder / "study.toml").write_text(STUDY.format(design=design, points=points))
         outcome = warpchain.run_study(folder / "study.toml", out, workers=1)
         table = parquet.read_table(out / "results.parquet")

@@ -4,62 +4,21 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from common.drives import Values
+
 import warpchain
 from warpchain import Drive, Run
-from warpchain.drive.examples import drive_path
 
-Values = dict[str, Any]
-
-PAIR = """
-[chain]
-pitch = 0.05
-links = 60
-roller_mass = 1.0
-stiffness = 5e7
-damping = 2000.0
-roller_radius = 0.015
-[[sprockets]]
-name = "driver"
-teeth = 20
-center = [0.0, 0.0]
-wrap = "ccw"
-prescribed = { speed = 10.0 }
-[[sprockets]]
-name = "driven"
-teeth = 20
-center = [1.0, 0.0]
-wrap = "ccw"
-inertia = 2.0
-load = { torque = 300.0 }
-[contact.sprocket]
-seat_angle = 125.0
-clearance = 1e-4
-restitution = 0.5
-impact_speed_floor = 0.02
-stiffness = 2e8
-[run]
-settle = false
-duration = 0.01
-step = 5e-6
-sample_rate = 4000.0
-gravity = [0.0, -9.81]
-"""
 STUDY = """
+factors = [
+  {{ name = "torque", path = "sprockets.driven.load.torque", range = [100.0, 400.0]{points} }},
+  {{ name = "teeth", path = "sprockets.driven.teeth", levels = [20, 21] }},
+]
+constraints = [{{ require = "torque < 350 or teeth > 20" }}]
 [study]
 drive = "pair.toml"
 [design]
 {design}
-[[factors]]
-name = "torque"
-path = "sprockets.driven.load.torque"
-range = [100.0, 400.0]
-{points}
-[[factors]]
-name = "teeth"
-path = "sprockets.driven.teeth"
-levels = [20, 21]
-[[constraints]]
-require = "torque < 350 or teeth > 20"
 [adjust]
 sprocket = "driven"
 direction = [1.0, 0.0]
@@ -122,16 +81,6 @@ ARCHIVES: dict[str, Values] = {
     "lz4": {"compression": "lz4", "values": "float32", "exact_positions": True},
     "split": {"split_variants": 1},
 }
-
-
-def example(name: str, values: dict[str, Any] | None = None) -> Drive:
-    """One of the package's examples, with other values."""
-    return warpchain.load_drive(drive_path(name)).with_values(values or {})
-
-
-def pair(values: dict[str, Any] | None = None) -> Drive:
-    """Two equal sprockets."""
-    return warpchain.loads_drive(PAIR).with_values(values or {})
 
 
 def run(drives: Drive | Sequence[Drive], **settings: Any) -> Run:

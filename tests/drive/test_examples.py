@@ -50,7 +50,7 @@ def test_check_works(name, capsys):
 @pytest.fixture(scope="module")
 def table():
     """The script of docs/examples.md's table."""
-    return load_script("drawings.example_table")
+    return load_script("drawings.examples")
 
 
 @pytest.fixture(scope="module")

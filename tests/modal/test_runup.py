@@ -1,4 +1,4 @@
-"""The spectrum of a slow run-up against the modes of the running drive; `scripts/drawings/runup.py` has three."""
+"""The spectrum of a slow run-up against the modes of the running drive; `scripts/drawings/modes.py` has three."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from warpchain.modal.phases import over_a_pitch
 
 @pytest.fixture(scope="module")
 def script():
-    return load_script("drawings.runup")
+    return load_script("drawings.modes")
 
 
 def test_the_spectrum_of_a_run_up_has_the_modes(script):

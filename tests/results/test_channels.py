@@ -140,6 +140,6 @@ def test_kernels_write_every_value_of_a_frame(precision):
 
 
 def test_the_tables_in_the_documents_are_up_to_date():
-    script = ROOT.parent / "scripts" / "docs_tables.py"
-    done = subprocess.run([sys.executable, script, "--check"], capture_output=True, text=True)
+    script = ROOT.parent / "scripts" / "docs.py"
+    done = subprocess.run([sys.executable, script, "tables", "--check"], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "")

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pypdfium2 as pdfium
 import pytest
-from loading import load_script
+from browsing import browser, no_browser
 from PIL import Image
 
 from warpchain.study.report import report_html
@@ -17,10 +17,9 @@ from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
 from warpchain.study.spec.study_tables import Bound, Objective
 
-browsers = load_script("render_picture")
 pytestmark = [
     pytest.mark.viewer,
-    pytest.mark.skipif(browsers.no_browser() is not None, reason=str(browsers.no_browser())),
+    pytest.mark.skipif(no_browser() is not None, reason=str(no_browser())),
 ]
 
 ROWS = 400
@@ -104,8 +103,8 @@ def page(tmp_path_factory):
     objectives = (Objective(metric="tension_max"), Objective(metric="contact_energy_per_revolution"))
     wanted = Wanted(objectives, (Bound(metric="tension_max", max=40e3),), "out/study")
     file.write_text(report_html(read_results(study(), ["torque", "x", "law"]), "Brushed", wanted=wanted))
-    with browsers.browser() as browser:
-        opened = Opened(browser)
+    with browser() as page:
+        opened = Opened(page)
         opened.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
         opened.call("Network.enable")
         opened.call(

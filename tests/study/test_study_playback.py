@@ -151,7 +151,7 @@ def test_command_saves_a_recording(study, tmp_path, capsys):
 @pytest.mark.skipif(headless() is not None, reason=str(headless()))
 def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     results, folder = study
-    script = load_script("render_picture")
+    script = load_script("drawings.pictures")
     view_study(results, recorded_variants(results, folder), save=tmp_path / "s.rrd")
     script.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]

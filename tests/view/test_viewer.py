@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browsing import no_browser, web_screenshot
 from drives import two_sprockets
 from loading import load_script
 from PIL import Image
@@ -17,7 +18,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.results.tension_colors import tension_color
 from warpchain.view.rerun.run_playback import view
 
-render = load_script("render_picture")
+render = load_script("drawings.pictures")
 
 SCALE = np.unique(tension_color(np.arange(256.0), 255.0)[:, :3], axis=0).astype(int)
 
@@ -100,7 +101,7 @@ def listening(port):
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(render.no_browser() is not None, reason=str(render.no_browser()))
+@pytest.mark.skipif(no_browser() is not None, reason=str(no_browser()))
 def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, tmp_path):
     archive = write_archive(run, tmp_path / "a.mcap")
     command = [sys.executable, "-m", "warpchain", "view", str(archive), "--web"]
@@ -110,7 +111,7 @@ def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, t
             assert url.startswith("http://127.0.0.1:")
             page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
             assert listening(page) == listening(data) == ["0100007F"]
-            render.web_screenshot(url, tmp_path / "a.png", lambda picture: is_chain(*path_seen(picture, run[0])))
+            web_screenshot(url, tmp_path / "a.png", lambda picture: is_chain(*path_seen(picture, run[0])))
         finally:
             server.send_signal(signal.SIGINT)
         assert server.wait(20) == 0

@@ -1,16 +1,10 @@
-"""Writes the tables of channels, of metrics and of limits into the documents, from the tables in the package.
-
-    python scripts/docs_tables.py            # writes docs/archive.md, metrics.md, judged-runs.md anew
-    python scripts/docs_tables.py --check    # only looks whether they are up to date; status 1 if not
-
-Each stands between `<!-- NAME: scripts/docs_tables.py -->` and `<!-- end -->`.
-"""
+"""Tables of the documents made of the package's own."""
 
 import argparse
 import re
-import sys
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Sequence
+
+from common.cases import ROOT, Line, case, option
 
 from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
 from warpchain.results.judgement import RULES, Limits
@@ -28,16 +22,11 @@ from warpchain.results.metric_columns import (
     Group,
 )
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-OF = {
+OF = {name: f"{name.upper()}." for name in ("strand", "sprocket", "arm", "tensioner", "probe")} | {
     "chain": "",
-    "strand": "STRAND.",
-    "sprocket": "SPROCKET.",
     "partner": "PART.",
-    "arm": "ARM.",
-    "tensioner": "TENSIONER.",
-    "probe": "PROBE.",
 }
+"""Beginning of the columns' names, by their group."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -47,7 +36,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def place(channel: Channel) -> str:
-    """Where an archive has a channel."""
+    """A channel's place in an archive."""
     if channel in OF_BODIES:
         count = {"sprocket": "S", "arm": "A", "tensioner": "T"}[channel.per]
         count = f"2 {count}" if channel.components else count
@@ -72,23 +61,18 @@ def metrics(groups: Iterable[Group]) -> str:
 
 
 def limits() -> str:
-    """The table of what variants are judged by."""
+    """The table of the limits that variants are judged by."""
     default = Limits()
-    rows = [
-        (
-            f"`{rule.key}`",
-            f"{'at least' if rule.least else 'at most'} {getattr(default, rule.key):g} {rule.unit}",
-            f"`{rule.where}`",
-            rule.advice,
-        )
-        for rule in RULES
-    ]
+    rows = []
+    for rule in RULES:
+        bound = f"{'at least' if rule.least else 'at most'} {getattr(default, rule.key):g} {rule.unit}"
+        rows.append((f"`{rule.key}`", bound, f"`{rule.where}`", rule.advice))
     layout = f"at most {default.layout:g} findings"
     rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
     return table(("limit", "default", "of the metrics", "what to change"), rows)
 
 
-def tables() -> dict[str, str]:
+def made_tables() -> dict[str, str]:
     """Every table by the name that its place in the documents has."""
     return {
         "channels": channels(),
@@ -105,32 +89,28 @@ def tables() -> dict[str, str]:
 
 def renewed(text: str) -> str:
     """A document with its tables written anew."""
-    for name, lines in tables().items():
-        begin = f"<!-- {name}: scripts/docs_tables.py -->"
-        text = re.sub(rf"{re.escape(begin)}\n.*?<!-- end -->", f"{begin}\n{lines}\n<!-- end -->", text, flags=re.S)
-    return text
+    made = made_tables()
+    mark = r"(<!-- (\w+): scripts/docs.py tables -->\n).*?(\n<!-- end -->)"
+    return re.sub(mark, lambda found: found[1] + made[found[2]] + found[3], text, flags=re.DOTALL)
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--check", action="store_true", help="write nothing, tell which documents are out of date")
-    return words
+@case(option("--check", action="store_true", help="write nothing, name the documents that are out of date"))
+def tables(asked: argparse.Namespace) -> Iterator[Line]:
+    """Writes the tables of channels, of metrics and of limits into the documents, from the tables in the package.
 
+    python scripts/docs.py tables            # writes docs/archive.md, metrics.md, judged-runs.md anew
+    python scripts/docs.py tables --check    # only looks whether they are up to date; status 1 if not
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Writes or checks the documents; returns the exit status."""
-    check = parser().parse_args(words).check
-    stale = 0
-    for path in (DOCS / "archive.md", DOCS / "metrics.md", DOCS / "judged-runs.md"):
-        text = path.read_text()
-        if renewed(text) != text:
-            stale += 1
-            print(f"{path.relative_to(DOCS.parent)}: {'out of date' if check else 'written'}")
-            if not check:
-                path.write_text(renewed(text))
-    return int(check and stale > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    Each stands between `<!-- NAME: scripts/docs.py tables -->` and `<!-- end -->`.
+    """
+    stale = {
+        path: text
+        for path in sorted((ROOT / "docs").glob("*.md"))
+        if (text := renewed(path.read_text())) != path.read_text()
+    }
+    for path, text in stale.items():
+        yield f"{path.relative_to(ROOT)}: {'out of date' if asked.check else 'written'}"
+        if not asked.check:
+            path.write_text(text)
+    if asked.check and stale:
+        raise SystemExit(1)

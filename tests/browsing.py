@@ -1,12 +1,5 @@
-"""Pictures of recordings without a screen. The README's: the marine drive and the car's in the headless Rerun viewer.
+"""A browser without a screen, in which tests look at pages."""
 
-    python scripts/render_picture.py docs/images/marine.png [SECONDS] [TAB]
-    python scripts/render_picture.py docs/images/car.png 0.15 --drive car
-
-Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1. The web viewer needs chromium.
-"""
-
-import argparse
 import base64
 import contextlib
 import fcntl
@@ -19,36 +12,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-DRIVERS = Path("/usr/share/vulkan/icd.d")
-SOFTWARE = DRIVERS / "lvp_icd.x86_64.json"
 SIZE = (1920, 1080)
-
-
-def no_vulkan() -> str | None:
-    """Why the headless viewer cannot run here, or None."""
-    return None if list(DRIVERS.glob("*.json")) else "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
 
 
 def no_browser() -> str | None:
     """Why the web viewer cannot be looked at here, or None."""
     return None if shutil.which("chromium") else "no browser (Debian: chromium)"
-
-
-def screenshot(recording: Path, picture: Path, seconds: float) -> None:
-    """Opens a recording in the headless viewer, goes to a simulated time and saves what it shows."""
-    if SOFTWARE.exists():
-        os.environ.setdefault("VK_ICD_FILENAMES", str(SOFTWARE))
-    from rerun.experimental import ViewerClient
-
-    from warpchain.view.rerun.viewer import Viewer
-
-    with Viewer(kind="headless") as viewer:
-        client = ViewerClient.connect(viewer.data)
-        client.open(str(recording))
-        time.sleep(2.0)
-        client.set_time("sim_time", duration=seconds, play_state="paused")
-        time.sleep(2.5)
-        client.save_screenshot(str(picture))
 
 
 class Browser:
@@ -138,36 +107,3 @@ def web_screenshot(url: str, picture: Path, shows: Callable[[Path], bool], patie
             page.capture(picture)
             if shows(picture):
                 return
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command's words."""
-    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("picture", nargs="?", type=Path, default=Path("docs/images/marine.png"))
-    made.add_argument("seconds", nargs="?", type=float, default=1.5, help="simulated time (default 1.5)")
-    made.add_argument("tab", nargs="?", help="tab of the viewer that is shown")
-    made.add_argument("--drive", default="marine", help="example drive (default marine)")
-    return made
-
-
-def main() -> None:
-    """Runs the drive and takes its picture."""
-    from PIL import Image
-
-    from warpchain import load_drive, simulate
-    from warpchain.drive.examples import drive_path
-    from warpchain.view.rerun.run_playback import view
-
-    words = parser().parse_args()
-    picture = words.picture
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        recording = Path(folder) / f"{words.drive}.rrd"
-        view(simulate(load_drive(drive_path(words.drive))), save=recording, tab=words.tab)
-        screenshot(recording, picture, words.seconds)
-    Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
-    print(picture)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,27 +1,49 @@
-"""Modes in the spectrum of a run-up."""
+"""Modes of drives at rest, over speed, and in the spectrum of a run-up."""
 
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from common.cases import case, option
+from common.cases import Line, case
+from common.drives import Values, example
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from warpchain import Drive, Record, load_drive, simulate
+from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assembled_path
 from warpchain.assembly.frequencies import orders
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.examples import drive_path
-from warpchain.modal.campbell import Campbell
+from warpchain.modal.campbell import Campbell, campbell
+from warpchain.modal.eigenmodes import modes
+from warpchain.modal.mode_figures import campbell_figure, shapes_figure
 from warpchain.modal.phases import over_a_pitch
 from warpchain.results.run import Trajectory
+from warpchain.results.signals import seen_at
 from warpchain.view.figures.style import arrowed
 
 Array = NDArray[np.float64]
+CAR = ("intake cam->exhaust cam 1", "crank->intake cam 1", "intake cam 1", "arm 1")
+"""Modes of `car` that are drawn, among its 30 lowest."""
+
+
+@case()
+def mode_shapes(asked: argparse.Namespace) -> Iterator[Line]:
+    """Modes of the timing drives at rest, and over the crankshaft's speed of one.
+
+    python scripts/figures.py mode-shapes
+
+    Writes modes-engine.png, campbell-engine.png and modes-car.png.
+    """
+    found = campbell(example("engine"), np.linspace(0.0, 600.0, 25).tolist(), 10)
+    car = modes(example("car"), 30)
+    yield {
+        "modes-engine": shapes_figure(found.modes[0].first(8)),
+        "campbell-engine": campbell_figure(found),
+        "modes-car": shapes_figure(car.chosen(np.array([car.names.index(name) for name in CAR]))),
+    }
+
 
 BAND = 0.1
 """Peaks are sought so far on both sides of a mode's frequency, relative."""
@@ -34,6 +56,10 @@ PLACE = 0.37
 PADDED = 8
 STEP = 0.5
 """Of the step's limit: strands are slow beside links and contacts."""
+PARTS, LEAST = 4, 3
+"""Parts of the range of speeds whose spectra are averaged, each of at least so many windows."""
+SLOWEST, SPEEDS, PHASES = 0.2, 5, 4
+"""Of the top speed, where modes are sought first; at so many speeds and phases of a tooth pitch."""
 
 
 @dataclass(frozen=True)
@@ -58,55 +84,34 @@ class RunUp:
     top: float
 
 
+ENGINE = ("crankshaft->tensioner 1", "tensioner->exhaust cam 1", "exhaust cam->intake cam 1")
 RUNS = (
     RunUp("industrial", 8.0, 1000.0, 1.0, ("conveyor->motor 1", "conveyor->motor 2"), 18, 60.0),
     RunUp("motorcycle", 8.0, 2000.0, 0.5, ("wheel->gearbox 1", "wheel->gearbox 2"), 20, 110.0),
-    RunUp(
-        "engine",
-        4.0,
-        5000.0,
-        0.25,
-        (
-            "crankshaft->tensioner 1",
-            "tensioner->exhaust cam 1",
-            "exhaust cam->intake cam 1",
-            "tensioner->exhaust cam 2",
-            "idler->crankshaft 1",
-        ),
-        10,
-        240.0,
-    ),
+    RunUp("engine", 4.0, 5000.0, 0.25, (*ENGINE, "tensioner->exhaust cam 2", "idler->crankshaft 1"), 10, 240.0),
 )
-PARTS = 4
-"""Of the range of speeds, whose spectra are averaged."""
-LEAST = 3
-"""Windows, a quarter of their length apart."""
-SLOWEST, SPEEDS, PHASES = 0.2, 5, 4
-"""Of the top speed, where modes are sought first; at how many speeds and phases of a tooth pitch."""
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A mode in a part of a run-up: when and at what speed of the driver [rad/s] in the mean, its frequency and the
-    peak's [Hz], and in how many windows."""
+class Seen(NamedTuple):
+    """A mode in a part of a run-up: mean time and speed of the driver [rad/s], its frequency and the peak's [Hz]."""
 
     mode: str
     time: float
     speed: float
     frequency: float
     peak: float
-    windows: int
 
     @property
     def off(self) -> float:
-        """How far the peak is from the mode, relative."""
+        """The peak's distance from the mode, relative."""
         return self.peak / self.frequency - 1.0
 
 
 def run_up_drive(run: RunUp) -> Drive:
     """The example as its modes take it, without dry friction and harmonics; it runs up steadily from rest."""
-    drive = load_drive(drive_path(run.name))
-    own: dict[str, Any] = {"chain.joint": None, "contact.sprocket.friction": 0.0}
+    drive = example(run.name)
+    own: Values = {"chain.joint": None, "contact.sprocket.friction": 0.0, "run.duration": run.duration}
+    own["run.sample_rate"] = run.rate
     if drive.guides:
         own["contact.guide.friction"] = 0.0
     for sprocket in drive.sprockets:
@@ -116,55 +121,41 @@ def run_up_drive(run: RunUp) -> Drive:
             own[f"{place}.prescribed"] = {"table": table}
         if sprocket.load is not None:
             own[f"{place}.load.harmonics"] = []
-    smooth = drive.with_values({**own, "run.duration": run.duration, "run.sample_rate": run.rate})
+    smooth = drive.with_values(own)
     return smooth.with_values({"run.step": STEP * step_limit(smooth)})
 
 
 def loaded(run: RunUp, drive: Drive) -> Drive:
-    """The drive whose loads have what its sprockets' inertia takes while it runs up."""
+    """The drive with loads that include the torque of its sprockets' inertia while it runs up."""
     driver = drive.sprockets[drive.driver]
-    assert driver.prescribed is not None
-    rise = driver.prescribed.top_speed / run.duration
+    rise = top_speed(drive) / run.duration
     own = {}
     for sprocket in drive.sprockets:
         if sprocket.prescribed is None:
-            assert sprocket.inertia is not None
             torque = sprocket.load.torque if sprocket.load is not None else 0.0
-            more = sprocket.inertia * rise * driver.teeth / sprocket.teeth
+            more = (sprocket.inertia or 0.0) * rise * driver.teeth / sprocket.teeth
             own[f"sprockets.{sprocket.name}.load.torque"] = torque + more
     return drive.with_values(own)
 
 
+def top_speed(drive: Drive) -> float:
+    """Top speed of the driver [rad/s]."""
+    prescribed = drive.sprockets[drive.driver].prescribed
+    assert prescribed is not None
+    return prescribed.top_speed
+
+
 def recorded(drive: Drive) -> Trajectory:
     """The run-up."""
-    result = simulate(drive, record=Record(channels=("position", "sprocket_speed")))
-    return result.trajectories[0]
+    return simulate(drive, record=Record(channels=("position", "velocity", "tension", "sprocket_speed")))[0]
 
 
-def displacement(trajectory: Trajectory, strand: int) -> Array:
-    """(F,) of the chain across a strand's chord, at `PLACE` of its length [m]."""
-    path = assembled_path(trajectory.drive)
-    start, end = np.asarray(path.strand_start[strand]), np.asarray(path.strand_end[strand])
-    length = float(np.hypot(*(end - start)))
-    tx, ty = (end - start) / length
-    off = np.asarray(trajectory.position, float) - start
-    along, across = off @ (tx, ty) - PLACE * length, off @ (-ty, tx)
-    along = np.where(np.abs(across) < 3.0 * trajectory.drive.chain.pitch, along, np.nan)
-    frame = np.arange(len(along))
-    before = np.nanargmax(np.where(along <= 0.0, along, -np.inf), axis=1)
-    after = np.nanargmin(np.where(along > 0.0, along, np.inf), axis=1)
-    part = -along[frame, before] / (along[frame, after] - along[frame, before])
-    return np.asarray(across[frame, before] * (1.0 - part) + across[frame, after] * part)
-
-
-def signal_of(trajectory: Trajectory, mode: str) -> Array:
-    """(F,) where a mode shows: across its strand [m], or in the speed of its sprocket [rad/s]."""
-    drive, part = trajectory.drive, mode.rpartition(" ")[0]
-    if part in drive.strand_names:
-        return displacement(trajectory, drive.strand_names.index(part))
-    assert trajectory.sprocket_speed is not None
-    sprocket = [one.name for one in drive.sprockets].index(part)
-    return np.asarray(trajectory.sprocket_speed[:, sprocket], float)
+def signal_of(trajectory: Any, mode: str) -> Array:
+    """(F,) displacement of a mode's strand at `PLACE` of its length [m]."""
+    drive, path = trajectory.drive, assembled_path(trajectory.drive)
+    strand = drive.strand_names.index(mode.rpartition(" ")[0])
+    x, y = (1.0 - PLACE) * path.strand_start[strand] + PLACE * path.strand_end[strand]
+    return seen_at(trajectory, (x, y), 3.0 * drive.chain.pitch).displacement
 
 
 def spectrum(signal: Array, rate: float) -> tuple[Array, Array]:
@@ -186,16 +177,13 @@ def disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bo
 
 def running(run: RunUp, drive: Drive) -> Campbell:
     """The modes of a drive over the speeds of its run-up, means over a tooth pitch."""
-    prescribed = drive.sprockets[drive.driver].prescribed
-    assert prescribed is not None
-    speeds = prescribed.top_speed * np.linspace(SLOWEST, 1.0, SPEEDS)
+    speeds = top_speed(drive) * np.linspace(SLOWEST, 1.0, SPEEDS)
     return over_a_pitch(loaded(run, drive), speeds.tolist(), run.count, PHASES)[0]
 
 
-def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST) -> Iterator[Seen]:
+def seen(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[Seen]:
     """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows (at least so
     many), each over the frequency relative to the mode's at the window's speed."""
-    assert trajectory.sprocket_speed is not None
     size, drive = int(run.window * run.rate), found.drive
     speeds = np.abs(np.asarray(trajectory.sprocket_speed[:, drive.driver], float))
     first = int(np.argmax(speeds > found.speed[0]))
@@ -218,10 +206,10 @@ def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST
             peak = int(np.argmax(np.where(np.abs(AROUND - 1.0) < BAND, power, 0.0)))
             if power[peak] >= power[[peak - 1, peak + 1]].max() and power[peak] > OUTSTANDING * np.median(power):
                 time, speed, frequency = (float(np.mean([row[k] for row in rows])) for k in range(3))
-                yield Seen(name, time, speed, frequency, float(AROUND[peak]) * frequency, len(rows))
+                yield Seen(name, time, speed, frequency, float(AROUND[peak]) * frequency)
 
 
-def draw(axis: Any, run: RunUp, trajectory: Trajectory, modes: Campbell, found: list[Seen]) -> None:
+def draw(axis: Any, run: RunUp, trajectory: Any, modes: Campbell, found: list[Seen]) -> None:
     """The spectrum of all signals over time, the modes' frequencies, and the peaks."""
     size = int(run.window * run.rate)
     rows = range(0, len(trajectory.time) - size, size // 8)
@@ -236,49 +224,43 @@ def draw(axis: Any, run: RunUp, trajectory: Trajectory, modes: Campbell, found: 
     image = 10.0 * np.log10(total[:, shown].T + 1e-12)
     axis.pcolormesh(times, places[shown], image, cmap="Greys", vmin=-50.0, vmax=5.0, rasterized=True)
     for k, name in enumerate(run.wanted):
-        mine = [one for one in found if one.mode == name]
-        color = f"C{k}"
         line = modes.frequency[:, modes.names.index(name)]
-        axis.plot(run.duration * modes.speed / modes.speed[-1], line, "-", color=color, lw=1.0)
-        peaks = [one.peak for one in mine]
-        axis.plot([one.time for one in mine], peaks, "o", color=color, ms=5.0, mew=1.4, mfc="none", label=arrowed(name))
-    axis.set_ylim(0.0, run.top)
+        axis.plot(run.duration * modes.speed / modes.speed[-1], line, "-", color=f"C{k}", lw=1.0)
+        mine = [(one.time, one.peak) for one in found if one.mode == name]
+        circles: Any = {"color": f"C{k}", "ms": 5.0, "mew": 1.4, "mfc": "none", "label": arrowed(name)}
+        axis.plot(*np.reshape(mine, (-1, 2)).T, "o", **circles)
     axis.set_title(f"{run.name}, to {modes.speed[-1]:.3g} rad/s", fontsize=10)
-    axis.set_xlabel("time [s]")
+    axis.set(ylim=(0.0, run.top), xlabel="time [s]")
     axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
 
 
-@case(option("folder", nargs="?", type=Path, help="where to save the figure; default: nowhere"))
-def runup(asked: argparse.Namespace) -> None:
+@case()
+def runup(asked: argparse.Namespace) -> Iterator[Line]:
     """The spectrum of a slow run-up against the modes of the running drive.
 
-    python scripts/figures.py runup [docs/images]
+    python scripts/figures.py runup
 
     Three example drives, without dry friction and harmonics (which modes leave out), run up steadily to their speed.
     What hits the chain at every tooth rings all modes; their frequencies stand in the spectrum beside the orders. For
-    each part of the range of speeds the highest peak near each mode is told, of the mean of its windows' spectra. The
-    modes are those of the drive at that speed, means over a tooth pitch, with what the sprockets' inertia takes in the
-    run-up as load. Left out are windows in which an order passes by (the peak is then the order's), and parts in which
-    no peak stands out. Writes modes-runup.png.
+    each part of the range of speeds the highest peak near each mode is printed, of the mean of its windows' spectra.
+    The modes are those of the drive at that speed, means over a tooth pitch, with what the sprockets' inertia takes in
+    the run-up as load. Left out are windows in which an order passes by (the peak is then the order's), and parts in
+    which no peak stands out. Writes modes-runup.png.
     """
-    folder = asked.folder
     figure = Figure(figsize=(14.0, 5.6), layout="constrained")
-    print(f"{'drive':<12}{'mode':<28}{'parts':>7}{'Hz':>16}{'mean off':>10}{'most off':>10}")
+    yield ("drive", "mode", "parts", "Hz", "mean off", "most off")
     for axis, run in zip(figure.subplots(1, len(RUNS)), RUNS, strict=True):
         drive = run_up_drive(run)
-        trajectory = recorded(drive)
-        modes = running(run, drive)
-        found = list(seen(run, modes, trajectory))
+        trajectory, found_modes = recorded(drive), running(run, drive)
+        found = list(seen(run, found_modes, trajectory))
         for name in run.wanted:
             mine = [one for one in found if one.mode == name]
             if mine:
                 off = np.array([one.off for one in mine])
-                span = f"{min(one.frequency for one in mine):.4g} to {max(one.frequency for one in mine):.4g}"
-                worst = off[np.argmax(np.abs(off))]
-                print(f"{run.name:<12}{name:<28}{len(mine):>7}{span:>16}{off.mean():>10.2%}{worst:>10.2%}")
-        draw(axis, run, trajectory, modes, found)
-        figure.axes[0].set_ylabel("frequency [Hz]")
+                frequencies = [one.frequency for one in mine]
+                span = f"{min(frequencies):.4g} to {max(frequencies):.4g}"
+                yield (run.name, name, len(mine), span, f"{off.mean():.2%}", f"{off[np.argmax(np.abs(off))]:.2%}")
+        draw(axis, run, trajectory, found_modes, found)
+    figure.axes[0].set_ylabel("frequency [Hz]")
     figure.suptitle("Spectra of run-ups: modes of the running drive (lines) and peaks (circles)", fontsize=11)
-    if folder is not None:
-        figure.savefig(folder / "modes-runup.png", dpi=80)
-        print(folder / "modes-runup.png")
+    yield {"modes-runup": figure}

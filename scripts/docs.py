@@ -1,0 +1,18 @@
+"""The documents: lists the cases, or makes one of tables, notebooks and site.
+
+    python scripts/docs.py
+    python scripts/docs.py CASE [OPTIONS]
+
+With `--help` after its name a case says what it makes and its options. The cases are in `pages/`.
+"""
+
+from functools import partial
+
+from common.cases import cases_of, parser_of, run
+
+CASES = cases_of("pages")
+parser = partial(parser_of, __doc__, CASES)
+main = partial(run, __doc__, CASES)
+
+if __name__ == "__main__":
+    main()

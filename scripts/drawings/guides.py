@@ -1,0 +1,226 @@
+"""Guides and tensioners."""
+
+import argparse
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from common.cases import ROOT, Line, case
+from common.drives import example
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from warpchain import Drive, Record, Run, loads_drive, simulate
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.drive.examples import drive_path
+from warpchain.drive.oil import static_force, static_pressure, valve_flow, viscosity_at
+from warpchain.engine.rig import Shake, shake
+from warpchain.results.scene import strand_displacement, turned
+from warpchain.view.figures.rig_figures import loop_figure, sweep_figure
+
+STRAND = 2  # camshaft -> crankshaft: the tight one, "segment number one" of the paper
+RAMP, START, DURATION = 6.0, 8.0, 14.0  # s
+
+
+def indented(drive: Drive, strand: int, indentation: float) -> Drive:
+    """The drive with its bar's face where it presses the strand in by `indentation` [m], both ends alike."""
+    path, (bar,) = chain_path(drive), drive.guides
+    t = path.strand_end[strand] - path.strand_start[strand]
+    t /= np.hypot(*t)
+    n = np.array([-t[1], t[0]])
+    values = {}
+    for key, point in (("start", bar.start), ("end", bar.end)):
+        along = (np.array(point) - path.strand_start[strand]) @ t
+        face = path.strand_start[strand] + along * t + (indentation - drive.chain.roller_radius) * n
+        values[f"guides.{bar.name}.{key}"] = [float(x) for x in face]
+    return drive.with_values(values)
+
+
+def displacement(run: Run) -> NDArray[np.float64]:
+    """The strand's mid-span displacement from START on [mm], left of travel positive."""
+    return 1e3 * strand_displacement(run[0], STRAND)[run[0].time >= START]
+
+
+@case()
+def guide_bar(asked: argparse.Namespace) -> Iterator[Line]:
+    """The paper's Figures 9 and 10 side by side: the tight strand of the marine drive without guide-bar, and with it.
+
+    python scripts/figures.py guide-bar
+
+    As in the paper, the bar presses the strand in by the mean of the displacement that it has without the bar. The bar
+    is the one of marine.toml, moved along its normal; it stands outside the loop and presses to the left of travel.
+    Speed and load come on within 6 s, so that little is left of the swing of the start: joint friction takes a constant
+    amount off it a cycle. Shown and averaged are the 6 s from 8 s on.
+    """
+    ramps = ("sprockets.crankshaft.prescribed.ramp_time", "sprockets.camshaft.load.ramp_time")
+    slowly = {"run.duration": DURATION} | dict.fromkeys(ramps, RAMP)
+    record, window = Record(channels=("position", "guide_force"), rate=1000.0), (START, DURATION)
+    free = simulate(example("marine_no_guides", slowly), record=record, window=window)
+    mean = float(displacement(free).mean())
+    guided = simulate(indented(example("marine", slowly), STRAND, 1e-3 * mean), record=record, window=window)
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    titles = ("without guide-bar (Figure 9)", f"guide-bar indented by {mean:.1f} mm (Figure 10)")
+    yield ("", "mean [mm]", "rms about it", "least", "most", "tension [N]", "largest", "largest on a roller [N]")
+    for axis, run, title in zip(axes, (free, guided), titles, strict=True):
+        values, force, (row,) = displacement(run), run[0].guide_force, run.metrics.to_pylist()
+        assert force is not None
+        tension = (row[f"{run[0].drive.strand_names[STRAND]}.tension_{part}"] for part in ("mean", "max"))
+        yield (title, values.mean(), values.std(), values.min(), values.max(), *tension, float(force.max(initial=0.0)))
+        axis.plot(run[0].time[run[0].time >= START], values, lw=0.8)
+        axis.axhline(values.mean(), color="black", lw=0.9, ls="--", label=f"mean {values.mean():+.1f} mm")
+        if run is guided:
+            axis.axhline(mean, color="tab:brown", lw=1.5, label="roller on the bar's face")
+        axis.set(title=title, xlabel="time [s]")
+        axis.grid(alpha=0.3)
+        axis.legend(loc="lower right" if run is free else "center right", fontsize=9)
+    axes[0].set_ylabel("displacement at mid-span [mm]\n(left of travel +)")
+    yield {"guide-bar": figure}
+
+
+def text_of(page: str) -> str:
+    """The parts of a drive file that stand in a document."""
+    found = re.search(r"```toml\n(\[(?:chain|\[tensioners)\].*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
+    assert found is not None
+    return found.group(1)
+
+
+def draw(axes: Any, drive: Drive) -> None:
+    """Pitch circles, faces, arms and tensioners."""
+    for s, sprocket in enumerate(drive.sprockets):
+        axes.add_patch(Circle(sprocket.center, drive.pitch_radius(s), fill=False, color="0.6"))
+        axes.text(*sprocket.center, sprocket.name, ha="center", va="center")
+    for g, guide in enumerate(drive.guides):
+        profile, a = drive.profile(g), drive.arm_of(g)
+        face, centers = profile.points(5e-4), profile.offset_points(drive.guide_offset(g), 5e-4)
+        if a is not None:
+            arm = drive.arms[a]
+            axes.plot(*arm.pivot, "o", color="tab:red", markersize=5)
+            for stop in arm.stops_rad:
+                axes.plot(*turned(face, arm.pivot, stop).T, color="tab:blue", alpha=0.3, linewidth=1.0)
+        axes.plot(*face.T, color="tab:blue", linewidth=2.0)
+        axes.plot(*centers.T, color="tab:orange", linewidth=0.8, linestyle="--")
+        joints = np.array([piece.start for piece in (*profile.face, profile.pieces[-1])])
+        axes.plot(*joints.T, "k.", markersize=4)
+        middle, heading = profile.at(0.5 * profile.face_length)
+        side = (12.0 * math.sin(heading), -12.0 * math.cos(heading))
+        place = {"ha": "right" if side[0] < 0 else "left", "va": "center"}
+        axes.annotate(guide.name, middle, xytext=side, textcoords="offset points", **place)
+    for tensioner in drive.tensioners:
+        (x, y), (ux, uy) = tensioner.at, tensioner.unit_direction
+        arrow = {"arrowstyle": "-|>", "color": "tab:red"}
+        axes.annotate("", (x, y), xytext=(x - 0.03 * ux, y - 0.03 * uy), arrowprops=arrow)
+
+
+@case()
+def guide_profiles(asked: argparse.Namespace) -> Iterator[Line]:
+    """The drive of docs/guides-and-tensioners.md: faces, rollers' centers over them, its arm at both stops.
+
+    python scripts/figures.py guide-profiles
+    """
+    figure = Figure(figsize=(5.0, 7.0), layout="constrained")
+    axes = figure.subplots()
+    draw(axes, loads_drive(text_of("guides-and-tensioners.md")))
+    axes.margins(0.06)
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    yield {"guide-profiles": figure}
+
+
+AMPLITUDE, CYCLES = 2e-4, 10
+FREQUENCIES = (50.0, 100.0, 200.0)
+MICRO, DEGREES, SQUARE_MM = "\N{MICRO SIGN}m", "\N{DEGREE SIGN}C", "mm\N{SUPERSCRIPT TWO}/s"
+SHAKEN = "\N{PLUS-MINUS SIGN}0.2 mm"
+TRENDS = {
+    f"gap [{MICRO}]": ("plunger.gap", np.linspace(20.0, 100.0, 17), lambda x: 1e-6 * x),
+    f"oil temperature [{DEGREES}]": ("oil.viscosity", np.linspace(20.0, 140.0, 13), lambda x: viscosity_at(8e-5, x)),
+    "air at ambient pressure [%]": ("oil.air", np.linspace(0.0, 10.0, 11), lambda x: 1e-2 * x),
+}
+"""Label of each change, the key, its values, and the key's value."""
+
+
+def shaken(drive: Drive, frequencies: Any, samples: bool = False, oil: float | None = None) -> Any:
+    """Rides of the tensioner at frequencies [Hz]."""
+    shakes = [Shake(AMPLITUDE, frequency, viscosity=oil) for frequency in frequencies]
+    return shake(drive, drive.tensioners[-1].name, shakes, CYCLES, samples)
+
+
+def trends(drive: Drive, figure: Figure) -> Iterator[Line]:
+    """Rows and curves of the largest damping force and the work of a cycle over gap, temperature and air."""
+    axes: Any = figure.subplots(2, 3, sharex="col", sharey="row")
+    yield ("changed", "from", "to", "Hz", "force [N]", "falls all the way", "largest work [J]", "at")
+    for (label, (key, values, given)), (upper, lower) in zip(tqdm(TRENDS.items()), axes.T, strict=True):
+        forces, works = np.empty((2, len(values), len(FREQUENCIES)))
+        for i, value in enumerate(values):
+            changed = drive.with_values({f"tensioners.{drive.tensioners[-1].name}.{key}": float(given(value))})
+            rides = shaken(changed, FREQUENCIES).rides
+            forces[i] = np.asarray(rides["force_max"]) - static_force(changed.tensioners[-1])
+            works[i] = np.asarray(rides["work"])
+        for frequency, force, work in zip(FREQUENCIES, forces.T, works.T, strict=True):
+            upper.plot(values, force, label=f"{frequency:g} Hz")
+            lower.plot(values, work)
+            ends, falls = f"{force[0]:.0f} to {force[-1]:.0f}", bool((np.diff(force) < 0.0).all())
+            yield (label, values[0], values[-1], frequency, ends, falls, work.max(), values[work.argmax()])
+        lower.set_xlabel(label)
+    for axis in axes.flat:
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("largest force above that at rest [N]")
+    axes[1, 0].set_ylabel("work on the plunger [J/cycle]")
+    axes[0, 0].legend(fontsize=9)
+
+
+@case()
+def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
+    """A hydraulic tensioner on its rig: loops, sweeps over frequency and temperature, published trends.
+
+    python scripts/figures.py tensioner
+
+    The tensioner is the one of docs/tensioners.md, on the slider of the example drive `engine`. Feng, Yang and Wang
+    (Chin. J. Mech. Eng. 36, 2023) find that the largest damping force rises as the gap shrinks and falls with the oil's
+    temperature and air; the last figure has that force, above the one at rest, and the work of a cycle.
+    """
+    drive = loads_drive(drive_path("engine").read_text() + text_of("tensioners.md"))
+    part = drive.tensioners[-1]
+    rest = static_pressure(part)
+    yield f"at rest {1e-5 * rest:.4f} bar, {static_force(part):.2f} N; leaks {1e9 * valve_flow(part, rest):.1f} mm^3/s"
+    assert part.valve is not None
+    yield ("lift [mm]", "curtain, of the hole", "effective [mm^2]", "with the hole [mm^2]")
+    for lift in (1e-5, 1e-4, 2e-4, 1e-3):
+        curtain, hole = part.valve.flow_area(lift), part.valve.hole_area
+        flow = part.valve.discharge * curtain
+        yield (1e3 * lift, curtain / hole, 1e6 * flow, float(1e6 * flow * hole / np.hypot(flow, hole)))
+    loops = {f"{frequency:g} Hz": frequency for frequency in (10.0, 100.0, 400.0)}
+    done = shaken(drive, loops.values(), samples=True)
+    yield "the last cycles"
+    yield (
+        "Hz",
+        "force [N]",
+        "",
+        "pressure [Pa]",
+        "",
+        "work [J]",
+        "leak [J]",
+        "valve [J]",
+        "supply [J]",
+        "leaked [m^3]",
+    )
+    columns = ("frequency", "force_min", "force_max", "pressure_min", "pressure_max", "work", "leak_loss")
+    for row in done.rides.to_pylist():
+        yield tuple(row[name] for name in (*columns, "valve_loss", "supply_work", "leaked"))
+    x = np.geomspace(1.0, 500.0, 25).tolist()
+    oils = {t: viscosity_at(8e-5, t) for t in (40.0, 80.0, 120.0)}
+    rides = {
+        f"{t:g} {DEGREES}: {1e6 * oil:.3g} {SQUARE_MM}": shaken(drive, x, oil=oil).rides for t, oil in oils.items()
+    }
+    over = Figure(figsize=(12.0, 6.4), layout="constrained")
+    yield from trends(drive, over)
+    yield {
+        "tensioner-loops": loop_figure(
+            dict(zip(loops, done.samples, strict=True)), CYCLES, f"{SHAKEN}, 80 {SQUARE_MM}"
+        ),
+        "tensioner-frequency": sweep_figure(rides, x, "frequency [Hz]", SHAKEN),
+        "tensioner-trends": over,
+    }

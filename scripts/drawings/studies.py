@@ -1,0 +1,201 @@
+"""Results of the example studies, and of a search."""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common.cases import Line, case, option
+from common.drives import example
+from matplotlib.figure import Figure
+
+from warpchain import Drive, Record, load_drive, simulate
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.results.objectives import add_objectives
+from warpchain.results.units import quantity, shown_unit
+from warpchain.study.analysis.pareto import Goals, goals_of, non_dominated
+from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.results import Results, read_results
+from warpchain.study.spec import Study, load_study
+from warpchain.view.figures.style import arrowed, panels
+
+BLUE, RED, GREEN, GRAY, ORANGE = "#1f77b4", "#d1495b", "#2e8b57", "#b4bcc4", "#e08a00"
+STRAND, GUIDE = "camshaft->crankshaft", "tight strand"
+
+
+def guide_indentation(results: Results) -> Figure:
+    """Displacement of the strand and load of the bar over the bar's indentation."""
+    x = 1e3 * results.values("indentation")
+    mean, std, low, high = (1e3 * results.values(f"{STRAND}.displacement_{w}") for w in ("mean", "std", "min", "max"))
+    seconds = results.values("window_end") - results.values("window_start")
+    load, force = 1e-3 * results.values(f"{GUIDE}.impulse") / seconds, 1e-3 * results.values(f"{GUIDE}.force_max")
+    free = float(mean[0])  # the bar stands farthest back
+    figure, axes = panels(3, 7.5, "Tight strand of the marine drive against its guide-bar", None)
+    above, middle, below = axes
+    above.fill_between(x, low, high, color=BLUE, alpha=0.15, lw=0, label="least to largest")
+    above.fill_between(x, mean - std, mean + std, color=BLUE, alpha=0.35, lw=0, label="mean and standard deviation")
+    above.plot(x, mean, color=BLUE)
+    above.plot(x, x, color="0.4", lw=0.9, ls="--", label="face of the bar")
+    above.set(ylabel="mid-strand\ndisplacement [mm]")
+    middle.plot(x, std, "o-", ms=3, color=BLUE, label="standard deviation of the displacement")
+    middle.set(ylabel="vibration [mm]", ylim=(0.0, None))
+    below.plot(x, load, "o-", ms=3, color=RED, label="mean load of the bar")
+    below.plot(x, force, "o-", ms=3, color=GREEN, label="largest force on a roller")
+    below.set(ylabel="force [kN]", xlabel="indentation of the bar into the straight strand [mm]")
+    for axis in axes:
+        axis.axvline(free, color="black", lw=0.9, ls=":", label=f"mean without contact: {free:.1f} mm")
+        axis.legend(fontsize=8)
+    return figure
+
+
+def speed_sweep(results: Results) -> Figure:
+    """Vibration of each strand over the crankshaft's speed, with the speeds at which its sixth order excites a mode."""
+    drive = example("marine")
+    path, speed = chain_path(drive), results.values("speed")
+    turns = speed / (2.0 * np.pi)
+    travel = turns * drive.sprockets[0].teeth * drive.chain.pitch
+    mass = drive.chain.mass / drive.chain.pitch
+    title = "dashed: the sixth order of the crankshaft has the frequency of mode n"
+    figure, axes = panels(len(drive.strand_names), 7.5, title, None)
+    for k, (axis, name) in enumerate(zip(axes, drive.strand_names, strict=True)):
+        axis.plot(speed, 1e3 * results.values(f"{name}.displacement_std"), "o-", ms=3, color=BLUE)
+        length = float(np.hypot(*(path.strand_end[k] - path.strand_start[k])))
+        wave_square = results.values(f"{name}.tension_mean") / mass  # centrifugal tension is part of it
+        for n in range(1, 9):
+            apart = n * (wave_square - travel**2) / (2.0 * length * np.sqrt(wave_square)) - 6.0 * turns
+            for i in np.flatnonzero(apart[:-1] * apart[1:] < 0.0)[:1]:
+                at = speed[i] - apart[i] * (speed[i + 1] - speed[i]) / (apart[i + 1] - apart[i])
+                axis.axvline(at, color=RED, lw=0.9, ls="--")
+                axis.text(at, 0.96, f"{n}", transform=axis.get_xaxis_transform(), color=RED, va="top", ha="right")
+        axis.set(ylabel="vibration [mm]", ylim=(0.0, None))
+        axis.set_title(arrowed(name), loc="left", fontsize=10)
+    axes[-1].set_xlabel("crankshaft speed [rad/s]")
+    return figure
+
+
+def pitch_elongation(results: Results) -> Figure:
+    """Tension and contact forces over the chain's elongation, colored by the camshaft's torque."""
+    ok = results.ok
+    x, torque = 100.0 * results.values("elongation")[ok], 1e-3 * results.values("torque")[ok]
+    title = f"Marine drive, tightener set to 48 kN at assembly; {int(ok.sum())} of {len(ok)} variants can be set"
+    figure, axes = panels(3, 7.5, title, None)
+    group = np.clip(np.digitize(x, np.quantile(x, np.linspace(0.0, 1.0, 9))) - 1, 0, 7)
+    columns = {
+        "mean tension [kN]": 1e-3 * results.values("tension_mean"),
+        "largest contact force\nat the crankshaft [kN]": 1e-3 * results.values("crankshaft.force_max"),
+        "contact energy\na revolution [J]": results.values("contact_energy_per_revolution"),
+    }
+    for axis, (label, values) in zip(axes, columns.items(), strict=True):
+        y = values[ok]
+        dots = axis.scatter(x, y, c=torque, s=14, cmap="viridis")
+        groups = np.unique(group)
+        axis.plot([x[group == g].mean() for g in groups], [y[group == g].mean() for g in groups], color=RED, lw=1.5)
+        axis.set_ylabel(label)
+    axes[-1].set_xlabel("elongation of the chain's pitch [%]")
+    figure.colorbar(dots, ax=axes, label="camshaft torque [kN m]", shrink=0.5)
+    return figure
+
+
+FIGURES = {"guide-indentation": guide_indentation, "speed-sweep": speed_sweep, "pitch-elongation": pitch_elongation}
+
+
+@case(option("study", choices=FIGURES), option("table", type=Path, help="the study's results.parquet"))
+def study(asked: argparse.Namespace) -> Iterator[Line]:
+    """Figures of the example studies, from their results.
+
+    warpchain study run warpchain/study/examples/speed-sweep.toml -o out/speed-sweep
+    python scripts/figures.py study speed-sweep out/speed-sweep/results.parquet
+
+    and the same for guide-indentation and pitch-elongation.
+    """
+    yield {asked.study: FIGURES[asked.study](read_results(asked.table))}
+
+
+LETTERS = "ABCDEFGH"
+COPIES = 4
+"""Runs of each recommended design that its scatter is taken from."""
+
+
+def run_as(study: Study, drives: Sequence[Drive], copies: int = 1) -> list[dict[str, float]]:
+    """Metrics of drives that are run as the study runs its rows, a row a copy."""
+    settings = {name: getattr(study.run, name) for name in ("duration", "step", "window", "precision", "device")}
+    record = Record("all", study.record.rate, study.record.channels)
+    return list(add_objectives(simulate(drives, record=record, replicates=copies, **settings)).to_pylist())
+
+
+def scatter(folder: Path, study: Study, goals: Goals) -> list[dict[str, float]]:
+    """Standard deviations of what is wanted between copies of each recommended design that begin at other phases."""
+    place = sorted((folder / "recommended").iterdir())[-1]
+    drives = [load_drive(file) for file in sorted(place.glob("design-*.toml"))]
+    rows = run_as(study, drives, COPIES)
+    each = [rows[k : k + COPIES] for k in range(0, len(rows), COPIES)]
+    return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.metrics} for mine in each]
+
+
+def front_figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: Mapping[str, float]) -> Figure:
+    """The rows over two objectives, and the factors along the front."""
+    first, second = (objective.metric for objective in goals.objectives[:2])
+    measured = goals.measured(results)
+    kept = np.flatnonzero(measured.kept)
+    front = kept[non_dominated(measured.costs[kept])]
+    front = front[np.argsort(results.values(first)[front])]
+    values, labels, star = {}, {}, {}
+    for name in (first, second, *results.factors):
+        unit, factor = shown_unit(results.unit(name), float(np.nanmax(results.values(name))))
+        values[name], labels[name] = factor * results.values(name), f"{name} [{unit}]"
+        star[name] = factor * drawn.get(name, np.nan)
+    x, y = values[first], values[second]
+    drawing = Figure(figsize=(11.0, 4.6), layout="constrained")
+    grid = drawing.add_gridspec(len(results.factors), 2, width_ratios=(1.6, 1.0))
+    left = drawing.add_subplot(grid[:, 0])
+    left.plot(x[~measured.kept], y[~measured.kept], "o", ms=4, color=GRAY, label="beyond a limit")
+    left.plot(x[measured.kept], y[measured.kept], "o", ms=4, color=BLUE, label="keeps the limits")
+    left.plot(x[front], y[front], "o-", ms=5, lw=1, color=RED, label="front")
+    left.plot(star[first], star[second], "*", ms=14, color="black", label="as drawn")
+    for letter, one in zip(LETTERS, chosen, strict=False):
+        left.plot(x[one.row], y[one.row], "o", ms=13, mfc="none", mec=ORANGE, mew=2)
+        left.annotate(letter, (x[one.row], y[one.row]), (8, 8), textcoords="offset points", weight="bold")
+    left.set(xlabel=labels[first], ylabel=labels[second])
+    left.legend(fontsize=8)
+    below: Any = None
+    for k, name in enumerate(results.factors):
+        below = drawing.add_subplot(grid[k, 1], sharex=below)
+        below.plot(x[front], values[name][front], "o-", ms=4, lw=1, color=RED)
+        below.set(ylabel=labels[name], ylim=(0.95 * np.nanmin(values[name]), 1.05 * np.nanmax(values[name])))
+        below.label_outer()
+    below.set(xlabel=f"along the front: {labels[first]}")
+    for axis in drawing.axes:
+        axis.grid(alpha=0.3)
+    return drawing
+
+
+@case(option("folder", type=Path, help="of a search with two objectives or more"))
+def search(asked: argparse.Namespace) -> Iterator[Line]:
+    """The designs that a search recommends beside the drive as it is drawn, as a table and a figure with the front.
+
+    warpchain optimize warpchain/study/examples/car-tensioner.toml -o out/car-tensioner
+    python scripts/figures.py search out/car-tensioner
+
+    Prints the table of docs/optimization.md. The drive as drawn is run once more with the study's settings. The figure
+    has the folder's name.
+    """
+    study = load_study(asked.folder / "study.toml")
+    results = read_results(asked.folder / "results.parquet", [f.name for f in study.factors if not f.hidden])
+    goals = goals_of(study)
+    chosen = recommend(results, goals, 4 if study.optimize is None else study.optimize.recommend)
+    drive = load_drive(asked.folder / "drive.toml")
+    drawn = {factor.name: drive.get_value(factor.path) for factor in study.factors if factor.path is not None}
+    drawn |= run_as(study, [drive])[0]
+    copies = scatter(asked.folder, study, goals)
+    yield ("", "as drawn", *(f"{letter}: variant {one.variant}" for letter, one in zip(LETTERS, chosen, strict=False)))
+    for name in results.factors:
+        unit = results.unit(name)
+        own = quantity(drawn[name], unit) if name in drawn else ""
+        yield (name, own, *(quantity(float(results.table[name][one.row].as_py()), unit) for one in chosen))
+    for metric in goals.metrics:
+        unit = results.unit(metric)
+        values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
+        yield (metric, quantity(drawn[metric], unit), *values)
+        yield (f"between {COPIES} copies of it", "", *(quantity(mine[metric], unit, digits=2) for mine in copies))
+    yield {asked.folder.name: front_figure(results, goals, chosen, drawn)}

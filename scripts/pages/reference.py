@@ -1,0 +1,144 @@
+"""Pages of reference, made of the code's own tables and docstrings: keys of files, command line, Python."""
+
+import argparse
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any, get_args
+
+import warpchain
+from pages.tables import table
+from warpchain.cli.parser import parser as command_line
+from warpchain.drive import Drive
+from warpchain.drive.contact_settings import GuideContact, GuideOverrides
+from warpchain.drive.schema import Part, allowed
+from warpchain.study.spec.study_file import Study
+
+MODULES = {
+    "drives and files": "drive: drive chain sprocket run_settings contact_settings",
+    "before a run": "assembly: summary layout_checks statics fitting frequencies",
+    "results": "results: run signals losses objectives judgement measured measured_file units",
+    "archives": "archive: read writer export",
+    "pictures": "view: rerun.run_playback figures.plot figures.sweep figures.rig_figures palette",
+    "modes": "modal: eigenmodes campbell",
+    "studies": "study: run.runner results analysis.effects analysis.sensitivity analysis.pareto analysis.surface",
+}
+"""Packages and their modules that users call beyond `warpchain` itself, by page."""
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """Descriptions of attributes in the docstrings of a class and its bases, by name."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        block = re.search(r"^Attributes:\n((?:    .*\n?|\n)*)", inspect.cleandoc(base.__doc__ or ""), re.MULTILINE)
+        entries = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {5,}.*)*)", block[1] if block else "", re.MULTILINE)
+        for names, words in entries:
+            found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
+    return found
+
+
+def parts_in(annotation: Any) -> Iterator[type[Part]]:
+    """The parts that a field's annotation holds, however deep."""
+    if isinstance(annotation, type) and issubclass(annotation, Part):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from parts_in(inner)
+
+
+def sections(top: type[Part]) -> dict[type[Part], list[str]]:
+    """Every part of a file with the places at which it stands, such as `[[sprockets]]`, in the file's order."""
+    found: dict[type[Part], list[str]] = {top: [""]}
+
+    def visit(kind: type[Part], path: str) -> None:
+        for key, field in kind.model_fields.items():
+            many = "tuple[" in str(field.annotation)
+            place = f"{path}.{key}" if path else key
+            for inner in dict.fromkeys(parts_in(field.annotation)):
+                word = f"[[{place}]]" if many else f"[{place}]"
+                fresh = inner not in found
+                if word not in found.setdefault(inner, []):
+                    found[inner].append(word)
+                if fresh:
+                    visit(inner, place)
+
+    visit(top, "")
+    return found
+
+
+def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
+    """Name, allowed values, default and description of each key of a part."""
+    said = {"kind": "which one of these it is."}
+    if kind is GuideOverrides:  # its keys are those of what it overrides
+        said |= attributes(GuideContact)
+    said |= attributes(kind)
+    rows = []
+    for key, field in kind.model_fields.items():
+        default = "needed" if field.is_required() else _default(field.get_default(call_default_factory=True))
+        rows.append((f"`{key}`", allowed(kind, key).removeprefix("must be "), default, said.get(key, "")))
+    return rows
+
+
+def _default(value: Any) -> str:
+    if value is None or value == ():
+        return ""
+    if isinstance(value, Part):
+        return f"a `{type(value).__name__}`"
+    return f"`{str(value).lower()}`" if isinstance(value, bool) else f"`{value}`"
+
+
+def escaped(cell: str) -> str:
+    """A cell whose signs mean nothing in a table."""
+    return cell.replace("|", "\\|").replace("<", "&lt;").replace("->", "-&gt;")
+
+
+def keys_page(top: type[Part], title: str, more: str) -> str:
+    """The reference of a file's keys."""
+    lines = [f"# {title}", "", more, ""]
+    for kind, places in sections(top).items():
+        head = (kind.__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
+        lines += [f"## {kind.__name__}", "", re.sub(r"\s+", " ", head), ""]
+        if any(places):
+            lines += ["At " + ", ".join(f"`{place}`" for place in places if place) + ".", ""]
+        rows = [tuple(map(escaped, row)) for row in key_rows(kind)]
+        lines += [table(("key", "allowed", "default", "what it is"), rows) if rows else "No keys.", ""]
+    return "\n".join(lines)
+
+
+def commands_page() -> str:
+    """The command line's own help."""
+    lines = ["# The command line", "", "The text of `warpchain COMMAND --help`.", ""]
+
+    def visit(parser: argparse.ArgumentParser, level: int) -> None:
+        parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(prog, width=100)
+        lines.extend([f"{'#' * level} {parser.prog}", "", "```text", parser.format_help().rstrip(), "```", ""])
+        for action in parser._actions:
+            if isinstance(action.choices, dict):
+                for inner in action.choices.values():
+                    visit(inner, level + 1)
+
+    visit(command_line(), 2)
+    return "\n".join(lines)
+
+
+def python_pages() -> dict[str, str]:
+    """Pages that mkdocstrings fills from the docstrings: `warpchain` itself, and the modules of `MODULES`."""
+    things = [getattr(warpchain, name) for name in warpchain.__all__ if not name.startswith("__")]
+    held = {"warpchain": [f"{thing.__module__}.{thing.__qualname__}" for thing in things]}
+    for title, words in MODULES.items():
+        package, _, names = words.partition(": ")
+        held[title] = [f"warpchain.{package}.{name}" for name in names.split()]
+    return {
+        f"python/{title.replace(' ', '-')}.md": "\n\n".join([f"# {title}", *(f"::: {name}" for name in names)])
+        for title, names in held.items()
+    }
+
+
+def pages() -> dict[str, str]:
+    """Every page of reference by its path below `reference`."""
+    more = "Every table and key of a [{0} file](../{1}.md), from the code itself."
+    return {
+        "drive-keys.md": keys_page(Drive, "Keys of drive files", more.format("drive", "drive-file")),
+        "study-keys.md": keys_page(Study, "Keys of study files", more.format("study", "studies")),
+        "commands.md": commands_page(),
+        **python_pages(),
+    }

@@ -1,0 +1,117 @@
+"""The site of the documents: tutorials, how-to pages, the model, and the reference made from the code."""
+
+import argparse
+import base64
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from common.cases import ROOT, SCRIPTS, Line, case, option
+
+from pages import reference
+
+GROUPS = {
+    "How to": ("check", "fit", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
+    "The model": ("model", "teeth", "moving-sprockets", "wear"),
+    "Reference": ("drive-file", "catalogue", "examples", "metrics", "archive", "formats"),
+    "The project": ("performance", "reliability", "contributing", "changelog"),
+}
+"""Pages by their place in the menu; pages that are not named are how-to pages."""
+
+
+def sources(folder: Path) -> None:
+    """Lays all pages into a folder."""
+    shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
+    for name in ("README", "CONTRIBUTING", "CHANGELOG"):
+        text = (ROOT / f"{name}.md").read_text()
+        text = re.sub(r"(\]\(|src=\")docs/", r"\1", text).replace("](CONTRIBUTING.md)", "](contributing.md)")
+        text = text.replace("](CHANGELOG.md)", "](changelog.md)").replace("](README.md)", "](index.md)")
+        (folder / ("index.md" if name == "README" else f"{name.lower()}.md")).write_text(text)
+    for path in folder.glob("*.md"):
+        text = path.read_text()
+        path.write_text(
+            text.replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../README.md", "](index.md")
+        )
+    for book in sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")):
+        (folder / "tutorials" / f"{book.stem}.md").write_text(notebook(book, folder / "tutorials"))
+    for name, text in reference.pages().items():
+        path = folder / "reference" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+
+
+def notebook(path: Path, folder: Path) -> str:
+    """A notebook as a page, with what its cells show; pictures go into the folder."""
+    lines, pictures = [], 0
+    for cell in json.loads(path.read_text())["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            lines += [text, ""]
+            continue
+        lines += ["```python", text, "```", ""]
+        for output in cell["outputs"]:
+            data = output.get("data", {})
+            if "text/html" in data:
+                lines += [f'<div class="shown">{"".join(data["text/html"])}</div>', ""]
+            elif "image/png" in data:
+                pictures += 1
+                name = f"{path.stem}-{pictures}.png"
+                (folder / name).write_bytes(base64.b64decode("".join(data["image/png"])))
+                lines += [f"![what the cell shows]({name})", ""]
+            else:
+                said = "".join(output.get("text", data.get("text/plain", "")))
+                lines += ["```text", said.rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def menu(folder: Path) -> list[Any]:
+    """The site's menu of whatever pages are there."""
+
+    def below(place: str, *first: str) -> list[str]:
+        names = sorted(
+            (path.stem for path in (folder / place).glob("*.md")), key=lambda name: (name not in first, name)
+        )
+        return [f"{place}/{name}.md" for name in [*first, *(name for name in names if name not in first)]]
+
+    known = {name for names in GROUPS.values() for name in names} | {"index"}
+    groups: dict[str, list[Any]] = {title: [f"{name}.md" for name in names] for title, names in GROUPS.items()}
+    groups["How to"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
+    groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
+    groups["Reference"].append({"Python": below("reference/python", "warpchain")})
+    tutorials = below("tutorials", "first-drive", "first-study", "first-optimization")
+    return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
+
+
+def build(site: Path) -> subprocess.CompletedProcess:
+    """Builds the site; the output of mkdocs is in the result."""
+    with tempfile.TemporaryDirectory() as work:
+        folder = Path(work) / "docs"
+        sources(folder)
+        config = Path(work) / "mkdocs.yml"
+        base = {"INHERIT": str(SCRIPTS / "pages" / "mkdocs.yml"), "nav": menu(folder)}
+        config.write_text(json.dumps(base | {"docs_dir": str(folder), "site_dir": str(site.resolve())}))  # JSON is YAML
+        environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}  # of the theme's own future
+        command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(config)]
+        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=environment)
+
+
+@case(option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
+def site(asked: argparse.Namespace) -> Iterator[Line]:
+    """Builds the site of the documents; needs the extra `docs`, no network.
+
+    python scripts/docs.py site [FOLDER]
+
+    Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there. The pages are those of
+    docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and those of `pages/reference.py`. Those
+    of docs/notes/ are built, but no menu shows them.
+    """
+    done = build(asked.folder)
+    yield done.stdout + done.stderr + str(asked.folder / "index.html")
+    raise SystemExit(done.returncode)
