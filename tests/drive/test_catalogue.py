@@ -65,11 +65,8 @@ def test_sizes_grow_alike(series):
     """Everything grows with the pitch; rollers fit between pitch and half of it; masses follow width and height."""
     chains = [chain for chain in CHAINS.values() if chain.size.endswith(series)]
     for small, large in pairwise(chains):
-        assert small.pitch < large.pitch
-        assert small.roller_diameter < large.roller_diameter
-        assert small.pin_diameter < large.pin_diameter
-        assert small.mass_per_length < large.mass_per_length
-        assert small.breaking_load < large.breaking_load
+        for name in ("pitch", "roller_diameter", "pin_diameter", "mass_per_length", "breaking_load"):
+            assert getattr(small, name) < getattr(large, name)
     for chain in chains:
         assert 0.5 < chain.roller_diameter / chain.pitch < 0.7
         assert 0.35 < chain.inner_width / chain.pitch < 0.73
@@ -114,9 +111,7 @@ def test_estimate_needs_a_size(values):
 
 def test_check_says_that_the_stiffness_is_an_estimate(values):
     drive = Drive(**sized(values))
-    derived = derive(drive)
-    assert derived["breaking_load"] == 1.4e6
-    text = report(derived)
+    text = report(derive(drive))
     assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "an ESTIMATE" in text
     measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
     assert "size: 72B" in measured and "ESTIMATE" not in measured

@@ -12,15 +12,6 @@ from warpchain.drive.examples import drive_path, example_names
 from warpchain.drive.replace import Changes
 from warpchain.errors import DriveError
 
-PATHS = (
-    "chain.stiffness",
-    "sprockets.0.center.1",
-    "sprockets.0.prescribed.speed",
-    "sprockets.1.teeth",
-    "contact.sprocket.restitution",
-    "run.duration",
-)
-
 
 def numbers(drive):
     """Every path of a drive that leads to a number."""
@@ -30,16 +21,14 @@ def numbers(drive):
 @pytest.mark.parametrize("name", example_names())
 @pytest.mark.filterwarnings("ignore")
 def test_copies_and_errors_are_those_of_with_values(name):
-    """Each number of each example times factors of which some are not allowed: first alone, then two at a time."""
+    """Each number of each example times factors of which some are not allowed, 3 to keep it whole: first alone, then two at a time."""
     base, random = load_drive(drive_path(name)), np.random.default_rng(1)
     every, refused = numbers(base), 0
     pairs = [(path,) for path in every] + [tuple(random.choice(every, 2, replace=False)) for _ in range(30)]
     for paths in pairs:
         changes = Changes(base)
-        for factor in (1.0, 1.01, -1.0, 3.0, 1e7, np.nan, 0.98):
+        for factor in (1.0, 1.01, -1.0, 3, 1e7, np.nan, 0.98):
             values = {path: base.get_value(path) * factor for path in paths}
-            if factor == 3.0:
-                values = {path: base.get_value(path) * 3 for path in paths}  # whole numbers stay whole
             try:
                 expected = base.with_values(values)
             except DriveError as error:
@@ -151,8 +140,8 @@ def test_other_values_go_the_long_way():
     for values in ({"sprockets.1.load": {"torque": 1.0}}, {"sprockets.1.center": [1.2, 3.0]}):
         for _ in range(2):
             assert changes.drive(values) == base.with_values(values)
-    for same in ({"sprockets.1.mass": 1.0, "sprockets.tightener.mass": 2.0},):
-        assert changes.drive(same) == changes.drive(same) == base.with_values(same)
+    same = {"sprockets.1.mass": 1.0, "sprockets.tightener.mass": 2.0}
+    assert changes.drive(same) == changes.drive(same) == base.with_values(same)
     with pytest.raises(DriveError, match=r"chain\.stifness: unknown path; did you mean chain\.stiffness\?"):
         changes.drive({"chain.stifness": 1e9})
 
@@ -160,5 +149,5 @@ def test_other_values_go_the_long_way():
 def test_what_is_not_changed_is_shared():
     base = load_drive(drive_path("marine"))
     changes = Changes(base)
-    first, second = (changes.drive(dict.fromkeys(PATHS[:1], stiffness)) for stiffness in (1e9, 2e9))
+    first, second = (changes.drive({"chain.stiffness": stiffness}) for stiffness in (1e9, 2e9))
     assert second.chain.stiffness == 2e9 and second.sprockets is first.sprockets and second.contact is first.contact

@@ -171,10 +171,8 @@ def test_engines_tensioner_holds_its_preload():
     assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
     assert force == pytest.approx(mount.preload, rel=0.02)
     assert row["tensioner.travel_max"] < 1.5e-3
-    path, speed = (
-        chain_path(drive),
-        drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * pitch / (2 * np.pi),
-    )
+    path, driver = chain_path(drive), drive.sprockets[0]
+    speed = driver.prescribed.speed * driver.teeth * pitch / (2 * np.pi)
     pull = 0.0
     for strand, away in ((0, -1.0), (1, 1.0)):
         x = path.strand_end[strand] - path.strand_start[strand]

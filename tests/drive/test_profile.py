@@ -9,6 +9,7 @@ import pytest
 from warpchain.drive.face_profile import Piece, Profile, ProfileError, arcs, make_profile, rounded, straight, turn
 
 BLADE = [(0.10, 0.30), (0.13, 0.22), (0.12, 0.12)]
+QUARTER = ((0, 0), 0.2, math.pi, math.pi / 2)
 EXACT = 1e-13  # [m, rad]: rounding of a few operations on numbers below 1
 
 
@@ -84,7 +85,7 @@ def test_a_rounded_corner_touches_both_sides():
 
 
 def test_arcs_that_only_share_a_tangent_are_joined_by_a_straight_piece():
-    first, between, last = arcs([((0, 0), 0.2, math.pi, math.pi / 2), ((0.3, 0), 0.2, math.pi / 2, 0)])
+    first, between, last = arcs([QUARTER, ((0.3, 0), 0.2, math.pi / 2, 0)])
     assert (first.curvature, between.curvature, last.curvature) == (-5.0, 0.0, -5.0)
     assert between.length == pytest.approx(0.3) and last.end == pytest.approx((0.5, 0.0))
 
@@ -119,15 +120,11 @@ def test_a_nearly_straight_piece_loses_nothing():
         (lambda: rounded([(0, 0), (1, 0), (1, 0)], 0.1), 2, "another point than the one before"),
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3)], 0.4), 1, "need 0.4 m of the 0.3 m between points 1 and 2"),
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3), (2, 0.3)], 0.2), 2, "no room for radius 0.2"),
+        (lambda: arcs([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, "begins 0.01 m from the end of the arc before"),
         (
-            lambda: arcs([((0, 0), 0.2, math.pi, math.pi / 2), ((0, 0.01), 0.2, math.pi / 2, 0)]),
+            lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]),
             1,
-            "begins 0.01 m from the end of the arc before",
-        ),
-        (
-            lambda: arcs([((0, 0), 0.2, math.pi, math.pi / 2), ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]),
-            1,
-            "turns by -5.73 degrees against the end of the arc before",
+            "turns by -5.73 degrees against the end",
         ),
     ],
     ids=["same", "short", "two corners", "apart", "kink"],
