@@ -97,20 +97,12 @@ def test_a_copied_archive_of_a_shard_is_told(folder):
     merge_study(folder)
 
 
-def test_an_archive_of_another_study_is_told(folder, tmp_path):
+@pytest.mark.parametrize("name", ["00000.mcap", "00001.parquet"])
+def test_an_archive_or_a_shard_of_another_study_is_told(folder, tmp_path, name):
     source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3)
     source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
     run_study(source, tmp_path / "other" / "out")
-    shutil.copy(tmp_path / "other" / "out" / "shards" / "00000.mcap", folder / "shards" / "00000.mcap")
-    with pytest.raises(StudyError, match="or of another study"):
-        merge_study(folder)
-
-
-def test_a_shard_of_another_study_does_not_count(study, folder, tmp_path):
-    source = write_study(tmp_path / "other", points=3)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
-    run_study(source, tmp_path / "other" / "out")
-    shutil.copy(tmp_path / "other" / "out" / "shards" / "00001.parquet", folder / "shards" / "00001.parquet")
+    shutil.copy(tmp_path / "other" / "out" / "shards" / name, folder / "shards" / name)
     with pytest.raises(StudyError, match="or of another study"):
         merge_study(folder)
 
