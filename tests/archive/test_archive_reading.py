@@ -112,12 +112,10 @@ def test_chunks_that_another_program_wrote_anew_are_read_too(run, tmp_path):
                 continue  # topics that only viewers ask for may be left out
             if channel.id not in numbers:
                 kind = writer.register_schema(schema.name, schema.encoding, schema.data)
-                numbers[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, kind, channel.metadata
-                )
-            writer.add_message(
-                numbers[channel.id], message.log_time, message.data, message.publish_time, message.sequence
-            )
+                told = (channel.topic, channel.message_encoding, kind, channel.metadata)
+                numbers[channel.id] = writer.register_channel(*told)
+            held = (message.log_time, message.data, message.publish_time, message.sequence)
+            writer.add_message(numbers[channel.id], *held)
         for attachment in reader.iter_attachments():
             writer.add_attachment(0, 0, attachment.name, attachment.media_type, attachment.data)
         for record in reader.iter_metadata():

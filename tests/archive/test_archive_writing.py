@@ -16,7 +16,7 @@ from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write
 from warpchain.archive import ArchiveWriter
 from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.recover import recover_archive
-from warpchain.errors import ArchiveError, SimulationError
+from warpchain.errors import ArchiveError
 
 
 @pytest.fixture(scope="module")
@@ -273,9 +273,3 @@ def test_options_of_the_command_line(capsys, tmp_path):
     with pytest.raises(SystemExit):
         cli.main([*words, "--split-size", "-1"])
     assert "above 0 (MiB)" in capsys.readouterr().err
-
-
-def test_an_archive_is_read_while_another_variant_is_asked_for_that_is_not_there(run, tmp_path):
-    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
-    with pytest.raises(SimulationError, match="variant 2 was not recorded"):
-        back.read(2)

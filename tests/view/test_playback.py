@@ -173,17 +173,15 @@ def test_every_group_of_curves_has_a_view(run):
 def test_variants_to_compare(run, tmp_path):
     path = write_archive(run, tmp_path / "a.mcap")
     other = write_archive(simulate(two_sprockets(duration=0.001)), tmp_path / "b.mcap")
-    labels = [[one.label for one in to_compare(path, variant, others)] for variant, others in (
-        (None, []), (2, []), (None, ["2", 0]), (None, [str(other)]), (2, [str(other), f"{path}:0"]), (0, [run]),
-    )]  # fmt: skip
-    assert labels == [
-        ["variant 0"],
-        ["variant 2"],
-        ["variant 0", "variant 2"],
-        ["a 0", "b"],
-        ["a 2", "b", "a 0"],
-        ["a 0", "run 2 0"],
-    ]
+    for variant, others, labels in (
+        (None, [], ["variant 0"]),
+        (2, [], ["variant 2"]),
+        (None, ["2", 0], ["variant 0", "variant 2"]),
+        (None, [str(other)], ["a 0", "b"]),
+        (2, [str(other), f"{path}:0"], ["a 2", "b", "a 0"]),
+        (0, [run], ["a 0", "run 2 0"]),
+    ):
+        assert [one.label for one in to_compare(path, variant, others)] == labels
     with pytest.raises(SimulationError, match="variant 1 was not recorded"):
         to_compare(path, None, ["1"])
 
@@ -267,11 +265,8 @@ def test_neither_a_start_nor_an_impact_sets_the_scale_of_tension():
     assert scale_top([recording], "42e3") == 42e3
     engine = load_drive(drive_path("engine"))
     assert scale_top([dataclasses.replace(recording, drive=engine)], "breaking") == 8900.0  # 06B of ISO 606
-    for wanted, text in (
-        ("breaking", "needs a chain by its size"),
-        ("red", "allowed are a tension above 0"),
-        (-1, "-1"),
-    ):
+    refused = {"breaking": "needs a chain by its size", "red": "allowed are a tension above 0", -1: "-1"}
+    for wanted, text in refused.items():
         with pytest.raises(SimulationError, match=text):
             scale_top([recording], wanted)
 
@@ -288,10 +283,8 @@ def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
     position[:, 40] = np.mean([drive.guides[0].start, drive.guides[0].end], axis=0)
     guide[:, 40] = 30.0, 0.0
     held = {"position": position, "sprocket_center": center, "sprocket_force": force, "guide_force": guide}
-    recording = spun(drive, 1.0, 1.0)
-    recording = Trajectory(
-        drive, np.array([0.0, 1.0]), sprocket_angle=recording.sprocket_angle[:2], tension=np.ones((2, 162)), **held
-    )
+    held |= {"sprocket_angle": spun(drive, 1.0, 1.0).sprocket_angle[:2], "tension": np.ones((2, 162))}
+    recording = Trajectory(drive, np.array([0.0, 1.0]), **held)
     shown = {name: values.tolist() for group, name, values in curves(recording) if group == "contact"}
     assert shown == {
         "crankshaft": [100.0, 70.0],
@@ -330,13 +323,10 @@ def test_one_color_a_thing_on_every_tab():
     assert all(len(found) == 1 for found in seen.values())
     assert len(set.union(*seen.values())) == len(seen)
     # its spoke and its name in the drive view, too
-    outline, label = (
-        spy.static["/variant\\ 0/drive/sprockets/driven"][0],
-        spy.static["/variant\\ 0/drive/sprockets/driven/name"][0],
-    )
-    assert {outline.colors.as_arrow_array().to_pylist()[1], *label.colors.as_arrow_array().to_pylist()} == seen[
-        "driven"
-    ]
+    path = "/variant\\ 0/drive/sprockets/driven"
+    (outline, *_), (label, *_) = spy.static[path], spy.static[f"{path}/name"]
+    drawn = {outline.colors.as_arrow_array().to_pylist()[1], *label.colors.as_arrow_array().to_pylist()}
+    assert drawn == seen["driven"]
 
 
 def luminance(color):

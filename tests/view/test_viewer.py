@@ -85,17 +85,14 @@ def test_the_viewer_shows_tension_along_the_chain_as_an_image(run, tmp_path):
     rows, columns = np.nonzero(seen)
     assert np.ptp(columns) > 0.5 * seen.shape[1]
     # the image is one block: nearly every pixel within it has a color of the scale
-    block = seen[
-        rows.min() : rows.max() + 1, np.quantile(columns, 0.02).astype(int) : np.quantile(columns, 0.98).astype(int)
-    ]
-    assert block.mean() > 0.8
+    left, right = np.quantile(columns, [0.02, 0.98]).astype(int)
+    assert seen[rows.min() : rows.max() + 1, left:right].mean() > 0.8
 
 
 def listening(port):
     """Addresses that this machine listens at on a port, as /proc/net/tcp has them."""
-    lines = [
-        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]
-    ]
+    rows = [Path(f"/proc/net/{name}").read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
+    lines = [line.split() for line in (*rows[0], *rows[1])]
     return [line[1].split(":")[0] for line in lines if line[3] == "0A" and int(line[1].split(":")[1], 16) == port]
 
 
