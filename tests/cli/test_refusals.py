@@ -181,13 +181,8 @@ def test_wrong_numbers_of_variants(run, tmp_path, variants):
 
     def change(patch):
         plain = mcap_write.McapFile.metadata
-        patch.setattr(
-            mcap_write.McapFile,
-            "metadata",
-            lambda self, name, values: plain(
-                self, name, {**values, **({"variants": variants} if "variants" in values else {})}
-            ),
-        )
+        other = lambda held: held | {"variants": variants} if "variants" in held else held  # noqa: E731
+        patch.setattr(mcap_write.McapFile, "metadata", lambda self, name, held: plain(self, name, other(held)))
 
     with pytest.raises(ArchiveError) as caught:
         read_archive(written(tmp_path / "b.mcap", run, change))
@@ -200,11 +195,8 @@ def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
 
     plain = mcap_write.McapFile.channel
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            mcap_write.McapFile,
-            "channel",
-            lambda self, n, s, topic, e, held: plain(self, n, s, topic, e, {**held, **({key: value} if held else {})}),
-        )
+        other = lambda *words: plain(*words[:-1], words[-1] | ({key: value} if words[-1] else {}))  # noqa: E731
+        patch.setattr(mcap_write.McapFile, "channel", other)
         path = write_archive(run, tmp_path / "b.mcap")
     with pytest.raises(ArchiveError, match="has wrong metadata"):
         read_archive(path)[0]
@@ -312,27 +304,21 @@ def test_columns_that_share_their_bytes_are_refused():
         plain_table(MAGIC + schema.serialize().to_pybytes() + told)
 
 
+FACTORIAL, TWO_LEVEL, LEVELS = 'kind = "factorial"', 'kind = "plackett-burman"', "levels = [44, 45]"
+MASS = '[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0'
 STUDIES = {
     "name-list": ('name = "torque"', "name = []", "factors.0.name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
-    "center": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
-    "choice": ("levels = [44, 45]", "choice = 0", "must be a list of at least 2"),
-    "choice of two-level designs": (
-        'kind = "factorial"',
-        'kind = "plackett-burman"\n[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0',
-        "choice = 0: must be a list of at least 2",
-    ),
-    "group": ("levels = [44, 45]", "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
-    "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
-    "a text and a number": ("levels = [44, 45]", "expression = \"44 + 'x'\"", None),
-    "a list and a number": ("levels = [44, 45]", 'expression = "[1] + 44.0"', "only numbers"),
-    "numbers and switches": (
-        "levels = [44, 45]",
-        'expression = "44 if torque > 0.5 else torque > 0.5"',
-        "several kinds",
-    ),
+    "center": (FACTORIAL, f"{TWO_LEVEL}\ncenter = 1000000000", "allowed are at most"),
+    "choice": (LEVELS, "choice = 0", "must be a list of at least 2"),
+    "choice of two-level designs": (FACTORIAL, f"{TWO_LEVEL}\n{MASS}", "choice = 0: must be a list of at least 2"),
+    "group": (LEVELS, "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
+    "count": (FACTORIAL, 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
+    "a text and a number": (LEVELS, "expression = \"44 + 'x'\"", None),
+    "a list and a number": (LEVELS, 'expression = "[1] + 44.0"', "only numbers"),
+    "numbers and switches": (LEVELS, 'expression = "44 if torque > 0.5 else torque > 0.5"', "several kinds"),
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
-    "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
+    "kinds": (LEVELS, "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
     "digits": ("duration = 0.0005", "duration = " + "9" * 5000, "TOML"),
 }
@@ -409,13 +395,10 @@ def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
 
 def with_table(tmp_path, table):
     """A drive file whose driver's speed is a CSV file."""
-    text, led = (
-        dumps_drive(two_sprockets(duration=0.001, settle="false")),
-        "prescribed = { speed = 10.0, ramp_time = 0.0 }",
-    )
+    text, led = dumps_drive(two_sprockets(duration=0.001, settle="false")), "{ speed = 10.0, ramp_time = 0.0 }"
     assert text.count(led) == 1
     (tmp_path / "t.csv").write_bytes(table)
-    (tmp_path / "d.toml").write_text(text.replace(led, 'prescribed = { table = { file = "t.csv" } }'))
+    (tmp_path / "d.toml").write_text(text.replace(led, '{ table = { file = "t.csv" } }'))
     return tmp_path / "d.toml"
 
 
@@ -425,31 +408,20 @@ def test_a_table_of_a_drive_is_read(capsys, tmp_path):
     assert (status, err) == (0, [])
 
 
-@pytest.mark.parametrize(
-    ("table", "told"),
-    [
-        (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field limit"),
-        (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
-        (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
-        (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
-        (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
-        (b"\0", "row 1: "),
-        (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
-        (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
-        (b"", "has no rows"),
-    ],
-    ids=[
-        "131,073 digits",
-        "400 digits",
-        "head",
-        "zero byte",
-        "zero byte in the head",
-        "zero",
-        "bytes",
-        "date",
-        "empty",
-    ],
-)
+SPEEDS = {
+    "131,073 digits": (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field l"),
+    "400 digits": (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
+    "head": (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
+    "zero byte": (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
+    "zero byte in the head": (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
+    "zero": (b"\0", "row 1: "),
+    "bytes": (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
+    "date": (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
+    "empty": (b"", "has no rows"),
+}
+
+
+@pytest.mark.parametrize(("table", "told"), SPEEDS.values(), ids=SPEEDS)
 def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
     line = refused(capsys, "check", with_table(tmp_path, table))
     assert 'driver.prescribed.table.file = "t.csv": ' in line and told in line
