@@ -122,10 +122,41 @@ def test_one_sprocket_is_too_few(values):
     assert errors_of(values)[0].endswith(": must be a list of at least 2 sprockets")
 
 
-def test_one_sprocket_must_be_prescribed(values):
-    del values["sprockets"][0]["prescribed"]
-    values["sprockets"][0]["inertia"] = 3.0
-    assert errors_of(values) == ("sprockets: none is prescribed; at least one sprocket must be",)
+VOIGT, LAW = {"law": "kelvin-voigt"}, 'law = "kelvin-voigt"'
+LINEAR = "must be 1 with {}, which is linear"
+TIED = [
+    (
+        {"sprockets/0/prescribed": None, "sprockets/0/inertia": 3.0},
+        "sprockets: none is prescribed; at least one sprocket must be",
+    ),
+    (
+        {"contact/sprocket/static_friction": 0.01, "contact/sprocket/stribeck_speed": 0.1},
+        "contact.sprocket.static_friction = 0.01: must be at least friction, 0.04",
+    ),
+    ({"contact/guide/friction": None}, f"contact.guide.friction: missing; {NOT_NEGATIVE}; needed with rolling"),
+    (
+        {"chain/joint": None},
+        "contact.guide.rolling = true: must be false without chain.joint, whose friction rolling rollers pass on",
+    ),
+    ({"contact/sprocket/exponent": 1.5}, f"contact.sprocket.exponent = 1.5: {LINEAR.format('bush_stiffness')}"),
+    ({"contact/guide/exponent": 1.5, "guides/0/contact": VOIGT}, f"{BAR}.exponent = 1.5: {LINEAR.format(LAW)}"),
+    (
+        {"contact/guide": VOIGT | {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 6e5, "exponent": 2.0}},
+        f"contact.guide.exponent = 2.0: {LINEAR.format(LAW)}",
+    ),
+    (
+        {"contact/guide": {"restitution": 0.5, "impact_speed_floor": 0.02, "exponent": 1.5}},
+        f"contact.guide.stiffness: missing; {POSITIVE}, or give width, reference_load, roller, partner instead",
+    ),
+]
+"""Values that rule one another out, or need one another."""
+
+
+@pytest.mark.parametrize(("changes", "line"), TIED, ids=[line[:40] for _, line in TIED])
+def test_rules_that_tie_values_together(values, changes, line):
+    for path, value in changes.items():
+        put(values, path, value)
+    assert errors_of(values) == (line,)
 
 
 def test_prescribed_sprocket_may_have_inertia_and_load(values):
@@ -136,42 +167,6 @@ def test_prescribed_sprocket_may_have_inertia_and_load(values):
 def test_stiffness_instead_of_materials(values):
     values["contact"]["guide"] = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 6e5, "exponent": 1.5}
     assert Drive(**values).guide_contact(0).stiffness == 6e5
-    del values["contact"]["guide"]["stiffness"]
-    text = "missing; must be a positive number, or give width, reference_load, roller, partner instead"
-    assert errors_of(values) == (f"contact.guide.stiffness: {text}",)
-
-
-def test_friction_at_rest_is_no_less_than_in_motion(values):
-    values["contact"]["sprocket"] |= {"friction": 0.2, "static_friction": 0.1, "stribeck_speed": 0.1}
-    assert list(errors_of(values)) == ["contact.sprocket.static_friction = 0.1: must be at least friction, 0.2"]
-
-
-def test_rolling_needs_friction_and_the_joints(values):
-    values["contact"]["guide"] |= {"rolling": True}
-    put(values, "contact/guide/friction", None)
-    found = errors_of(values)
-    assert "contact.guide.friction: missing; must be a number of at least 0; needed with rolling" in found
-    values["contact"]["guide"] |= {"friction": 0.2}
-    put(values, "chain/joint", None)
-    assert list(errors_of(values)) == [
-        "contact.guide.rolling = true: must be false without chain.joint, whose friction rolling rollers pass on"
-    ]
-
-
-def test_a_bush_in_series_is_linear(values):
-    values["contact"]["sprocket"] |= {"bush_stiffness": 8e8, "exponent": 1.5}
-    assert list(errors_of(values)) == [
-        "contact.sprocket.exponent = 1.5: must be 1 with bush_stiffness, which is linear"
-    ]
-
-
-def test_kelvin_voigt_is_linear(values):
-    values["contact"]["guide"] |= {"exponent": 1.5}
-    values["guides"][0]["contact"] = {"law": "kelvin-voigt"}
-    line = 'contact.exponent = 1.5: must be 1 with law = "kelvin-voigt", which is linear'
-    assert errors_of(values) == (f"guides.tight strand.{line}",)
-    values["contact"]["sprocket"] |= {"law": "kelvin-voigt", "exponent": 2.0}
-    assert errors_of(values)[0] == f"contact.sprocket.{line.removeprefix('contact.').replace('1.5', '2.0')}"
 
 
 SPOILED = {
@@ -262,10 +257,9 @@ def test_data_model_has_room_for_the_mounts(mount):
 
 
 def test_mount_values_are_checked_and_mass_needed():
+    wrong_mount = SLIDER | {"direction": [0, 0], "damping": -1}
     with pytest.raises(DriveError) as caught:
-        Sprocket(
-            name="a", teeth=9, center=(0, 0), wrap="cw", inertia=1, mount=SLIDER | {"direction": [0, 0], "damping": -1}
-        )
+        Sprocket(name="a", teeth=9, center=(0, 0), wrap="cw", inertia=1, mount=wrong_mount)
     assert caught.value.errors == (
         "Sprocket: mount.direction = [0, 0]: must be two finite numbers [x, y], not both 0",
         f"Sprocket: mount.damping = -1: {NOT_NEGATIVE}",

@@ -15,7 +15,7 @@ def key_of(values, path):
 
 
 def wrong(values, *rows):
-    """Path, value and the beginning of the error's line, for each value of rows (path, values, text); None is missing."""
+    """Path, value and the beginning of its error, for each value of rows (path, values, text); None is missing."""
     cases = []
     for path, several, text in rows:
         for value in several:
