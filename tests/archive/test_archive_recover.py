@@ -146,8 +146,7 @@ def pair(tmp_path_factory):
 
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-    start = int.from_bytes(data[-28:-20], "little")
-    return run, data, start, summary
+    return run, data, summary_start(data), summary
 
 
 def check_recovered(path, run, result, cut):
@@ -197,6 +196,27 @@ def test_one_flipped_bit_never_gives_a_variant_anothers_frames(pair, tmp_path, c
         assert refused <= 10  # only its opening magic is beyond repair
 
 
+def summary_start(data):
+    return int.from_bytes(data[-28:-20], "little")
+
+
+def sealed(data, summary):
+    """An archive with another summary, whose checksum is right again."""
+    return data[: summary_start(data)] + summary + struct.pack("<I", zlib.crc32(summary)) + data[-8:]
+
+
+@pytest.fixture
+def recovered(tmp_path):
+    """Recovers an archive from bytes: what was done, and what is read back."""
+
+    def recover(data):
+        (tmp_path / "b.mcap").write_bytes(data)
+        result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+        return result, read_archive(tmp_path / "c.mcap")
+
+    return recover
+
+
 def flip(data, text, at, bit=1):
     """Bytes in which one bit of a place in the first occurrence of a text is another."""
     damaged = bytearray(data)
@@ -205,17 +225,14 @@ def flip(data, text, at, bit=1):
 
 
 @pytest.mark.parametrize("digests", [True, False])
-def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monkeypatch, digests):
+def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monkeypatch, recovered, digests):
     """One bit of variant 1's state topic makes it variant 0's: its frames come back as its own, or are left out."""
-    run, data, start, _ = pair
+    run, data, *_ = pair
     if not digests:
         data = old_archive(run, tmp_path, monkeypatch)
-        start = int.from_bytes(data[-28:-20], "little")
     for whole in (True, False):
-        broken = flip(data if whole else data[:start], b"/variant/00001/state", len("/variant/0000"))
-        (tmp_path / "b.mcap").write_bytes(broken)
-        result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
-        back = read_archive(tmp_path / "c.mcap")
+        cut = data if whole else data[: summary_start(data)]
+        result, back = recovered(flip(cut, b"/variant/00001/state", len("/variant/0000")))
         assert list(back) == ([0, 1] if whole else [0])
         assert result.complete == whole
         for variant in back:
@@ -226,20 +243,17 @@ def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monk
 
 
 @pytest.mark.parametrize("swapped", [("rollers",), ("state",), ("rollers", "state")])
-def test_topics_that_change_places_under_a_right_checksum_are_not_believed(pair, tmp_path, swapped):
+def test_topics_that_change_places_under_a_right_checksum_are_not_believed(pair, tmp_path, recovered, swapped):
     """In the summary two variants' topics are each other's, and its checksum is made right: only digests tell."""
-    run, data, *_ = pair
-    start = int.from_bytes(data[-28:-20], "little")
-    summary, ends = data[start:-12], data[-8:]
+    run, data, start, _ = pair
+    summary = data[start:-12]
     for topic in swapped:
         one, other = (f"/variant/0000{v}/{topic}".encode() for v in range(2))
         assert summary.count(one) == summary.count(other) == 1
         summary = summary.replace(one, b"#" * len(one)).replace(other, one).replace(b"#" * len(one), other)
-    (tmp_path / "b.mcap").write_bytes(data[:start] + summary + struct.pack("<I", zlib.crc32(summary)) + ends)
+    _, back = recovered(sealed(data, summary))  # by the channels that stand among the frames
     with pytest.raises(ArchiveError, match="its digest is wrong"):
         list(read_archive(tmp_path / "b.mcap"))
-    recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")  # by the channels that stand among the frames
-    back = read_archive(tmp_path / "c.mcap")
     assert list(back) == list(run)
     for variant in back:
         np.testing.assert_array_equal(back[variant].position, run[variant].position)
@@ -248,9 +262,8 @@ def test_topics_that_change_places_under_a_right_checksum_are_not_believed(pair,
 def test_two_channels_of_a_topic_are_refused(pair, tmp_path, monkeypatch):
     """In an archive without digests, one variant's topics named as the other's would hide it."""
     data = old_archive(pair[0], tmp_path, monkeypatch)
-    start = int.from_bytes(data[-28:-20], "little")
-    summary = data[start:-12].replace(b"/variant/00001/", b"/variant/00000/")
-    (tmp_path / "b.mcap").write_bytes(data[:start] + summary + struct.pack("<I", zlib.crc32(summary)) + data[-8:])
+    summary = data[summary_start(data) : -12].replace(b"/variant/00001/", b"/variant/00000/")
+    (tmp_path / "b.mcap").write_bytes(sealed(data, summary))
     with pytest.raises(ArchiveError, match="has two channels /variant/00000/"):
         list(read_archive(tmp_path / "b.mcap"))
 
@@ -277,55 +290,47 @@ def undigested(plain):
     return encode
 
 
-def test_archives_without_digests_are_read_and_recovered(pair, tmp_path, monkeypatch):
-    run, _, _, _ = pair
+def test_archives_without_digests_are_read_and_recovered(pair, tmp_path, monkeypatch, recovered):
+    run = pair[0]
     data = old_archive(run, tmp_path, monkeypatch)
     assert b"digest" not in data
     assert_same(run, read_archive(tmp_path / "old.mcap"))
-    start = int.from_bytes(data[-28:-20], "little")
-    for broken in (data, data[:start]):
-        (tmp_path / "b.mcap").write_bytes(broken)
-        result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+    for broken in (data, data[: summary_start(data)]):
+        result, back = recovered(broken)
         assert result.complete
-        assert_same(run, read_archive(tmp_path / "c.mcap"))
+        assert_same(run, back)
     assert b"digest" in (tmp_path / "c.mcap").read_bytes()
 
 
-def test_metadata_that_changed_are_told(pair, tmp_path):
+def test_metadata_that_changed_are_told(pair, tmp_path, recovered):
     """A step of 5e-06 that reads 4e-06, say: the reader refuses it, and recover takes the copy at the end."""
     run, data, _, _ = pair
-    (tmp_path / "b.mcap").write_bytes(flip(data, b"5e-06", 0))
+    result, back = recovered(flip(data, b"5e-06", 0))
     with pytest.raises(ArchiveError, match="metadata warpchain: their digest is wrong"):
         read_archive(tmp_path / "b.mcap")
-    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
     assert result.left_out == ["metadata warpchain"]
-    assert read_archive(tmp_path / "c.mcap").info.step == run.info.step == 5e-6
+    assert back.info.step == run.info.step == 5e-6
 
 
-def test_a_chunk_that_is_there_twice_counts_once(pair, tmp_path):
+def test_a_chunk_that_is_there_twice_counts_once(pair, recovered):
     run, data, start, summary = pair
     chunk = max(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     twice = data[chunk.chunk_start_offset :][: chunk.chunk_length]
-    (tmp_path / "b.mcap").write_bytes(data[: start - 13] + twice)
-    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    result, back = recovered(data[: start - 13] + twice)
     assert result.damaged == 1
-    back = read_archive(tmp_path / "c.mcap")
     assert list(back) == list(run)
     for variant in run:
         np.testing.assert_array_equal(back[variant].time, run[variant].time)
 
 
-def test_frames_missing_between_others_are_told(run, whole, tmp_path):
+def test_frames_missing_between_others_are_told(run, whole, tmp_path, recovered):
     """A chunk cut out of a file without a summary leaves nothing behind but the numbers of its frames."""
     data, _ = whole
     (tmp_path / "a.mcap").write_bytes(data)
     chunks = [c for c in read_archive(tmp_path / "a.mcap").trajectories.files[0].chunks if len(c.channels) > 1]
-    start = int.from_bytes(data[-28:-20], "little")
-    (tmp_path / "b.mcap").write_bytes(data[: chunks[2].offset] + data[chunks[3].offset : start - 13])
-    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    result, back = recovered(data[: chunks[2].offset] + data[chunks[3].offset : summary_start(data) - 13])
     assert result.missing > 0
     assert f"{result.missing} frames are missing between others" in str(result)
-    back = read_archive(tmp_path / "c.mcap")
     assert len(back[0].time) + result.missing == len(run[0].time)
 
 

@@ -174,11 +174,17 @@ BAR, TENSIONER = "guides.blade", "tensioners/0"
 PAIR = "must be two finite numbers [x, y]"
 UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
 WITHIN = "must be within 10000 m of the origin"
+OILS = ("supply", "ambient")
+ABOVE_0 = ["guides/0/offset", "arms/0/mass", "arms/0/inertia"]
+ABOVE_0 += [f"{TENSIONER}/{key}" for key in ("chamber/volume", "oil/supply", "ratchet/pitch")]
 RULES = [
     *wrong(
         tomllib.loads(BLADE),
+        *((path, [0, -1.0], POSITIVE) for path in ABOVE_0),
+        *((path, [None], POSITIVE) for path in ("guides/1/end_radius", f"{TENSIONER}/oil/viscosity")),
+        *((path, [-1.0], NOT_NEGATIVE) for path in ("arms/0/stiffness", f"{TENSIONER}/ratchet/backlash")),
+        *((path, [None], PAIR) for path in ("guides/1/start", "arms/0/pivot")),
         ("guides/0/side", ["up"], 'must be "left" or "right", seen from start to end'),
-        ("guides/0/offset", [0], POSITIVE),
         ("guides/0/offset", [0.01], "must be at most a pitch, 0.009525"),
         ("guides/0/arm", ["tensoner arm"], "must be the name of an arm; did you mean tens"),
         ("guides/0/points", [[[0, 0]], [[0, 0], [1, math.nan]], [[0, 0], [1]], 3], POINTS),
@@ -186,12 +192,6 @@ RULES = [
         ("guides/0/radius", [None], f"{POSITIVE}; needed to round the points"),
         ("guides/0/radius", [0.005], "must be at least a pitch, 0.009525; links cannot follow"),
         ("guides/1/radius", [0.1], "only together with points, whose corners it rounds"),
-        ("guides/1/end_radius", [None], POSITIVE),
-        ("guides/1/start", [None], PAIR),
-        ("arms/0/pivot", [None], PAIR),
-        ("arms/0/mass", [0], POSITIVE),
-        ("arms/0/inertia", [-1.0], POSITIVE),
-        ("arms/0/stiffness", [-1.0], NOT_NEGATIVE),
         ("arms/0/free_angle", [400], DEGREES),
         ("arms/0/stops", [[12.0, -10.0]], "must be the lower angle first, then the upper"),
         ("arms/0/stops", [[5.0]], "must be two numbers of degrees from -360 to 360, [lower"),
@@ -209,18 +209,12 @@ RULES = [
         (f"{TENSIONER}/plunger/gap", [None], f"{POSITIVE}; {HYDRAULIC}"),
         (f"{TENSIONER}/plunger/gap", [0.008], "must be below half the diameter, 0.008"),
         (f"{TENSIONER}/plunger/eccentricity", [1.1], "must be a number from 0 to 1"),
-        (f"{TENSIONER}/chamber/volume", [0], POSITIVE),
         (f"{TENSIONER}/valve/seat_diameter", [0.006], "must be below the ball's diam"),
         (f"{TENSIONER}/valve/seat_angle", [90], "must be a number of degrees above 0, bel"),
         (f"{TENSIONER}/valve/discharge", [2], "must be a number above 0, at most 1"),
         (f"{TENSIONER}/oil/air", [1], "must be a number of at least 0 and below 1"),
-        (f"{TENSIONER}/oil/viscosity", [None], POSITIVE),
-        (f"{TENSIONER}/oil/supply", [3.0, 1000.0], "must be above the oil's vapor pressure, 1000 Pa"),
+        *((f"{TENSIONER}/oil/{key}", [3.0, 1000.0], "must be above the oil's vapor pressure, 1000 Pa") for key in OILS),
         (f"{TENSIONER}/oil/supply", [9e4], "must be at least the ambient pressure, 100000 Pa"),
-        (f"{TENSIONER}/oil/ambient", [1.0], "must be above the oil's vapor pressure, 1000 Pa"),
-        (f"{TENSIONER}/oil/supply", [-1], POSITIVE),
-        (f"{TENSIONER}/ratchet/pitch", [0], POSITIVE),
-        (f"{TENSIONER}/ratchet/backlash", [-1], NOT_NEGATIVE),
     ),
     ("guides/0/points/1/1", 0.24e5, f"{BAR}.points.1 = [-0.032, 24000.0]: {WITHIN}"),
     ("guides/0/radius", 1.0, f"{BAR}.points.1 = [-0.032, 0.15]: leaves no room for radius 1: its corner of 18.7"),

@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from drives import errors_of, marine_values
+from drives import errors_of
 
 from warpchain import cli
 from warpchain.assembly.summary import derive, report
@@ -13,11 +13,6 @@ from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
 
 SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
-
-
-@pytest.fixture
-def values():
-    return marine_values()
 
 
 def sized(values, size="72B", stiffness="estimate"):
@@ -101,12 +96,6 @@ def test_sized_drive_round_trips_and_changes(values):
 def test_size_errors_name_size_and_sizes(values):
     (line,) = errors_of(sized(values, size="17B", stiffness=1e9))
     assert line.startswith('chain.size = "17B": must be a size of ISO 606: 05B, 06B, 08B, ')
-
-
-def test_estimate_needs_a_size(values):
-    values["chain"]["stiffness"] = "estimate"
-    text = 'must be a positive number, or "estimate" together with a size'
-    assert errors_of(values) == (f'chain.stiffness = "estimate": {text}',)
 
 
 def test_check_says_that_the_stiffness_is_an_estimate(values):

@@ -9,23 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from drives import BLADE, MARINE, errors_of, marine_values, put
+from drives import BLADE, MARINE, errors_of, put
 
 from warpchain.drive import Drive, Load, Sprocket, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.schema import Part
 from warpchain.errors import DriveError
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-@pytest.fixture
-def marine():
-    return load_drive(MARINE)
-
-
-@pytest.fixture
-def values():
-    return marine_values()
 
 
 def test_marine_file_loads_as_it_stands(marine):

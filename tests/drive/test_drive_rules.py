@@ -10,12 +10,6 @@ from wrong_values import lines_of, wrong
 from warpchain.drive import Drive, Sprocket, SprocketContact, dumps_drive, load_drive, loads_drive
 from warpchain.errors import DriveError
 
-
-@pytest.fixture
-def values():
-    return marine_values()
-
-
 NAME = "must be a text that is not empty and not a whole number"
 LAW_NAMES = 'must be one of "lankarani-nikravesh", "flores", "hunt-crossley", "kelvin-voigt"'
 MOTION, HARMONIC = "sprockets.crankshaft.prescribed", "{ order, amplitude, phase }"
@@ -25,71 +19,63 @@ UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
 KINDS = '"fixed", "prescribed", "elastic" or "slider"'
 TOGETHER = "missing; static_friction and stribeck_speed are given together"
 CRANK, CAM = "sprockets/0/prescribed", "sprockets/2"
+ABOVE_0 = [f"{CAM}/pitch", f"{CAM}/mass", f"{CAM}/inertia", f"{CRANK}/harmonics/0/order", "chain/roller_mass"]
+ABOVE_0 += ["guides/0/end_radius", "contact/guide/roller/youngs_modulus", "contact/sprocket/bush_stiffness"]
+ABOVE_0 += ["run/duration", "run/sample_rate", "contact/sprocket/impact_speed_floor"]
+FROM_0 = [f"{CRANK}/speed", f"{CRANK}/ramp_time", f"{CAM}/load/viscous", f"{CAM}/load/quadratic"]
+FROM_0 += ["chain/damping", "contact/sprocket/friction", "contact/sprocket/clearance", f"{CAM}/load/ramp_time"]
+RESTITUTIONS = ("guides/0/contact/restitution", "contact/sprocket/restitution")
 RULES = [
     *wrong(
         marine_values(),
         ("chain/pitch", [0.0, "0.1", True, math.nan, math.inf, None], POSITIVE),
+        *((path, [0, -1.0], POSITIVE) for path in ABOVE_0),
+        *((path, [-1e-9], NOT_NEGATIVE) for path in FROM_0),
+        ("contact/sprocket/impact_speed_floor", [None], POSITIVE),
+        ("contact/sprocket/clearance", [None], NOT_NEGATIVE),
+        *((path, [0, 1.1], "must be a number above 0, at most 1") for path in RESTITUTIONS),
+        *((path, [1], "must be true or false") for path in ("run/settle", "contact/guide/rolling")),
+        *((path, [3], "must be a table") for path in ("contact/guide/roller", "sprockets/1", "chain")),
+        ("chain", [None], "must be a table"),
         ("chain/links", [162.0, True, 2], "must be an integer of at least 3"),
         ("chain/links", [10**6 + 1], "must be at most 1000000"),
-        ("chain/roller_mass", [-1.0], POSITIVE),
         ("chain/roller_mass", [None], f"{POSITIVE}, or give mass_per_length instead"),
         ("chain/mass_per_length", [60.8], "not together with roller_mass; give one of the two"),
-        ("chain/stiffness", [0], f'{POSITIVE}, or "estimate" together with a size'),
-        ("chain/damping", [-1e-9], NOT_NEGATIVE),
+        ("chain/stiffness", [0, "estimate"], f'{POSITIVE}, or "estimate" together with a size'),
         ("chain/damping", [None], f"{NOT_NEGATIVE}, or give damping_ratio instead"),
         ("chain/damping_ratio", [0.1], "not together with damping; give one of the two"),
         ("chain/roller_radius", [0.05715], "must be below half the pitch, 0.05715"),
         ("chain/rollermass", [7], "unknown key; did you mean roller_mass?"),
-        ("chain", [7, None], "must be a table"),
         ("chains", [{}], "unknown key; did you mean chain?"),
         ("self", [1], "unknown key; allowed are chain, sprockets, guides, arms, tensioners, contact, run"),
         ("sprockets", [[], 3, None], "must be a list of at least 2 sprockets"),
-        ("sprockets/1", [3], "must be a table"),
         (f"{CAM}/name", ["", "a.b", "a->b", "a=b", "a/b", "a\nb", " a", "12", 12, None], NAME),
         (f"{CAM}/name", ["crankshaft"], UNIQUE),
         (f"{CAM}/teeth", [4, 57.0], "must be an integer of at least 5"),
         (f"{CAM}/teeth", [10**7], "must be at most 1000000"),
         (f"{CAM}/center", [[0.0], [0.0, math.inf], {1.0, 2.0}], "must be two finite numbers [x, y]"),
         (f"{CAM}/wrap", ["left"], 'must be "ccw" or "cw"'),
-        *((f"{CAM}/{key}", [0.0], POSITIVE) for key in ("pitch", "mass", "inertia")),
         (f"{CAM}/inertia", [None], f"{POSITIVE}; needed unless the sprocket is "),
-        (f"{CRANK}/speed", [-1.0], NOT_NEGATIVE),
         (f"{CRANK}/speed", [None], f"{NOT_NEGATIVE}, or give table instead"),
-        (f"{CRANK}/ramp_time", [-1.0], NOT_NEGATIVE),
-        (f"{CRANK}/harmonics/0/order", [0], POSITIVE),
         (f"{CAM}/load/torque", ["9"], "must be a finite number"),
-        *((f"{CAM}/load/{key}", [-1], NOT_NEGATIVE) for key in ("viscous", "quadratic", "ramp_time")),
         (f"{CAM}/load/harmonics/0/amplitude", [None], "must be"),
         (f"{CAM}/mount", [1], f"must be {KINDS}"),
         ("guides/0/end", [[-0.8284, 4.8479]], "must be another point than start"),
-        ("guides/0/end_radius", [0], POSITIVE),
-        ("guides/0/contact/restitution", [0], "must be a number above 0, at most 1"),
         ("contact/guide", [None], "must be a table; needed where there are guides"),
-        ("contact/sprocket/restitution", [1.1, 0], "must be a number above 0, at most 1"),
         ("contact/sprocket/exponent", [0.9], "must be a number of at least 1"),
-        ("contact/sprocket/impact_speed_floor", [0, None], POSITIVE),
         ("contact/sprocket/law", ["hertz"], LAW_NAMES),
         ("contact/sprocket/restitution_means", ["speed"], 'must be "parameter" or "rebound"'),
         ("contact/sprocket/profile", ["oval"], 'must be "circular" or "iso606"'),
         ("contact/sprocket/gap", ["minimum"], 'only together with profile = "iso606"'),
         ("contact/sprocket/seat_angle", [180, 0], "must be a number of degrees above 0 and"),
-        ("contact/sprocket/clearance", [-1e-6, None], NOT_NEGATIVE),
         ("contact/sprocket/clearance", [0.4], "must be below half the pitch less the roller radius, 0.02095"),
         ("contact/sprocket/stiffness", [1.6e9], "not together with width, reference_load, roller, partner; "),
         ("contact/sprocket/width", [None], f"{POSITIVE}, or give stiffness instead"),
         ("contact/guide/roller/poissons_ratio", [0.6], "must be a number above"),
-        ("contact/guide/roller/youngs_modulus", [0], POSITIVE),
-        ("contact/guide/roller", [3], "must be a table"),
-        ("contact/sprocket/friction", [-0.1], NOT_NEGATIVE),
-        ("contact/guide/rolling", [1], "must be true or false"),
-        ("contact/sprocket/bush_stiffness", [0], POSITIVE),
         ("contact/guide/reference_load", [1e9], "must be below 7.75806e+06 N"),
-        ("run/settle", [1], "must be true or false"),
-        ("run/duration", [0], POSITIVE),
         ("run/step", ["fast", -1e-5, None], 'must be a positive number or "auto"'),
         ("run/step", [3.0], "must be at most the duration, 2"),
         ("run/integrator", ["euler"], 'must be "leapfrog" or "rk4"'),
-        ("run/sample_rate", [0], POSITIVE),
         ("run/gravity", [[0, -9.81, 0]], "must be two finite numbers [x, y]"),
     ),
     ("chain/pitch", 10**400, f"chain.pitch = {'1' + '0' * 55} ...: {POSITIVE}"),

@@ -18,11 +18,6 @@ MATERIALS = {
 }
 
 
-@pytest.fixture
-def marine():
-    return load_drive(MARINE)
-
-
 def test_with_values_changes_a_copy_and_shares_the_rest(marine):
     other = marine.with_values({"sprockets.camshaft.load.torque": 8e3, "run.gravity.1": 0, "guides.0.end_radius": 1})
     assert other.sprockets[2].load.torque == 8e3 and other.run.gravity == (0.0, 0.0) and other.guides[0].end_radius == 1

@@ -131,8 +131,7 @@ def test_any_executor_comes_to_the_same_bytes(tmp_path, uninterrupted, kind):
     pool = ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(1, mp_context=get_context("spawn"))
     calls = []
     with pool:
-        report = lambda done, total: calls.append((done, total))  # noqa: E731
-        run_study(source, tmp_path / "out", executor=pool, workers=1, progress=report)
+        run_study(source, tmp_path / "out", executor=pool, workers=1, progress=lambda *told: calls.append(told))
     assert whole_files(tmp_path / "out") == wanted
     assert calls == [(2.0 * n, 12.0) for n in range(1, 7)]
 
@@ -195,10 +194,9 @@ def test_a_dask_cluster_that_loses_a_worker_comes_to_the_same_bytes(tmp_path, mo
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://"])
 def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path, capsys, address):
     pytest.importorskip("distributed")
+    words = ["study", "run", str(write_study(tmp_path)), "-o", str(tmp_path / "out"), "--scheduler", address]
     begin = time.perf_counter()
-    assert (
-        cli.main(["study", "run", str(write_study(tmp_path)), "-o", str(tmp_path / "out"), "--scheduler", address]) == 2
-    )
+    assert cli.main(words) == 2
     assert time.perf_counter() - begin < 5.0  # a refused connection; it was 32 s
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warpchain: error")]
     assert f"--scheduler {address}: no Dask scheduler answers" in line

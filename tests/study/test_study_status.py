@@ -64,34 +64,34 @@ def test_folders_without_such_notes_stand_the_same(folder):
     assert noted.counts["suspect"] == 4 and noted.reasons[0][1] == 4
 
 
-def test_how_rows_ended_is_noted(tmp_path):
-    path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a", ended=True)
+@pytest.fixture
+def path(tmp_path):
+    """A table that notes how its rows ended."""
+    write_table(tmp_path / "00000.parquet", TABLE, study="a", ended=True)
+    return tmp_path / "00000.parquet"
+
+
+def test_how_rows_ended_is_noted(path):
     assert Ended.of(TABLE) == ENDED == read_ended(path, "a", 4)
 
 
 @pytest.mark.parametrize(
     ("study", "rows", "match"), [("b", 4, "is another table"), ("a", 5, "has 4 rows, its shard 5")]
 )
-def test_the_note_of_another_table_does_not_count(tmp_path, study, rows, match):
-    path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a", ended=True)
+def test_the_note_of_another_table_does_not_count(path, study, rows, match):
     with pytest.raises(StudyError, match=match):
         read_ended(path, study, rows)
 
 
-def test_a_note_that_was_changed_does_not_count(tmp_path):
+def test_a_note_that_was_changed_does_not_count(path):
     """Then the table itself is read, here one that is whole."""
-    path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a", ended=True)
     data = path.read_bytes()
     assert data.count(b'"infeasible": 3') == 1
     path.write_bytes(data.replace(b'"infeasible": 3', b'"infeasible": 9'))
     assert read_ended(path, "a", 4) == ENDED
 
 
-def test_a_file_that_is_no_table_is_told(tmp_path):
-    path = tmp_path / "00000.parquet"
+def test_a_file_that_is_no_table_is_told(path):
     for data in (b"", b"PAR1", b"\xff\xff\xff\x7fPAR1"):
         path.write_bytes(data)
         with pytest.raises(StudyError, match="00000"):
