@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from archives import assert_same
-from drives import two_sprockets
+from drives import timing, two_sprockets
 from rerun_check import rerun_accepts
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
+from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.channels import CHANNELS, DEFAULT, NAMES
+from warpchain.results.channels import DEFAULT, NAMES
 
 
 def drives():
@@ -30,8 +31,7 @@ def test_float64_comes_back_bitwise(run, tmp_path, compression):
     assert back.info == run.info
 
 
-OF_BODIES = {channel.name for channel in CHANNELS if {"arm", "tensioner"} & set(channel.dimensions)}
-"""Channels that these drives do not have."""
+BODIES = ("arm_angle", "arm_speed", "arm_moment", "tensioner_extension", "tensioner_force", "chamber_pressure")
 SOME = Record(variants=[1], channels=("tension", "sprocket_speed"))
 
 
@@ -50,7 +50,7 @@ def test_whatever_was_recorded_comes_back_bitwise(tmp_path, settings, variants, 
     assert_same(kept, back)
     assert list(back) == variants
     for variant in variants:
-        assert {name for name in NAMES if getattr(back[variant], name) is not None} == set(channels) - OF_BODIES
+        assert {name for name in NAMES if getattr(back[variant], name) is not None} == set(channels) - set(BODIES)
         assert back[variant].tension.dtype == settings.get("precision", "float64")
 
 
@@ -204,3 +204,34 @@ def test_a_run_refused_for_memory_leaves_nothing(tmp_path):
     with pytest.raises(SimulationError, match="memory budget"):
         simulate(drives(), archive=tmp_path / "a.mcap", memory=1000)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def with_bodies(tmp_path_factory):
+    """A run in memory, and the same one archived."""
+    drive, archive = timing(**{"run.duration": 2e-3}), tmp_path_factory.mktemp("bodies") / "a.mcap"
+    kept = simulate(drive, record=Record(rate=1e4), device="cpu")
+    simulate(drive, record=Record(rate=1e4), device="cpu", archive=archive)
+    return kept, archive
+
+
+def test_channels_of_bodies_come_back(with_bodies):
+    kept, archive = with_bodies
+    assert_same(kept, read_archive(archive))
+    found = read_archive(archive)[0]
+    assert set(BODIES) <= set(found.channels())
+    assert found.arm_angle.shape == found.chamber_pressure.shape == (21, 1)
+    assert np.ptp(found.arm_angle) > 0.0 and found.chamber_pressure.min() > 1e5
+
+
+def test_a_recovered_archive_has_them_too(with_bodies, tmp_path):
+    kept, archive = with_bodies
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(archive.read_bytes()[:-200])
+    recover_archive(cut, tmp_path / "whole.mcap")
+    np.testing.assert_array_equal(read_archive(tmp_path / "whole.mcap")[0].arm_angle, kept[0].arm_angle)
+
+
+def test_a_drive_without_bodies_has_no_such_channel(tmp_path):
+    run = simulate(two_sprockets(duration=1e-4), record=Record(rate=1e5), device="cpu")
+    assert not set(BODIES) & set(run[0].channels()) and run[0].arm_angle is None

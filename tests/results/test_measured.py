@@ -79,7 +79,6 @@ def test_the_offset_at_which_both_agree_best(known):
         ("# rig 7\nZeit;Kraft\ns;kN\n0,0;1,5\n0,5;2,5\n", None),
         ("t\tF\n0.0\t1500\n0.5\t2500\n\n", None),
         ("time,tension\n0.0,1500\n0.5,2.5e3\n", None),
-        ("t [s],n [V]\n0,1.5\n0.5,2.5\n", Columns(unit="kN")),  # a unit that is said goes before the heads
     ],
 )
 def test_files_as_rigs_write_them(tmp_path, text, columns):
@@ -88,6 +87,12 @@ def test_files_as_rigs_write_them(tmp_path, text, columns):
     found = read_signal(path, "a.tension", "N", columns)
     assert found.time.tolist() == [0.0, 0.5]
     assert found.values.tolist() == pytest.approx([1500.0, 2500.0])
+
+
+def test_a_unit_that_is_said_goes_before_the_heads(tmp_path):
+    (tmp_path / "rig.csv").write_text("t [s],n [V]\n0,60\n1,30\n")
+    found = read_signal(tmp_path / "rig.csv", "a.speed", "rad/s", Columns(unit="rpm"))
+    assert found.values == pytest.approx([2.0 * pi, pi])
 
 
 @pytest.mark.parametrize(
