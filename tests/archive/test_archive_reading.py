@@ -27,15 +27,11 @@ def run():
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])
 def archive(request, run, tmp_path_factory):
-    from warpchain.archive import writer as archive
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(archive, "CHUNK", 2**16)
     split = request.param == "split"
     options = ArchiveOptions(split_size=100_000) if split else ArchiveOptions(compression=request.param)
-    path = write_archive(run, tmp_path_factory.mktemp("read") / "a.mcap", options=options)
-    patch.undo()
-    return path
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+        return write_archive(run, tmp_path_factory.mktemp("read") / "a.mcap", options=options)
 
 
 @pytest.fixture

@@ -31,12 +31,9 @@ def run():
 @pytest.fixture(scope="module")
 def whole(run, tmp_path_factory):
     """An archive of many chunks, and where each of them ends."""
-    from warpchain.archive import writer as archive
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(archive, "CHUNK", 2**16)
-    path = write_archive(run, tmp_path_factory.mktemp("whole") / "a.mcap")
-    patch.undo()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+        path = write_archive(run, tmp_path_factory.mktemp("whole") / "a.mcap")
     file = read_archive(path).trajectories.files[0]
     assert len(file.chunks) > 20
     return path.read_bytes(), [chunk.offset + chunk.length for chunk in file.chunks if len(chunk.channels) > 1]
@@ -368,9 +365,8 @@ def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     assert back.info.ended == "recovered"
     assert len(left) - 1 <= len(back.files) <= len(left)  # a part that had only just begun is left out
     assert (len(left) > 1) == ("split_size" in options)
-    time_step = np.diff(back[0].time)
     assert len(back[0].time) == result.frames[0] > 100
-    np.testing.assert_allclose(time_step, 1e-5, rtol=1e-9)  # every frame of the samples' rate, none lost between
+    np.testing.assert_allclose(np.diff(back[0].time), 1e-5, rtol=1e-9)  # of the samples' rate, none lost between
     assert np.isfinite(back[0].position).all()
     assert all(rerun_accepts(file) for file in back.files)
 
@@ -474,14 +470,11 @@ def test_refusals_of_recover(whole, tmp_path):
 
 
 def test_recover_on_the_command_line(whole, tmp_path, capsys):
-    from warpchain import cli
-
     broken, fixed = tmp_path / "broken.mcap", tmp_path / "fixed.mcap"
-    assert cli.main(["recover", str(broken), "-o", str(fixed)]) == 2
-    assert capsys.readouterr().err == f"warpchain: error: {broken}: cannot be read (No such file or directory)\n"
+    line = f"warpchain: error: {broken}: cannot be read (No such file or directory)"
+    assert command(capsys, "recover", broken, "-o", fixed) == (2, [], [line])
     broken.write_bytes(whole[0][: whole[1][3] + 100])
-    assert cli.main(["recover", str(broken), "-o", str(fixed)]) == 0
-    out = capsys.readouterr().out
-    assert "frames of 1 variant in 4 chunks; " in out
-    assert "bytes after the last whole record lost" in out
-    assert len(read_archive(fixed)[0].time) == int(out.split()[0])
+    status, out, _ = command(capsys, "recover", broken, "-o", fixed)
+    assert status == 0 and "frames of 1 variant in 4 chunks; " in out[0]
+    assert "bytes after the last whole record lost" in "".join(out)
+    assert len(read_archive(fixed)[0].time) == int(out[0].split()[0])

@@ -2,11 +2,13 @@
 
 import datetime
 import os
+import re
 import resource
 import struct
 import subprocess
 import sys
 import time
+import zlib
 
 import lz4.frame
 import numpy as np
@@ -20,7 +22,9 @@ from small_disk import small_disk
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
-from warpchain.archive.file_parts import Parts
+from warpchain.archive import ArchiveOptions, mcap_write
+from warpchain.archive import file_parts as parts
+from warpchain.archive.arrow import MAGIC, plain_table
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.drive import dumps_drive
@@ -72,6 +76,12 @@ def test_numbers_beyond_all_bounds(capsys, tmp_path, words, told):
     assert list(tmp_path.iterdir()) == []
 
 
+def writing(verb, archive, target):
+    """The words of a command that writes `target`."""
+    words = {"run": ["run", "marine", *SMALL, "-o"], "view": ["view", archive, "--save"]}
+    return [*words.get(verb, [verb, archive, "-o"]), target]
+
+
 @pytest.mark.parametrize("kind", ["pipe", "nowhere", "folder", "/dev/null", "absent/a"])
 @pytest.mark.parametrize("verb", ["run", "export", "view", "recover"])
 def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_path, kind, verb):
@@ -83,24 +93,17 @@ def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_pat
     elif kind == "folder":
         target.mkdir()
     before = target.lstat() if target.is_symlink() or target.exists() else None
-    words = {
-        "run": ["run", "marine", "-o", target, *SMALL, "--overwrite"],
-        "export": ["export", archive, "-o", target],
-        "view": ["view", archive, "--save", target],
-        "recover": ["recover", archive, "-o", target, "--overwrite"],
-    }[verb]
-    refused(capsys, *words)
+    refused(capsys, *writing(verb, archive, target), *(["--overwrite"] if verb in ("run", "recover") else []))
     if before is not None:
-        assert target.lstat().st_mode == before.st_mode
-        assert target.lstat().st_ino == before.st_ino
+        after = target.lstat()
+        assert (after.st_mode, after.st_ino) == (before.st_mode, before.st_ino)
 
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, verb):
     target = tmp_path / ("new.npz" if verb == "export" else "new")
-    words = {"view": ["view", archive, "--save", target], "plot": ["plot", archive, "-o", target]}
     with small_disk(20_000):
-        line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
+        line = refused(capsys, *writing(verb, archive, target), limit=60.0)
     assert "cannot be written (File too large)" in line
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
 
@@ -110,19 +113,17 @@ def test_a_read_only_file_system_is_one_line(capsys, archive, tmp_path, monkeypa
     """Nothing can be made there, nor removed while it is cleaned up."""
     plain = os.open
 
-    def read_only(path, flags, *more, **named):
-        if flags & os.O_CREAT and str(path).startswith(str(tmp_path)):
-            raise OSError(30, "Read-only file system")
-        return plain(path, flags, *more, **named)
-
     def refuse(*_, **__):
         raise OSError(30, "Read-only file system")
 
+    def read_only(path, flags, *more, **named):
+        ours = flags & os.O_CREAT and str(path).startswith(str(tmp_path))
+        return (refuse if ours else plain)(path, flags, *more, **named)
+
     monkeypatch.setattr(os, "open", read_only)
     monkeypatch.setattr(os, "unlink", refuse)
-    words = {"view": ["view", archive, "--save"], "run": ["run", "marine", *SMALL, "-o"]}
     target = tmp_path / ("new.npz" if verb == "export" else "new")
-    assert "(Read-only file system)" in refused(capsys, *words.get(verb, [verb, archive, "-o"]), target)
+    assert "(Read-only file system)" in refused(capsys, *writing(verb, archive, target))
 
 
 @pytest.mark.parametrize("words", [["check", "marine"], ["chains"], ["--version"], ["check", "marine", "--json"]])
@@ -148,12 +149,9 @@ def test_faults_of_native_code_are_told():
 
 def written(path, run, change):
     """An archive that some other program made, whose parts are right but for what `change` does to the writer."""
-    from warpchain.archive.options import ArchiveOptions
-
     with pytest.MonkeyPatch.context() as patch:
         change(patch)
-        parts = Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False)
-        parts.finish(run.metrics, run.info)
+        parts.Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish(run.metrics, run.info)
     return path
 
 
@@ -177,8 +175,6 @@ def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, 
 
 @pytest.mark.parametrize("variants", ["0", "-1", "9" * 30, "x"])
 def test_wrong_numbers_of_variants(run, tmp_path, variants):
-    from warpchain.archive import mcap_write
-
     def change(patch):
         plain = mcap_write.McapFile.metadata
         other = lambda held: held | {"variants": variants} if "variants" in held else held  # noqa: E731
@@ -191,8 +187,6 @@ def test_wrong_numbers_of_variants(run, tmp_path, variants):
 
 @pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "mass mass")])
 def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
-    from warpchain.archive import mcap_write
-
     plain = mcap_write.McapFile.channel
     with pytest.MonkeyPatch.context() as patch:
         other = lambda *words: plain(*words[:-1], words[-1] | ({key: value} if words[-1] else {}))  # noqa: E731
@@ -204,8 +198,6 @@ def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
 
 def resealed(data, place, new):
     """A file with other bytes in its summary, whose checksum is right again."""
-    import zlib
-
     start = int.from_bytes(data[-28:-20], "little")
     damaged = bytearray(data)
     damaged[place : place + len(new)] = new
@@ -237,8 +229,6 @@ def test_every_number_of_a_summary_made_huge(run, archive, tmp_path):
 
 def test_a_damaged_table_of_metrics(run, tmp_path):
     """Where the attachment's checksum is right, the table may still be anything."""
-    from warpchain.archive import file_parts as parts
-
     plain, rng, told = parts._arrow_bytes(run.metrics), np.random.default_rng(6), 0
     for _ in range(150):
         data = bytearray(plain)
@@ -271,8 +261,6 @@ with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=option
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
 def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
     """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
-    from warpchain.archive import file_parts as parts
-
     subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
     data = (tmp_path / "bomb").read_bytes()
     assert len(data) < 2**22
@@ -285,8 +273,6 @@ def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_pa
 
 def test_columns_that_share_their_bytes_are_refused():
     """Thirty columns in the place of two: a small file of many more would keep its reader busy for long."""
-    from warpchain.archive.arrow import MAGIC, plain_table
-
     table = pa.table({f"c{k}": np.zeros(1000) for k in range(30)})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, table.schema) as file:
@@ -326,8 +312,6 @@ STUDIES = {
 
 @pytest.mark.parametrize("case", STUDIES)
 def test_study_files_that_make_no_sense(capsys, tmp_path, case):
-    import re
-
     source, (old, new, told) = write_study(tmp_path, points=2), STUDIES[case]
     assert old in source.read_text()
     text = source.read_text().replace(old, new, 1)
@@ -337,8 +321,7 @@ def test_study_files_that_make_no_sense(capsys, tmp_path, case):
         assert (status, err) == (1, [])  # no row is ok
         assert "4 infeasible" in out[0] or "2 infeasible" in out[0]
     else:
-        assert status == 2
-        assert all(line.startswith("warpchain: error: ") for line in err)
+        assert status == 2 and all(line.startswith("warpchain: error: ") for line in err)
         assert re.search(told, "\n".join(err))
 
 
@@ -431,7 +414,7 @@ def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
     text = dumps_drive(two_sprockets(duration=0.002, settle="false")).replace('"driver"', '"$x^{$"')
     (tmp_path / "d.toml").write_text(text)
-    status, _, err = command(capsys, "run", tmp_path / "d.toml", "-o", tmp_path / "a.mcap", "--quiet")
-    assert (status, err) == (0, [])
-    status, _, err = command(capsys, "plot", tmp_path / "a.mcap", "-o", tmp_path / "plots")
-    assert (status, err) == (0, [])
+    archive = tmp_path / "a.mcap"
+    for words in (["run", tmp_path / "d.toml", "-o", archive, "--quiet"], ["plot", archive, "-o", tmp_path / "plots"]):
+        status, _, err = command(capsys, *words)
+        assert (status, err) == (0, [])

@@ -100,9 +100,6 @@ def test_a_point_twice_is_told():
     assert caught.value.index == 2
 
 
-# ------------------------------------------------------------------------------------------------------------ files
-
-
 def marine_with(folder, guide):
     """The marine drive's file with another first guide; gravity and all else stay."""
     text = drive_path("marine").read_text()

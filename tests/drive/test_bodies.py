@@ -33,9 +33,6 @@ def blade():
     return loads_drive(BLADE)
 
 
-# ------------------------------------------------------------------------------------------------------ what follows
-
-
 def test_every_shape_reads_back_equal(values):
     for shape in ({"arcs": ARCS}, {"profile": [[0.0, 0.0], [0.1, 0.01], [0.2, 0.0]]}, {"points": [[0, 0], [0.1, 0]]}):
         values["guides"][0] = {"name": "blade"} | shape
@@ -164,8 +161,6 @@ def test_an_arm_lighter_about_its_pivot_than_its_mass_is_warned_of(values):
         Drive(**values)
 
 
-# ------------------------------------------------------------------------------------------------------ wrong values
-
 HYDRAULIC = 'needed with kind "hydraulic"'
 PUSHER = "tensioners.chain tensioner"
 APART, SHOWN = "not together with", "(Arc(center=(0.0, 0.0), radius=0.2, from=-90.0, to=0.0),"
@@ -277,16 +272,8 @@ ARC_RULES = wrong(  # the first draws the arcs apart, too
     ("guides/0/arcs/1/from", [None], "must be a finite number"),
 )
 ARC_RULES += [
-    (
-        "guides/0/arcs/1/center",
-        [0.45, 0.05],
-        f"{ARC}: begins 0.0707 m from {BEFORE}; it must begin there",
-    ),
-    (
-        "guides/0/arcs/1/from",
-        170.0,
-        f"{ARC}: turns by -10 degrees against {BEFORE}; both must head",
-    ),
+    ("guides/0/arcs/1/center", [0.45, 0.05], f"{ARC}: begins 0.0707 m from {BEFORE}; it must begin there"),
+    ("guides/0/arcs/1/from", 170.0, f"{ARC}: turns by -10 degrees against {BEFORE}; both must head"),
 ]
 
 

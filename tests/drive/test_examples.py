@@ -27,7 +27,7 @@ def test_names():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_loads_and_fits_without_warnings(name):
+def test_loads_fits_and_is_checked_without_warnings(name, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         drive = load(name)
@@ -39,10 +39,6 @@ def test_loads_and_fits_without_warnings(name):
     if drive.chain.breaking_load is not None:
         largest = max(strand["working_tension"] for strand in values["strands"])
         assert 0.01 < largest / drive.chain.breaking_load < 1 / 7  # a usual least safety factor
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_check_works(name, capsys):
     assert cli.main(["check", name]) == 0
     assert capsys.readouterr().err == ""
 

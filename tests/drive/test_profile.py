@@ -13,38 +13,32 @@ QUARTER = ((0, 0), 0.2, math.pi, math.pi / 2)
 EXACT = 1e-13  # [m, rad]: rounding of a few operations on numbers below 1
 
 
-def faces():
-    return {
-        "bar": straight((0.1, 0.2), (0.4, -0.1)),
-        "blade": rounded(BLADE, 0.25),
-        "bend": rounded([(0.0, 0.0), (0.3, 0.0), (0.5, 0.2), (0.9, 0.2)], 0.1),
-        "arcs": arcs([((0.0, 0.0), 0.2, math.pi, math.pi / 2), ((0.1, 0.5), 0.3, -math.pi / 2, 0.0)]),
-    }
+FACES = {
+    "bar": straight((0.1, 0.2), (0.4, -0.1)),
+    "blade": rounded(BLADE, 0.25),
+    "bend": rounded([(0.0, 0.0), (0.3, 0.0), (0.5, 0.2), (0.9, 0.2)], 0.1),
+    "arcs": arcs([((0.0, 0.0), 0.2, math.pi, math.pi / 2), ((0.1, 0.5), 0.3, -math.pi / 2, 0.0)]),
+}
 
 
-def profiles():
-    return [
-        pytest.param(make_profile(face, 0.02, side), id=f"{name}-{side}")
-        for name, face in faces().items()
-        for side in ("left", "right")
-    ]
+@pytest.fixture(params=[(name, side) for name in FACES for side in ("left", "right")], ids="-".join)
+def profile(request):
+    name, side = request.param
+    return make_profile(FACES[name], 0.02, side)
 
 
-@pytest.mark.parametrize("profile", profiles())
 def test_pieces_join_in_place_and_heading(profile):
     for a, b in pairwise(profile.pieces):
         assert math.dist(a.end, b.start) < EXACT
         assert abs(turn(b.heading - a.end_heading)) < EXACT
 
 
-@pytest.mark.parametrize("profile", profiles())
 def test_ends_are_convex_quarters(profile):
     for cap in (profile.pieces[0], profile.pieces[-1]):
         assert cap.curvature == pytest.approx(-1 / 0.02) and cap.length == pytest.approx(0.02 * math.pi / 2)
     assert profile.end_radius == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize("profile", profiles())
 def test_places_count_from_the_beginning_of_the_face(profile):
     assert profile.places[0] == -profile.pieces[0].length and profile.places[1] == 0.0
     assert profile.face_length == pytest.approx(sum(piece.length for piece in profile.face), rel=1e-15)
@@ -53,7 +47,6 @@ def test_places_count_from_the_beginning_of_the_face(profile):
         assert math.dist(point, piece.start) < EXACT and abs(turn(heading - piece.heading)) < EXACT
 
 
-@pytest.mark.parametrize("profile", profiles())
 def test_place_and_height_are_those_from_which_a_point_was_made(profile):
     """Below the smallest radius of curvature on the face every point has one foot: (a) and (b) find it."""
     for height in (-0.01, 1e-12, 0.004, 0.05):
@@ -90,7 +83,6 @@ def test_arcs_that_only_share_a_tangent_are_joined_by_a_straight_piece():
     assert between.length == pytest.approx(0.3) and last.end == pytest.approx((0.5, 0.0))
 
 
-@pytest.mark.parametrize("profile", profiles())
 def test_roller_centers_are_at_the_offset(profile):
     """The offset curve of an arc of radius R is one of R + offset (convex) or R - offset: its length follows."""
     offset, spacing = 0.004, 1e-4
@@ -121,11 +113,7 @@ def test_a_nearly_straight_piece_loses_nothing():
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3)], 0.4), 1, "need 0.4 m of the 0.3 m between points 1 and 2"),
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3), (2, 0.3)], 0.2), 2, "no room for radius 0.2"),
         (lambda: arcs([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, "begins 0.01 m from the end of the arc before"),
-        (
-            lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]),
-            1,
-            "turns by -5.73 degrees against the end",
-        ),
+        (lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]), 1, "turns by -5.73 degrees against the end of"),
     ],
     ids=["same", "short", "two corners", "apart", "kink"],
 )

@@ -49,8 +49,7 @@ def test_a_share_of_rows_that_were_looked_at_has_its_interval():
 
 
 def test_the_cost_is_about_what_the_study_takes(tmp_path):
-    source = write_study(tmp_path, points=8, shard=100)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.5"))
+    source = write_study(tmp_path, points=8, shard=100, text=STUDY.replace("duration = 0.0005", "duration = 0.5"))
     begin = time.perf_counter()
     plan = plan_study(source, workers=1)
     planned = time.perf_counter() - begin

@@ -3,12 +3,12 @@
 import numpy as np
 import pyarrow as pa
 import pytest
+from command import run as command
 from drives import two_sprockets
 from loading import load_script
 from PIL import Image
 
 from warpchain import Record, simulate, write_archive
-from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
@@ -93,16 +93,13 @@ def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys)
     assert "driven.transmission_error_rms" in more.metrics
     assert more.unit("damage_per_hour_max") == "1/h"
     export_table(results.table, folder / "results.parquet")
-    command = ["study", "report", str(folder), "-o", str(tmp_path / "r.html"), "--factor", "torque"]
     table = tmp_path / "t.parquet"
-    metric = ["--metric", "tension_max", "--table", str(table)]
-    assert main([*command, *metric, "--fatigue", "5,1e4,1e6"]) == 0
+    words = ["study", "report", folder, "-o", tmp_path / "r.html", "--factor", "torque", "--fatigue"]
+    assert command(capsys, *words, "5,1e4,1e6", "--metric", "tension_max", "--table", table)[0] == 0
     assert read_results(table, ["torque"]).table["damage_per_hour_max"].to_pylist() == column
-    with pytest.raises(SystemExit):
-        main([*command, "--fatigue", "5"])
-    assert "must be three numbers" in capsys.readouterr().err
-    assert main([*command, "--fatigue", "0,1e4,1e6"]) == 2
-    assert "fatigue.exponent" in capsys.readouterr().err
+    for wrong, told in (("5", "must be three numbers"), ("0,1e4,1e6", "fatigue.exponent")):
+        status, _, err = command(capsys, *words, wrong)
+        assert status == 2 and told in err[0]
 
 
 def test_recording_is_whole_and_alone(study, tmp_path):
@@ -120,11 +117,11 @@ def test_recording_is_whole_and_alone(study, tmp_path):
 def test_command_saves_a_recording(study, tmp_path, capsys):
     results, folder = study
     export_table(results.table, folder / "results.parquet")
-    save, factors = tmp_path / "s.rrd", ["--factor", "torque"]
-    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "3", *factors]) == 0
-    assert save.stat().st_size > 100_000
-    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "2", *factors]) == 2
-    assert "variant 2 was not recorded" in capsys.readouterr().err
+    words = ["study", "view", folder, "--save", tmp_path / "s.rrd", "--factor", "torque", "--variant"]
+    assert command(capsys, *words, "3")[0] == 0
+    assert (tmp_path / "s.rrd").stat().st_size > 100_000
+    status, _, err = command(capsys, *words, "2")
+    assert status == 2 and "variant 2 was not recorded" in err[0]
 
 
 @pytest.mark.viewer

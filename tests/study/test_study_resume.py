@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from stopping import Killed, interruptions, killed_at_file_operation
-from study_helpers import write_study
+from study_helpers import STUDY, write_study
 from waiting import wait_for
 
 from warpchain import cli
@@ -72,8 +72,7 @@ def command(source, out):
 
 
 def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
-    source = write_study(tmp_path, SLOW, points=16)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.02"))
+    source = write_study(tmp_path, SLOW, points=16, text=STUDY.replace("duration = 0.0005", "duration = 0.02"))
     out = tmp_path / "killed"
     for shards in (1, 6):
         process = subprocess.Popen(command(source, out), stderr=subprocess.PIPE)
@@ -90,8 +89,8 @@ def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
 
 
 def test_ctrl_c_keeps_what_is_done(tmp_path):
-    source, out = write_study(tmp_path, points=16), tmp_path / "out"
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.3"))
+    out = tmp_path / "out"
+    source = write_study(tmp_path, points=16, text=STUDY.replace("duration = 0.0005", "duration = 0.3"))
     process = subprocess.Popen(command(source, out), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: shards_done(out) >= 1 or process.poll() is not None)
     process.send_signal(signal.SIGINT)
@@ -166,8 +165,7 @@ def test_a_dask_cluster_that_loses_a_worker_comes_to_the_same_bytes(tmp_path, mo
     distributed = pytest.importorskip("distributed")
     root = Path(cli.__file__).parents[1]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")]))
-    source = write_study(tmp_path, SLOW, points=16)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.02"))
+    source = write_study(tmp_path, SLOW, points=16, text=STUDY.replace("duration = 0.0005", "duration = 0.02"))
     out = tmp_path / "out"
     settings = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as client:

@@ -219,8 +219,7 @@ def test_the_documented_study_is_one_that_can_be_run(tmp_path):
 
 
 def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
-    source = write_study(tmp_path, RECORD)
-    source.write_text(source.read_text().replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
+    source = write_study(tmp_path, RECORD, text=STUDY.replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
     status, out, err = run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
     assert (status, err) == (1, []) and out == [
         "6 of 6 shards are done; variants: 0 ok, 0 suspect, 0 diverged, 12 infeasible",
@@ -371,8 +370,7 @@ def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
 def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
     """Of the file alone, of what the drive lacks, and of metrics that there are not."""
     more = '[[factors]]\nname = "y"\npath = "sprockets.s9.teeth"\nlevels = [1, 2]\n[metrics]\nkeep = ["tensoin"]\n'
-    source = write_study(tmp_path, more)
-    source.write_text(source.read_text().replace("step = 1e-5", 'step = "fast"'))
+    source = write_study(tmp_path, more, text=STUDY.replace("step = 1e-5", 'step = "fast"'))
     status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
     assert status == 2
     for line, words in zip(err, ("run.step", "factors.y.path", "metrics.keep.0"), strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from study_helpers import write_study
+from study_helpers import STUDY, write_study
 
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import WholeFile
@@ -99,8 +99,8 @@ def test_a_copied_archive_of_a_shard_is_told(folder):
 
 @pytest.mark.parametrize("name", ["00000.mcap", "00001.parquet"])
 def test_an_archive_or_a_shard_of_another_study_is_told(folder, tmp_path, name):
-    source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
+    shorter = STUDY.replace("duration = 0.0005", "duration = 0.0004")
+    source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3, text=shorter)
     run_study(source, tmp_path / "other" / "out")
     shutil.copy(tmp_path / "other" / "out" / "shards" / name, folder / "shards" / name)
     with pytest.raises(StudyError, match="or of another study"):

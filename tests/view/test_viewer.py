@@ -96,6 +96,12 @@ def listening(port):
     return [line[1].split(":")[0] for line in lines if line[3] == "0A" and int(line[1].split(":")[1], 16) == port]
 
 
+def served(server):
+    """The address that a server of the web viewer prints, and its two ports."""
+    url = server.stdout.readline().strip()
+    return url, int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
+
+
 @pytest.mark.viewer
 @pytest.mark.skipif(render.no_browser() is not None, reason=str(render.no_browser()))
 def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, tmp_path):
@@ -103,9 +109,8 @@ def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, t
     command = [sys.executable, "-m", "warpchain", "view", str(archive), "--web"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            url = server.stdout.readline().strip()
+            url, page, data = served(server)
             assert url.startswith("http://127.0.0.1:")
-            page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
             assert listening(page) == listening(data) == ["0100007F"]
             render.web_screenshot(url, tmp_path / "a.png", lambda picture: is_chain(*path_seen(picture, run[0])))
         finally:
@@ -121,8 +126,7 @@ def test_the_web_viewer_ends_with_the_process_that_serves_it(tmp_path, end):
     run = simulate(two_sprockets(duration=0.001, settle="false"))
     command = [sys.executable, "-m", "warpchain", "view", str(write_archive(run, tmp_path / "a.mcap")), "--web"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        url = server.stdout.readline().strip()
-        page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
+        _, page, data = served(server)
         assert listening(page) and listening(data)
         server.send_signal(end)
         assert server.wait(20) == -end
