@@ -83,8 +83,7 @@ def test_a_time_range_touches_only_its_chunks(archive, run, chunks_read):
 def test_blocks_are_views_of_the_chunks(archive, run):
     back, at = read_archive(archive), 0
     for block in back.blocks(0):
-        assert not block.position.flags.owndata
-        assert not block.position.flags.writeable
+        assert not block.position.flags.owndata and not block.position.flags.writeable
         np.testing.assert_array_equal(block.position, run[0].position[at : at + len(block.time)])
         base = block.position
         while isinstance(base.base, np.ndarray):

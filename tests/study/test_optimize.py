@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from command import run
 from stopping import interruptions
 from study_helpers import STUDY, write_study
 from waiting import wait_for
@@ -239,8 +240,8 @@ def test_found_designs_can_be_played_and_are_drives(whole):
         assert drive.get_value("sprockets.s1.load.torque") == row["torque"]
         archive, number = place
         assert number == one.variant
-        run = warpchain.read_archive(archive)
-        again = run.metrics["tension_max"][run.row_of(number)].as_py()  # the same drive, the same run
+        kept = warpchain.read_archive(archive)
+        again = kept.metrics["tension_max"][kept.row_of(number)].as_py()  # the same drive, the same run
         assert again == row["tension_max"]
         assert one.measured["tension_max"] == row["tension_max"]
         mean, deviation = one.believed["tension_max"]
@@ -289,24 +290,23 @@ def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
         ('"bayes"', '"luck"', 'must be "bayes" or "population"'),
     ):
         path.write_text(good.replace(old, new))
-        assert main(["optimize", str(path), "-o", str(tmp_path / "out")]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert told in line
+        status, _, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+        assert (status, len(err)) == (2, 1) and told in err[0]
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_of_another_search_is_refused(tmp_path, whole, capsys):
     path = written(tmp_path)
     path.write_text(path.read_text().replace("20.0]", "21.0]"))
-    assert main(["optimize", str(path), "-o", str(whole["bayes"][0])]) == 2
-    assert "another study, which differs in factors" in capsys.readouterr().err
+    status, _, err = run(capsys, "optimize", path, "-o", whole["bayes"][0])
+    assert status == 2 and "another study, which differs in factors" in err[0]
 
 
 def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
     folder, found = whole["population"]
-    assert main(["optimize", str(folder.parent / "study.toml"), "-o", str(folder)]) == 0
-    out = capsys.readouterr().out
-    assert "10 variants in 3 rounds" in out
+    status, lines, _ = run(capsys, "optimize", folder.parent / "study.toml", "-o", folder)
+    out = "\n".join(lines)
+    assert status == 0 and "10 variants in 3 rounds" in out
     assert f"play it: warpchain view {found.archives[0][0]} --variant {found.recommended[0].variant}" in out
     assert "±" in out and "torque = " in out
     assert Path(found.drives[0]).is_file()
@@ -314,18 +314,18 @@ def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
 
 def test_any_variant_can_be_played(whole, tmp_path, capsys):
     folder, found = whole["bayes"]
-    saved = tmp_path / "v.rrd"
-    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
-    archive = folder / "played" / "variant-000003.mcap"
-    assert str(archive) in capsys.readouterr().out and saved.stat().st_size > 1000
+    saved, archive = tmp_path / "v.rrd", folder / "played" / "variant-000003.mcap"
+    words = ["--save", saved, "--quiet"]
+    status, out, _ = run(capsys, "study", "play", folder, "3", *words)
+    assert status == 0 and str(archive) in "\n".join(out) and saved.stat().st_size > 1000
     row = found.results.table.slice(3, 1).to_pylist()[0]
     played = warpchain.read_archive(archive)
     assert played.metrics["tension_max"][0].as_py() == row["tension_max"] and list(played) == [3]
     when = archive.stat().st_mtime_ns
-    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
+    assert run(capsys, "study", "play", folder, "3", *words)[0] == 0
     assert archive.stat().st_mtime_ns == when  # not run again
-    assert main(["study", "play", str(folder), "99", "--save", str(saved)]) == 2
-    assert "variant 99: not in" in capsys.readouterr().err
+    status, _, err = run(capsys, "study", "play", folder, "99", *words)
+    assert status == 2 and "variant 99: not in" in err[0]
     archive.unlink()
     archive.parent.rmdir()
 

@@ -22,7 +22,7 @@ from warpchain.drive import load_drive
 from warpchain.engine import simulation
 from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.results.fatigue import Woehler
-from warpchain.results.metric_columns import column_of, metric_names
+from warpchain.results.metric_columns import column_of
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.results import BOOKKEEPING, read_results
 from warpchain.study.run import merge_study, run_study, study_status
@@ -262,14 +262,6 @@ def test_a_folder_belongs_to_one_study(tmp_path):
         study_status(out)
     with pytest.raises(StudyError, match="nothing: not a study's folder"):
         study_status(tmp_path / "nothing")
-
-
-def test_metric_names_are_those_of_simulate():
-    run = simulate(tiny_drive(), duration=0.01, step=5e-6, record=Record("none"))  # enough steps for batches
-    others = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end")
-    names = metric_names(tiny_drive())
-    names.remove("efficiency")  # without load the driver is driven as much as it drives
-    assert names == [name for name in run.metrics.column_names if name not in others]
 
 
 def study_of(seconds):

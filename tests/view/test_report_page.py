@@ -6,13 +6,13 @@ import subprocess
 
 import numpy as np
 import pytest
+from command import run as command
 from drives import two_sprockets
 from PIL import Image
 from view.html_page import Page
 
 import warpchain
 from warpchain import Record, Wear, simulate
-from warpchain.cli import main
 from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
@@ -95,8 +95,8 @@ def test_wear_of_a_chain_that_goes_around_two_sprockets(run):
 def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
     warpchain.write_archive(run, tmp_path / "run.mcap")
     words = ["--title", "My <drive>", "--wear-coefficient", "1e-15", "--bearing-area", "1e-4"]
-    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 0
-    assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
+    done = command(capsys, "report", tmp_path / "run.mcap", "-o", tmp_path / "a.html", *words)
+    assert done == (0, [str(tmp_path / "a.html")], [])
     assert "<h1>My &lt;drive&gt;</h1>" in page
     assert (tmp_path / "a.html").read_text() == page  # of the archive as of the run
 
@@ -111,8 +111,8 @@ def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
 )
 def test_mistakes_take_a_line(run, tmp_path, capsys, words, line):
     warpchain.write_archive(run, tmp_path / "run.mcap")
-    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 2
-    assert capsys.readouterr().err == f"warpchain: error: {line}\n"
+    done = command(capsys, "report", tmp_path / "run.mcap", "-o", tmp_path / "a.html", *words)
+    assert done == (2, [], [f"warpchain: error: {line}"])
     assert not (tmp_path / "a.html").exists()
 
 

@@ -1,5 +1,6 @@
 """Playback as a person sees it: screenshots of the headless Rerun viewer and of the web viewer in headless Chromium."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -131,3 +132,44 @@ def test_the_web_viewer_ends_with_the_process_that_serves_it(tmp_path, end):
         server.send_signal(end)
         assert server.wait(20) == -end
     wait_for(lambda: not listening(page) and not listening(data), 20.0)
+
+
+def colored(picture):
+    """Columns and rows of the colored pixels of the 3D view, which is at the upper left."""
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    height, width, _ = pixels.shape
+    view = pixels[int(0.06 * height) : int(0.39 * height), int(0.12 * width) : int(0.46 * width)]
+    rows, columns = np.nonzero(np.ptp(view, axis=2) > 60)
+    return {*zip(columns.tolist(), rows.tolist(), strict=True)}
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+def test_an_archive_opened_with_no_set_up_shows_moving_colored_rollers(tmp_path, monkeypatch):
+    from rerun.experimental import ViewerClient
+
+    archive = tmp_path / "marine.mcap"
+    simulate(load_drive(drive_path("marine")).with_values({"run.settle": False}), duration=0.1, archive=archive)
+    if render.SOFTWARE.exists():
+        monkeypatch.setenv("VK_ICD_FILENAMES", str(render.SOFTWARE))
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    seen = []
+    with ViewerClient.spawn(headless=True, port=9897, hide_welcome_screen=True, detach_process=False) as viewer:
+        viewer.open(str(archive))
+
+        def shows(seconds):
+            """The view at a time, once two pictures in turn are alike and colored, and not those of another time."""
+            viewer.set_time("message_log_time", duration=seconds, play_state="paused")
+            viewer.save_screenshot(str(tmp_path / "now.png"))
+            pixels.append(colored(tmp_path / "now.png"))
+            return len(pixels) > 1 and len(pixels[-1]) > 300 and pixels[-1] == pixels[-2] and pixels[-1] not in seen
+
+        for seconds in (0.0, 0.005):  # in 5 ms the chain travels half a pitch
+            pixels = []
+            wait_for(lambda at=seconds: shows(at))
+            seen.append(pixels[-1])
+    columns, rows = np.array(list(seen[0])).T
+    assert len(columns) > 300
+    assert np.ptp(columns) > 80
+    assert np.ptp(rows) > 60
+    assert len(seen[0] ^ seen[1]) > 100  # other pixels half a pitch later
