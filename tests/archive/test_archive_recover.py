@@ -1,4 +1,4 @@
-"""What is left of a cut archive: whole chunks come back bitwise, nothing is made up, and nothing is silently empty."""
+"""Recovery of cut archives: whole chunks come back bitwise, nothing is made up, and nothing is silently empty."""
 
 import os
 import signal

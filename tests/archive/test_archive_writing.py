@@ -1,4 +1,4 @@
-"""How archives are written: threads, splits, precision of the values."""
+"""Writing of archives: threads, splits, precision of the values."""
 
 import os
 import signal

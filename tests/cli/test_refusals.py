@@ -1,4 +1,4 @@
-"""What users get wrong, machines refuse and attackers try, on the command line: one line, exit status 2, at once."""
+"""Mistakes of users, refusals of machines and attacks, on the command line: one line, exit status 2, at once."""
 
 import datetime
 import os
@@ -386,13 +386,14 @@ def with_table(tmp_path, table):
 
 
 def test_a_table_of_a_drive_is_read(capsys, tmp_path):
-    """What the tables below differ from by one cell."""
+    """The tables below differ from it by one cell."""
     status, _, err = command(capsys, "check", with_table(tmp_path, b"time,speed\n0,1\n1,2\n"))
     assert (status, err) == (0, [])
 
 
+DIGITS = "row 3: is not CSV (field larger than field limit"
 SPEEDS = {
-    "131,073 digits": (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field l"),
+    "131,073 digits": (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", DIGITS),
     "400 digits": (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
     "head": (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
     "zero byte": (b"time,speed\n0,1\n1,2\0\n", "row 3: "),

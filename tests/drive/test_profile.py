@@ -14,7 +14,7 @@ from warpchain.drive.face_profile import Piece, Profile, ProfileError, arcs, mak
 from warpchain.errors import DriveError
 
 BLADE = [(0.10, 0.30), (0.13, 0.22), (0.12, 0.12)]
-QUARTER = ((0, 0), 0.2, math.pi, math.pi / 2)
+BEFORE, QUARTER = "the end of the arc before", ((0, 0), 0.2, math.pi, math.pi / 2)
 EXACT = 1e-13  # [m, rad]: rounding of a few operations on numbers below 1
 
 
@@ -117,8 +117,8 @@ def test_a_nearly_straight_piece_loses_nothing():
         (lambda: rounded([(0, 0), (1, 0), (1, 0)], 0.1), 2, "another point than the one before"),
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3)], 0.4), 1, "need 0.4 m of the 0.3 m between points 1 and 2"),
         (lambda: rounded([(0, 0), (1, 0), (1, 0.3), (2, 0.3)], 0.2), 2, "no room for radius 0.2"),
-        (lambda: arcs([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, "begins 0.01 m from the end of the arc before"),
-        (lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]), 1, "turns by -5.73 degrees against the end of"),
+        (lambda: arcs([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, f"begins 0.01 m from {BEFORE}"),
+        (lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]), 1, f"turns by -5.73 degrees against {BEFORE}"),
     ],
     ids=["same", "short", "two corners", "apart", "kink"],
 )

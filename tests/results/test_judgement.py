@@ -1,4 +1,4 @@
-"""What variants are judged to be: every limit by made-up metrics, as a caller sets it, and the line that tells."""
+"""Judgement of variants: every limit by made-up metrics, as a caller sets it, and the line that tells."""
 
 import math
 import time

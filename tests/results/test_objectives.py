@@ -19,7 +19,7 @@ DRIVE = two_sprockets(mass=1.5)
 
 
 def design_row(metrics):
-    """What one variant is judged by, from its other metrics."""
+    """The objectives of one variant, from its other metrics."""
     columns = design_columns([DRIVE], {name: np.ma.array([value]) for name, value in metrics.items()})
     return {name: column[0] for name, column in columns.items() if not np.ma.getmaskarray(column)[0]}
 

@@ -147,7 +147,7 @@ def written(folder, engine="bayes"):
 
 
 def contents(folder):
-    """What a search decides: the tables' rows and the drive files."""
+    """The outcome of a search: the tables' rows and the drive files."""
     found = {p.relative_to(folder): read_table(p) for p in sorted(folder.rglob("*.parquet"))}
     return found | {p.relative_to(folder): p.read_text() for p in sorted(folder.rglob("design-*.toml"))}
 

@@ -76,7 +76,7 @@ def test_what_is_no_arithmetic_is_refused(text):
 
 @pytest.mark.parametrize("sign", ["-", "not ", "n+", "abs("])
 def test_however_deep_it_is_it_has_a_value_or_none(sign):
-    """What parses may be asked for its value from anywhere, and Python's stack is no place to fall from."""
+    """An expression may be asked for its value from anywhere, and Python's stack is no place to fall from."""
     told = 0
     for count in range(10, 990, 35):
         text = count * sign + "n" + count * ")" * (sign == "abs(")

@@ -344,7 +344,7 @@ def test_mistakes_get_one_line(tmp_path, monkeypatch, capsys, words, text):
 
 
 def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
-    """What the table says is what the archived trajectory gives; variants that were not recorded have none."""
+    """The table says of each variant what its archived trajectory gives; variants that were not recorded have none."""
     more = "[record]\nevery = 3\nrate = 5e4\n[fatigue]\nexponent = 5\nrange = 100\n"
     run_study(write_study(tmp_path, more, points=2), tmp_path / "out")
     results = read_results(table_of(tmp_path / "out"))

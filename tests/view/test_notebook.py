@@ -1,4 +1,4 @@
-"""What notebooks show, and the tutorial notebook run from its first cell to its last."""
+"""Pictures and tables in notebooks, and the tutorial notebook run from its first cell to its last."""
 
 import xml.etree.ElementTree as xml
 from pathlib import Path

@@ -41,7 +41,7 @@ def on_scale(picture, right):
 
 
 def path_seen(picture, trajectory, right=0.39):
-    """How well the colored pixels are the chain: (share of rollers found, how unlike the scales of x and y are).
+    """Likeness of the colored pixels to the chain: (share of rollers found, how unlike the scales of x and y are).
 
     The colored pixels' bounding box is laid on that of the rollers, y up; then each roller's place must be colored.
     """
