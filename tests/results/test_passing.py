@@ -178,13 +178,11 @@ def test_share_below_is_the_inverse_of_the_quantile():
 
 
 def test_probes_in_a_drive_file():
-    values = marine_values()
-    values["probes"] = [{"name": "mid", "at": [1.0, 2.0]}, {"name": "low", "at": [1.0, 0.0], "radius": 0.2}]
-    drive = Drive(**values)
+    probes = [{"name": "mid", "at": [1.0, 2.0]}, {"name": "low", "at": [1.0, 0.0], "radius": 0.2}]
+    drive = Drive(**marine_values() | {"probes": probes})
     assert [probe.radius for probe in drive.probes] == [None, 0.2]
     assert loads_drive(dumps_drive(drive)) == drive
-    moved = drive.with_values({"probes.low.at": [0.5, 0.0]})
-    assert moved.probes[1].at == (0.5, 0.0)
+    assert drive.with_values({"probes.low.at": [0.5, 0.0]}).probes[1].at == (0.5, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -23,38 +23,14 @@ run = { duration = 0.01, step = 1e-5, precision = "float32", device = "cpu", win
 metrics = { keep = ["tension_*", "camshaft.*"] }
 fatigue = { exponent = 5.0, range = 2e4, cycles = 2e6 }
 
-[[factors]]
-name = "torque"
-path = "sprockets.camshaft.load.torque"
-range = [6e3, 12e3]
-unit = "N m"
-
-[[factors]]
-name = "stiffness"
-paths = ["chain.stiffness", "contact.sprocket.width"]
-distribution = "truncated-normal"
-mean = 1.5e9
-std = 1e8
-range = [1e9, 2e9]
-group = "material"
-
-[[factors]]
-name = "seats"
-path = "contact.sprocket.seat_angle"
-levels = [130, 135.5]
-group = "material"
-
-[[factors]]
-name = "wrap"
-path = "sprockets.tightener.wrap"
-choice = ["cw", "ccw"]
-
-[[factors]]
-name = "viscous"
-path = "sprockets.camshaft.load.viscous"
-expression = "torque / 100"
-integer = true
-
+factors = [
+  { name = "torque", path = "sprockets.camshaft.load.torque", range = [6e3, 12e3], unit = "N m" },
+  { name = "stiffness", paths = ["chain.stiffness", "contact.sprocket.width"], distribution = "truncated-normal", \
+    mean = 1.5e9, std = 1e8, range = [1e9, 2e9], group = "material" },
+  { name = "seats", path = "contact.sprocket.seat_angle", levels = [130, 135.5], group = "material" },
+  { name = "wrap", path = "sprockets.tightener.wrap", choice = ["cw", "ccw"] },
+  { name = "viscous", path = "sprockets.camshaft.load.viscous", expression = "torque / 100", integer = true },
+]
 [record]
 variants = [0, 3]
 every = 4
