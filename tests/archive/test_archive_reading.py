@@ -27,15 +27,11 @@ def run():
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])
 def archive(request, run, tmp_path_factory):
-    from warpchain.archive import writer as archive
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(archive, "CHUNK", 2**16)
     split = request.param == "split"
     options = ArchiveOptions(split_size=100_000) if split else ArchiveOptions(compression=request.param)
-    path = write_archive(run, tmp_path_factory.mktemp("read") / "a.mcap", options=options)
-    patch.undo()
-    return path
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+        return write_archive(run, tmp_path_factory.mktemp("read") / "a.mcap", options=options)
 
 
 @pytest.fixture
@@ -87,8 +83,7 @@ def test_a_time_range_touches_only_its_chunks(archive, run, chunks_read):
 def test_blocks_are_views_of_the_chunks(archive, run):
     back, at = read_archive(archive), 0
     for block in back.blocks(0):
-        assert not block.position.flags.owndata
-        assert not block.position.flags.writeable
+        assert not block.position.flags.owndata and not block.position.flags.writeable
         np.testing.assert_array_equal(block.position, run[0].position[at : at + len(block.time)])
         base = block.position
         while isinstance(base.base, np.ndarray):
@@ -112,12 +107,10 @@ def test_chunks_that_another_program_wrote_anew_are_read_too(run, tmp_path):
                 continue  # topics that only viewers ask for may be left out
             if channel.id not in numbers:
                 kind = writer.register_schema(schema.name, schema.encoding, schema.data)
-                numbers[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, kind, channel.metadata
-                )
-            writer.add_message(
-                numbers[channel.id], message.log_time, message.data, message.publish_time, message.sequence
-            )
+                told = (channel.topic, channel.message_encoding, kind, channel.metadata)
+                numbers[channel.id] = writer.register_channel(*told)
+            held = (message.log_time, message.data, message.publish_time, message.sequence)
+            writer.add_message(numbers[channel.id], *held)
         for attachment in reader.iter_attachments():
             writer.add_attachment(0, 0, attachment.name, attachment.media_type, attachment.data)
         for record in reader.iter_metadata():

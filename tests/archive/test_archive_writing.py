@@ -1,4 +1,4 @@
-"""How archives are written: threads, splits, precision of the values."""
+"""Writing of archives: threads, splits, precision of the values, numbers that variants have in studies."""
 
 import os
 import signal
@@ -8,15 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from archives import assert_same
+from command import run as command
 from drives import two_sprockets
+from mcap.reader import make_reader
 from rerun_check import rerun_accepts
+from study_helpers import tiny_drive
 from waiting import wait_for
 
-from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write_archive
+from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
 from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.engineering_report import handed_in
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +131,8 @@ def test_a_split_set_opens_as_one(run, tmp_path, small_chunks, options, files, s
         assert list(back.files) == parts
         assert_same(run, back)
     assert rerun_accepts(parts[-1])
+    with pytest.raises(ArchiveError, match=r"part0000\.mcap: exists already"):
+        write_archive(run, path, options=options)
 
 
 def test_a_set_with_a_part_missing_or_foreign_is_told(run, tmp_path):
@@ -143,18 +149,6 @@ def test_a_set_with_a_part_missing_or_foreign_is_told(run, tmp_path):
     (tmp_path / "other.part0002.mcap").unlink()
     with pytest.raises(ArchiveError, match="has no end"):
         read_archive(other)
-
-
-def test_overwriting_a_set_leaves_nothing_of_it(run, tmp_path):
-    path = write_archive(run, tmp_path / "set.mcap", options=ArchiveOptions(split_variants=1))
-    with pytest.raises(ArchiveError, match=r"part0000\.mcap: exists already"):
-        write_archive(run, path)
-    write_archive(run, path, overwrite=True, options=ArchiveOptions(split_variants=3))
-    assert len(list(tmp_path.iterdir())) == 2
-    assert_same(run, read_archive(path))
-    write_archive(run, path, overwrite=True)
-    assert list(tmp_path.iterdir()) == [path]
-    assert_same(run, read_archive(path))
 
 
 def dying(path, run, options, operation):
@@ -262,20 +256,76 @@ def test_refusals_of_the_options(values, line):
 
 
 def test_options_of_the_command_line(capsys, tmp_path):
-    words = ["run", "marine", "-o", str(tmp_path / "m.mcap"), "--duration", "0.004", "--rate", "1e5", "--quiet"]
+    words = ["run", "marine", "-o", tmp_path / "m.mcap", "--duration", "0.004", "--rate", "1e5", "--quiet"]
     words += ["--set", "run.settle=false", "--compression", "lz4", "--values", "float32", "--split-size", "0.5"]
-    assert cli.main(words) == 0
+    assert command(capsys, *words)[0] == 0
     back = read_archive(tmp_path / "m.mcap")
     assert len(back.files) > 1
     assert back[0].tension.dtype == np.float32
-    assert cli.main([*words, "--exact-positions"]) == 2
-    assert "exists already" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        cli.main([*words, "--split-size", "-1"])
-    assert "above 0 (MiB)" in capsys.readouterr().err
+    for more, told in ((["--exact-positions"], "exists already"), (["--split-size", "-1"], "above 0 (MiB)")):
+        status, _, err = command(capsys, *words, *more)
+        assert status == 2 and told in err[0]
 
 
-def test_an_archive_is_read_while_another_variant_is_asked_for_that_is_not_there(run, tmp_path):
-    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
-    with pytest.raises(SimulationError, match="variant 2 was not recorded"):
-        back.read(2)
+NUMBERS = (40, 7, 123456)
+DRIVES = [tiny_drive().with_values({"sprockets.s1.load.torque": torque}) for torque in (0.1, 0.2, 0.3)]
+RECORD = Record((0, 2), rate=1e5)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """The first and the last of three variants, in an archive that was written while the run went on."""
+    path = tmp_path / "numbered.mcap"
+    options = ArchiveOptions(numbers=NUMBERS)
+    run = simulate(DRIVES, duration=5e-4, step=1e-5, record=RECORD, archive=path, archive_options=options)
+    assert list(run) == [40, 123456]
+    return path
+
+
+def test_topics_drives_metrics_and_trajectories_have_the_numbers(path):
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        named = {channel.topic for channel in reader.get_summary().channels.values()}
+        attached = {attachment.name for attachment in reader.iter_attachments()}
+    assert {topic.split("/")[2] for topic in named} == {"00040", "123456"}
+    assert {"drives/00040.toml", "drives/00007.toml", "drives/123456.toml"} <= attached
+    archive = read_archive(path)
+    plain = simulate(DRIVES, duration=5e-4, step=1e-5, record=RECORD)
+    assert list(archive) == [40, 123456] and tuple(archive.numbers) == NUMBERS
+    assert archive.metrics["variant"].to_pylist() == list(NUMBERS)
+    assert [archive.row_of(v) for v in NUMBERS] == [0, 1, 2] and list(plain.numbers) == [0, 1, 2]
+    assert archive.drives == plain.drives == tuple(DRIVES)
+    for number, v in ((40, 0), (123456, 2)):
+        assert archive[number].drive == DRIVES[v]
+        np.testing.assert_array_equal(archive[number].position, plain[v].position)
+        assert archive.read(number, channels=["tension"]).tension.shape == plain[v].tension.shape
+        assert handed_in(archive, number).metrics() == handed_in(plain, v).metrics()
+    with pytest.raises(SimulationError, match=r"variant 7 was not recorded \(recorded: 40, 123456\)"):
+        archive[7]
+
+
+def test_they_are_kept_when_it_is_written_again_and_recovered(path, tmp_path):
+    archive = read_archive(path)
+    assert_same(read_archive(write_archive(archive, tmp_path / "again.mcap")), archive)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-300])
+    recover_archive(cut, tmp_path / "whole.mcap")
+    whole = read_archive(tmp_path / "whole.mcap")
+    assert list(whole) == [40, 123456] and tuple(whole.numbers) == NUMBERS
+    assert whole.metrics["variant"].to_pylist() == list(NUMBERS)
+    np.testing.assert_array_equal(whole[123456].position, archive[123456].position)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "line"),
+    [
+        ((1, 1, 2), "allowed are different whole numbers"),
+        ((0, -1, 2), "allowed are different"),
+        ((5, 6), "there are 2 for 3"),
+    ],
+)
+def test_numbers_that_do_not_fit_are_refused(tmp_path, numbers, line):
+    with pytest.raises(ArchiveError, match=f"numbers: {line}"):
+        options = ArchiveOptions(numbers=numbers)
+        simulate(DRIVES, duration=5e-4, step=1e-5, record=RECORD, archive=tmp_path / "a.mcap", archive_options=options)
+    assert not list(tmp_path.glob("*.mcap"))

@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from command import run as command
 from drives import two_sprockets
+from pyarrow.csv import read_csv
 from scipy.io import loadmat
 
 from warpchain import Record, simulate, write_archive
@@ -82,3 +83,14 @@ def test_refusals(archive, tmp_path, capsys):
         export(archive, tmp_path / "a.csv", variant=0)
     assert command(capsys, "export", archive, "-o", tmp_path / "a")[0] == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_metrics_come_as_a_table_and_endings_are_held_to(run, archive, tmp_path, capsys):
+    for ending, read in ((".csv", read_csv), (".parquet", pq.read_table)):
+        status, out, _ = command(capsys, "export", archive, "--metrics", "-o", tmp_path / f"m{ending}")
+        assert (status, out) == (0, [str(tmp_path / f"m{ending}")])
+        assert read(tmp_path / f"m{ending}")["tension_max"].to_pylist() == run.metrics["tension_max"].to_pylist()
+    for words in (("-o", tmp_path / "x.xlsx"), ("--metrics", "-o", tmp_path / "x.npz")):
+        status, _, err = command(capsys, "export", archive, *words)
+        assert status == 2 and len(err) == 1 and ".csv" in err[0] and ".parquet" in err[0]
+    assert not list(tmp_path.glob("x.*"))

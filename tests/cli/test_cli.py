@@ -16,21 +16,14 @@ from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _status_lines
 from warpchain.drive.examples import drive_path
 
+RUN = ["run", "marine", "-o", "x.mcap"]
+
 
 def test_check_prints_the_drive(capsys):
     status, out, err = run(capsys, "check", "marine")
     assert (status, err) == (0, [])
-    text = "\n".join(out)
-    for word in (
-        "162 links",
-        "once seated",
-        "crankshaft",
-        "1.03744 m",
-        "tight strand",
-        "limit 2.833e-05 s",
-        "86.45 Hz",
-    ):
-        assert word in text
+    told = ["162 links", "once seated", "crankshaft", "1.03744 m", "tight strand", "limit 2.833e-05 s", "86.45 Hz"]
+    assert not [words for words in told if words not in "\n".join(out)]
 
 
 def test_check_as_json_in_si(capsys):
@@ -73,17 +66,14 @@ def test_strand_frequency_is_the_closed_form():
         (["check", "marine", "--set", "chain.links"], "--set chain.links: must be PATH=VALUE"),
         (["check", "marine", "--set", "chain.lins=3"], "chain.lins: unknown path; did you mean chain.links?"),
         (["check", "marine", "--set", "chain.links=190"], "chain.links = 190: does not fit"),
-        (["run", "marine", "-o", "x.mcap", "--step", "1e-3", "--quiet"], "run.step = 0.001: must be above 0 and below"),
-        (["run", "marine", "-o", "x.mcap", "--device", "tpu"], "device = 'tpu'"),
-        (["run", "marine", "-o", "x.mcap", "--duration", "-1"], "duration = -1.0"),
-        (["run", "marine", "-o", "x.mcap", "--step", "short"], "argument --step: 'short' is not a number"),
-        (["run", "marine", "-o", "x.mcap", "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
-        (["run", "marine", "-o", "x.mcap", "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
-        (["run", "marine", "-o", "x.mcap", "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
-        (
-            ["run", "marine", "-o", "x.mcap", "--channels", "default", "force"],
-            "'force' is unknown; allowed are posi",
-        ),
+        ([*RUN, "--step", "1e-3", "--quiet"], "run.step = 0.001: must be above 0 and below"),
+        ([*RUN, "--device", "tpu"], "device = 'tpu'"),
+        ([*RUN, "--duration", "-1"], "duration = -1.0"),
+        ([*RUN, "--step", "short"], "argument --step: 'short' is not a number"),
+        ([*RUN, "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
+        ([*RUN, "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
+        ([*RUN, "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
+        ([*RUN, "--channels", "default", "force"], "'force' is unknown; allowed are posi"),
         (["run", "marine"], "the following arguments are required: -o/--output; see warpchain run --help"),
         (["fly"], "invalid choice: 'fly'"),
         (["check", "marine", "--set", "run.step=1e-5\nother=1"], "run.step"),
@@ -100,19 +90,11 @@ def test_mistakes_are_one_line_and_status_2(capsys, tmp_path, monkeypatch, words
 
 
 def test_all_errors_of_a_file_come_at_once(capsys, tmp_path):
-    text = (
-        drive_path("marine")
-        .read_text()
-        .replace("pitch = 0.1143", "pitch = -1.0")
-        .replace("links = 162", 'links = "many"')
-    )
-    bad = tmp_path / "bad.toml"
-    bad.write_text(text)
-    status, _, err = run(capsys, "check", bad)
-    assert status == 2
-    assert len(err) == 2
-    assert any("chain.pitch = -1.0" in line for line in err)
-    assert any("chain.links" in line for line in err)
+    text = drive_path("marine").read_text().replace("pitch = 0.1143", "pitch = -1.0")
+    (tmp_path / "bad.toml").write_text(text.replace("links = 162", 'links = "many"'))
+    status, _, err = run(capsys, "check", tmp_path / "bad.toml")
+    assert (status, len(err)) == (2, 2)
+    assert "chain.pitch = -1.0" in err[0] and "chain.links" in err[1]
 
 
 def test_no_command_prints_the_help_with_status_2(capsys):
@@ -130,26 +112,14 @@ def test_every_command_has_help_with_an_example(capsys, command):
 
 def test_run_export_round_trip(capsys, tmp_path):
     archive, arrays = tmp_path / "short.mcap", tmp_path / "short.npz"
-    words = [
-        "run",
-        "marine",
-        "-o",
-        archive,
-        "--duration",
-        "0.004",
-        "--rate",
-        "1000",
-        "--set",
-        "run.settle=false",
-        "--quiet",
-    ]
+    settings = "--duration 0.004 --rate 1000 --set run.settle=false --quiet"
+    words = ["run", "marine", "-o", archive, *settings.split()]
     status, out, _ = run(capsys, *words)
     assert status == 0
     assert any(line.startswith("tension: mean") for line in out)
     assert archive.exists()
     status, out, err = run(capsys, *words)
-    assert status == 2
-    assert "--overwrite" in err[0]
+    assert status == 2 and "--overwrite" in err[0]
     assert run(capsys, *words, "--overwrite")[0] == 0
     assert run(capsys, "export", archive, "-o", arrays)[0] == 0
     with np.load(arrays) as held:
@@ -174,8 +144,7 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     status, out, err = run(capsys, *words)
     assert status == 0 and "status: ok" in out and err == []
     (told,) = [line for line in out if line.startswith("losses: ")]
-    for group in ("joints", "sprocket contacts", "links"):
-        assert re.search(rf"{group} [\d.e-]+ W", told)
+    assert all(re.search(rf"{group} [\d.e-]+ W", told) for group in ("joints", "sprocket contacts", "links"))
     status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
     assert status == 0
     assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
@@ -190,20 +159,9 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
 
 def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
     archive = tmp_path / "long.mcap"
-    command = [
-        sys.executable,
-        "-m",
-        "warpchain",
-        "run",
-        "marine",
-        "-o",
-        str(archive),
-        "--duration",
-        "3000",
-        "--rate",
-        "50",
-    ]
-    process = subprocess.Popen([*command, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "warpchain", "run", "marine", "-o", str(archive)]
+    command += ["--duration", "3000", "--rate", "50", "--quiet"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # frames have come to the file, compressed to some 6 kB each
     wait_for(lambda: bytes_in(tmp_path) > 300_000 or process.poll() is not None)
     process.send_signal(signal.SIGINT)

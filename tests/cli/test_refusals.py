@@ -1,12 +1,14 @@
-"""What users get wrong, machines refuse and attackers try, on the command line: one line, exit status 2, at once."""
+"""Mistakes of users, refusals of machines and attacks, on the command line: one line, exit status 2, at once."""
 
 import datetime
 import os
+import re
 import resource
 import struct
 import subprocess
 import sys
 import time
+import zlib
 
 import lz4.frame
 import numpy as np
@@ -20,7 +22,9 @@ from small_disk import small_disk
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
-from warpchain.archive.file_parts import Parts
+from warpchain.archive import ArchiveOptions, mcap_write
+from warpchain.archive import file_parts as parts
+from warpchain.archive.arrow import MAGIC, plain_table
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.drive import dumps_drive
@@ -72,6 +76,12 @@ def test_numbers_beyond_all_bounds(capsys, tmp_path, words, told):
     assert list(tmp_path.iterdir()) == []
 
 
+def writing(verb, archive, target):
+    """The words of a command that writes `target`."""
+    words = {"run": ["run", "marine", *SMALL, "-o"], "view": ["view", archive, "--save"]}
+    return [*words.get(verb, [verb, archive, "-o"]), target]
+
+
 @pytest.mark.parametrize("kind", ["pipe", "nowhere", "folder", "/dev/null", "absent/a"])
 @pytest.mark.parametrize("verb", ["run", "export", "view", "recover"])
 def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_path, kind, verb):
@@ -83,24 +93,17 @@ def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_pat
     elif kind == "folder":
         target.mkdir()
     before = target.lstat() if target.is_symlink() or target.exists() else None
-    words = {
-        "run": ["run", "marine", "-o", target, *SMALL, "--overwrite"],
-        "export": ["export", archive, "-o", target],
-        "view": ["view", archive, "--save", target],
-        "recover": ["recover", archive, "-o", target, "--overwrite"],
-    }[verb]
-    refused(capsys, *words)
+    refused(capsys, *writing(verb, archive, target), *(["--overwrite"] if verb in ("run", "recover") else []))
     if before is not None:
-        assert target.lstat().st_mode == before.st_mode
-        assert target.lstat().st_ino == before.st_ino
+        after = target.lstat()
+        assert (after.st_mode, after.st_ino) == (before.st_mode, before.st_ino)
 
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, verb):
     target = tmp_path / ("new.npz" if verb == "export" else "new")
-    words = {"view": ["view", archive, "--save", target], "plot": ["plot", archive, "-o", target]}
     with small_disk(20_000):
-        line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
+        line = refused(capsys, *writing(verb, archive, target), limit=60.0)
     assert "cannot be written (File too large)" in line
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
 
@@ -110,19 +113,17 @@ def test_a_read_only_file_system_is_one_line(capsys, archive, tmp_path, monkeypa
     """Nothing can be made there, nor removed while it is cleaned up."""
     plain = os.open
 
-    def read_only(path, flags, *more, **named):
-        if flags & os.O_CREAT and str(path).startswith(str(tmp_path)):
-            raise OSError(30, "Read-only file system")
-        return plain(path, flags, *more, **named)
-
     def refuse(*_, **__):
         raise OSError(30, "Read-only file system")
 
+    def read_only(path, flags, *more, **named):
+        ours = flags & os.O_CREAT and str(path).startswith(str(tmp_path))
+        return (refuse if ours else plain)(path, flags, *more, **named)
+
     monkeypatch.setattr(os, "open", read_only)
     monkeypatch.setattr(os, "unlink", refuse)
-    words = {"view": ["view", archive, "--save"], "run": ["run", "marine", *SMALL, "-o"]}
     target = tmp_path / ("new.npz" if verb == "export" else "new")
-    assert "(Read-only file system)" in refused(capsys, *words.get(verb, [verb, archive, "-o"]), target)
+    assert "(Read-only file system)" in refused(capsys, *writing(verb, archive, target))
 
 
 @pytest.mark.parametrize("words", [["check", "marine"], ["chains"], ["--version"], ["check", "marine", "--json"]])
@@ -148,12 +149,9 @@ def test_faults_of_native_code_are_told():
 
 def written(path, run, change):
     """An archive that some other program made, whose parts are right but for what `change` does to the writer."""
-    from warpchain.archive.options import ArchiveOptions
-
     with pytest.MonkeyPatch.context() as patch:
         change(patch)
-        parts = Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False)
-        parts.finish(run.metrics, run.info)
+        parts.Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish(run.metrics, run.info)
     return path
 
 
@@ -177,17 +175,10 @@ def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, 
 
 @pytest.mark.parametrize("variants", ["0", "-1", "9" * 30, "x"])
 def test_wrong_numbers_of_variants(run, tmp_path, variants):
-    from warpchain.archive import mcap_write
-
     def change(patch):
         plain = mcap_write.McapFile.metadata
-        patch.setattr(
-            mcap_write.McapFile,
-            "metadata",
-            lambda self, name, values: plain(
-                self, name, {**values, **({"variants": variants} if "variants" in values else {})}
-            ),
-        )
+        other = lambda held: held | {"variants": variants} if "variants" in held else held  # noqa: E731
+        patch.setattr(mcap_write.McapFile, "metadata", lambda self, name, held: plain(self, name, other(held)))
 
     with pytest.raises(ArchiveError) as caught:
         read_archive(written(tmp_path / "b.mcap", run, change))
@@ -196,15 +187,10 @@ def test_wrong_numbers_of_variants(run, tmp_path, variants):
 
 @pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "mass mass")])
 def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
-    from warpchain.archive import mcap_write
-
     plain = mcap_write.McapFile.channel
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            mcap_write.McapFile,
-            "channel",
-            lambda self, n, s, topic, e, held: plain(self, n, s, topic, e, {**held, **({key: value} if held else {})}),
-        )
+        other = lambda *words: plain(*words[:-1], words[-1] | ({key: value} if words[-1] else {}))  # noqa: E731
+        patch.setattr(mcap_write.McapFile, "channel", other)
         path = write_archive(run, tmp_path / "b.mcap")
     with pytest.raises(ArchiveError, match="has wrong metadata"):
         read_archive(path)[0]
@@ -212,8 +198,6 @@ def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
 
 def resealed(data, place, new):
     """A file with other bytes in its summary, whose checksum is right again."""
-    import zlib
-
     start = int.from_bytes(data[-28:-20], "little")
     damaged = bytearray(data)
     damaged[place : place + len(new)] = new
@@ -245,8 +229,6 @@ def test_every_number_of_a_summary_made_huge(run, archive, tmp_path):
 
 def test_a_damaged_table_of_metrics(run, tmp_path):
     """Where the attachment's checksum is right, the table may still be anything."""
-    from warpchain.archive import file_parts as parts
-
     plain, rng, told = parts._arrow_bytes(run.metrics), np.random.default_rng(6), 0
     for _ in range(150):
         data = bytearray(plain)
@@ -279,8 +261,6 @@ with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=option
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
 def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
     """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
-    from warpchain.archive import file_parts as parts
-
     subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
     data = (tmp_path / "bomb").read_bytes()
     assert len(data) < 2**22
@@ -293,8 +273,6 @@ def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_pa
 
 def test_columns_that_share_their_bytes_are_refused():
     """Thirty columns in the place of two: a small file of many more would keep its reader busy for long."""
-    from warpchain.archive.arrow import MAGIC, plain_table
-
     table = pa.table({f"c{k}": np.zeros(1000) for k in range(30)})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, table.schema) as file:
@@ -312,27 +290,21 @@ def test_columns_that_share_their_bytes_are_refused():
         plain_table(MAGIC + schema.serialize().to_pybytes() + told)
 
 
+FACTORIAL, TWO_LEVEL, LEVELS = 'kind = "factorial"', 'kind = "plackett-burman"', "levels = [44, 45]"
+MASS = '[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0'
 STUDIES = {
     "name-list": ('name = "torque"', "name = []", "factors.0.name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
-    "center": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
-    "choice": ("levels = [44, 45]", "choice = 0", "must be a list of at least 2"),
-    "choice of two-level designs": (
-        'kind = "factorial"',
-        'kind = "plackett-burman"\n[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0',
-        "choice = 0: must be a list of at least 2",
-    ),
-    "group": ("levels = [44, 45]", "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
-    "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
-    "a text and a number": ("levels = [44, 45]", "expression = \"44 + 'x'\"", None),
-    "a list and a number": ("levels = [44, 45]", 'expression = "[1] + 44.0"', "only numbers"),
-    "numbers and switches": (
-        "levels = [44, 45]",
-        'expression = "44 if torque > 0.5 else torque > 0.5"',
-        "several kinds",
-    ),
+    "center": (FACTORIAL, f"{TWO_LEVEL}\ncenter = 1000000000", "allowed are at most"),
+    "choice": (LEVELS, "choice = 0", "must be a list of at least 2"),
+    "choice of two-level designs": (FACTORIAL, f"{TWO_LEVEL}\n{MASS}", "choice = 0: must be a list of at least 2"),
+    "group": (LEVELS, "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
+    "count": (FACTORIAL, 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
+    "a text and a number": (LEVELS, "expression = \"44 + 'x'\"", None),
+    "a list and a number": (LEVELS, 'expression = "[1] + 44.0"', "only numbers"),
+    "numbers and switches": (LEVELS, 'expression = "44 if torque > 0.5 else torque > 0.5"', "several kinds"),
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
-    "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
+    "kinds": (LEVELS, "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
     "digits": ("duration = 0.0005", "duration = " + "9" * 5000, "TOML"),
 }
@@ -340,8 +312,6 @@ STUDIES = {
 
 @pytest.mark.parametrize("case", STUDIES)
 def test_study_files_that_make_no_sense(capsys, tmp_path, case):
-    import re
-
     source, (old, new, told) = write_study(tmp_path, points=2), STUDIES[case]
     assert old in source.read_text()
     text = source.read_text().replace(old, new, 1)
@@ -351,8 +321,7 @@ def test_study_files_that_make_no_sense(capsys, tmp_path, case):
         assert (status, err) == (1, [])  # no row is ok
         assert "4 infeasible" in out[0] or "2 infeasible" in out[0]
     else:
-        assert status == 2
-        assert all(line.startswith("warpchain: error: ") for line in err)
+        assert status == 2 and all(line.startswith("warpchain: error: ") for line in err)
         assert re.search(told, "\n".join(err))
 
 
@@ -409,47 +378,34 @@ def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
 
 def with_table(tmp_path, table):
     """A drive file whose driver's speed is a CSV file."""
-    text, led = (
-        dumps_drive(two_sprockets(duration=0.001, settle="false")),
-        "prescribed = { speed = 10.0, ramp_time = 0.0 }",
-    )
+    text, led = dumps_drive(two_sprockets(duration=0.001, settle="false")), "{ speed = 10.0, ramp_time = 0.0 }"
     assert text.count(led) == 1
     (tmp_path / "t.csv").write_bytes(table)
-    (tmp_path / "d.toml").write_text(text.replace(led, 'prescribed = { table = { file = "t.csv" } }'))
+    (tmp_path / "d.toml").write_text(text.replace(led, '{ table = { file = "t.csv" } }'))
     return tmp_path / "d.toml"
 
 
 def test_a_table_of_a_drive_is_read(capsys, tmp_path):
-    """What the tables below differ from by one cell."""
+    """The tables below differ from it by one cell."""
     status, _, err = command(capsys, "check", with_table(tmp_path, b"time,speed\n0,1\n1,2\n"))
     assert (status, err) == (0, [])
 
 
-@pytest.mark.parametrize(
-    ("table", "told"),
-    [
-        (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field limit"),
-        (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
-        (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
-        (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
-        (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
-        (b"\0", "row 1: "),
-        (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
-        (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
-        (b"", "has no rows"),
-    ],
-    ids=[
-        "131,073 digits",
-        "400 digits",
-        "head",
-        "zero byte",
-        "zero byte in the head",
-        "zero",
-        "bytes",
-        "date",
-        "empty",
-    ],
-)
+DIGITS = "row 3: is not CSV (field larger than field limit"
+SPEEDS = {
+    "131,073 digits": (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", DIGITS),
+    "400 digits": (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
+    "head": (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
+    "zero byte": (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
+    "zero byte in the head": (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
+    "zero": (b"\0", "row 1: "),
+    "bytes": (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
+    "date": (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
+    "empty": (b"", "has no rows"),
+}
+
+
+@pytest.mark.parametrize(("table", "told"), SPEEDS.values(), ids=SPEEDS)
 def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
     line = refused(capsys, "check", with_table(tmp_path, table))
     assert 'driver.prescribed.table.file = "t.csv": ' in line and told in line
@@ -459,7 +415,7 @@ def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
     text = dumps_drive(two_sprockets(duration=0.002, settle="false")).replace('"driver"', '"$x^{$"')
     (tmp_path / "d.toml").write_text(text)
-    status, _, err = command(capsys, "run", tmp_path / "d.toml", "-o", tmp_path / "a.mcap", "--quiet")
-    assert (status, err) == (0, [])
-    status, _, err = command(capsys, "plot", tmp_path / "a.mcap", "-o", tmp_path / "plots")
-    assert (status, err) == (0, [])
+    archive = tmp_path / "a.mcap"
+    for words in (["run", tmp_path / "d.toml", "-o", archive, "--quiet"], ["plot", archive, "-o", tmp_path / "plots"]):
+        status, _, err = command(capsys, *words)
+        assert (status, err) == (0, [])

@@ -9,6 +9,8 @@ from tensioner_rig import TEXT
 
 from warpchain import bench_tensioner, load_drive
 
+HEATED, OIL = ["element", "--sweep", "temperature"], "tensioners.element.oil"
+
 
 @pytest.fixture
 def path(tmp_path):
@@ -83,10 +85,7 @@ def test_it_writes_tables(capsys, path, tmp_path):
         (["element", "--frequency", "nan"], "frequency = nan"),
         (["element", "--frequency", "1e300"], "frequency = 1e+300: must be a number above 0, at most 100000 Hz"),
         (["element", "--cycles", "9999", "--frequency", "1", "2"], "2 rides of 9999 cycles: must be 10000"),
-        (
-            ["element", "--sweep", "temperature", "--set", "tensioners.element.oil.viscosity=1e-7"],
-            "tensioners.element.oil.viscosity = 1e-07: must be from 5e-07 to 1 m^2/s",
-        ),
+        ([*HEATED, "--set", f"{OIL}.viscosity=1e-7"], f"{OIL}.viscosity = 1e-07: must be from 5e-07 to 1 m^2/s"),
         (["element", "--cycles", "0"], "'0': must be a whole number above 0"),
         (["element", "--viscosity", "-1"], "viscosity = -1: must be"),
         (["plain", "--viscosity", "1e-5"], "tensioner 'plain' has no oil"),
@@ -95,10 +94,10 @@ def test_it_writes_tables(capsys, path, tmp_path):
         (["element", "--range", "1", "2"], "--range: only with --sweep"),
         (["element", "--sweep", "frequency", "--range", "5", "1"], "--range 5 1: must be two frequencies above 0"),
         (["element", "--sweep", "frequency", "--range", "0", "1"], "--range 0 1: must be two frequencies above 0"),
-        (["element", "--sweep", "temperature", "--range", "20", "900"], "--range 20 900: must be two temperatures"),
-        (["element", "--sweep", "temperature", "--at", "900"], "--at 900: must be a temperature"),
+        ([*HEATED, "--range", "20", "900"], "--range 20 900: must be two temperatures"),
+        ([*HEATED, "--at", "900"], "--at 900: must be a temperature"),
         (["element", "--sweep", "frequency", "--points", "1"], "--points 1: must be 2 to 1000"),
-        (["element", "--sweep", "temperature", "--viscosity", "1e-5"], "--viscosity: not with --sweep temperature"),
+        ([*HEATED, "--viscosity", "1e-5"], "--viscosity: not with --sweep temperature"),
         (["element", "-o", "loop.pdf"], "-o loop.pdf: must end in .png, .svg, .csv, .parquet"),
         (["element", "--frequency", "1", "2", "-o", "a.csv"], "-o a.csv: holds one ride, not 2"),
         (["element", "-o", "no/such/loop.png"], "no/such/loop.png"),

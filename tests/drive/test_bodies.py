@@ -2,16 +2,14 @@
 
 import math
 import pickle
-import re
 import tomllib
-import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, put
+from wrong_values import lines_of, wrong
 
-from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive, save_drive
+from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
@@ -33,16 +31,6 @@ def values():
 @pytest.fixture(scope="module")
 def blade():
     return loads_drive(BLADE)
-
-
-# ------------------------------------------------------------------------------------------------------ what follows
-
-
-def test_a_drive_with_bodies_reads_back_equal(blade, tmp_path):
-    save_drive(blade, tmp_path / "drive.toml")
-    again = load_drive(tmp_path / "drive.toml")
-    assert again == blade and hash(again) == hash(blade)
-    assert pickle.loads(pickle.dumps(blade)) == blade
 
 
 def test_every_shape_reads_back_equal(values):
@@ -84,16 +72,13 @@ def test_arcs_are_in_degrees(values):
     values["guides"][0] = {"name": "blade", "arcs": ARCS}
     profile = Drive(**values).profile(0)
     assert [piece.curvature for piece in profile.face] == [5.0, 0.0, -5.0]
-    assert profile.face[-1].end == pytest.approx((0.4, 0.25)) and profile.face_length == pytest.approx(
-        0.05 + 0.2 * math.pi
-    )
+    assert profile.face[-1].end == pytest.approx((0.4, 0.25))
+    assert profile.face_length == pytest.approx(0.05 + 0.2 * math.pi)
 
 
 def test_angles_of_an_arm_in_radians(blade):
     arm = blade.arms[0]
-    assert arm.stops_rad == pytest.approx((-math.pi / 18, math.pi / 15)) and arm.free_angle_rad == pytest.approx(
-        math.pi / 36
-    )
+    assert (*arm.stops_rad, arm.free_angle_rad) == pytest.approx((-math.pi / 18, math.pi / 15, math.pi / 36))
     free = blade.with_values({"arms.tensioner arm.stops": None}).arms[0]
     assert free.stops_rad == (-math.inf, math.inf)
 
@@ -141,15 +126,8 @@ def test_values_by_key_path(blade):
     assert other.arms[0].stiffness == 2.5 and other.tensioners[0].oil.viscosity == 1e-5
     assert other.guides[0].points[1] == (-0.03, 0.15) and other.tensioners[0].ratchet is None
     assert other.get_value("tensioners.chain tensioner.plunger.gap") == 5e-5
-    assert {"arms.tensioner arm.stops.1", "guides.blade.points.0", "tensioners.chain tensioner.valve.lift"} < set(
-        blade.paths()
-    )
-
-
-def test_every_path_can_be_set_to_its_value(blade):
-    for path in blade.paths():
-        if path.startswith(("guides", "arms", "tensioners")):
-            assert blade.with_values({path: blade.get_value(path)}) == blade, path
+    listed = {"arms.tensioner arm.stops.1", "guides.blade.points.0", "tensioners.chain tensioner.valve.lift"}
+    assert listed < set(blade.paths())
 
 
 def test_an_angle_of_an_arc_by_key_path(values):
@@ -161,9 +139,8 @@ def test_an_angle_of_an_arc_by_key_path(values):
 
 
 def test_one_shape_replaces_another(blade):
-    bar = blade.with_values(
-        {"guides.blade.start": (-0.04, 0.2), "guides.blade.end": (-0.04, 0.1), "guides.0.end_radius": 0.1}
-    )
+    ends = {"guides.blade.start": (-0.04, 0.2), "guides.blade.end": (-0.04, 0.1), "guides.0.end_radius": 0.1}
+    bar = blade.with_values(ends)
     assert bar.guides[0].straight and bar.guides[0].points is None and bar.guides[0].radius is None
     line = bar.with_values({"guides.blade.profile": np.array([[-0.04, 0.2], [-0.04, 0.15], [-0.041, 0.1]])})
     assert line.guides[0].start is None and line.guides[0].profile[1] == (-0.04, 0.15)
@@ -184,137 +161,64 @@ def test_an_arm_lighter_about_its_pivot_than_its_mass_is_warned_of(values):
         Drive(**values)
 
 
-def test_the_document_has_a_drive():
-    text = (Path(__file__).parents[2] / "docs" / "guides-and-tensioners.md").read_text()
-    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    drive = loads_drive(example)
-    assert [len(drive.profile(g).face) for g in (0, 1)] == [3, 2] and loads_drive(dumps_drive(drive)) == drive
-
-
-# ------------------------------------------------------------------------------------------------------ wrong values
-
 HYDRAULIC = 'needed with kind "hydraulic"'
-TENSIONER = "tensioners.chain tensioner"
+PUSHER = "tensioners.chain tensioner"
+APART, SHOWN = "not together with", "(Arc(center=(0.0, 0.0), radius=0.2, from=-90.0, to=0.0),"
 SHAPES = "give one of start and end, points, arcs, profile"
+BAR, TENSIONER = "guides.blade", "tensioners/0"
+PAIR = "must be two finite numbers [x, y]"
+UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
+WITHIN = "must be within 10000 m of the origin"
+OILS = ("supply", "ambient")
+ABOVE_0 = ["guides/0/offset", "arms/0/mass", "arms/0/inertia"]
+ABOVE_0 += [f"{TENSIONER}/{key}" for key in ("chamber/volume", "oil/supply", "ratchet/pitch")]
 RULES = [
-    ("guides/0/side", "up", 'guides.blade.side = "up": must be "left" or "right", seen from start to end'),
-    ("guides/0/offset", 0, f"guides.blade.offset = 0: {POSITIVE}"),
-    ("guides/0/offset", 0.01, "guides.blade.offset = 0.01: must be at most a pitch, 0.009525"),
-    (
-        "guides/0/arm",
-        "tensoner arm",
-        'guides.blade.arm = "tensoner arm": must be the name of an arm; did you mean tens',
+    *wrong(
+        tomllib.loads(BLADE),
+        *((path, [0, -1.0], POSITIVE) for path in ABOVE_0),
+        *((path, [None], POSITIVE) for path in ("guides/1/end_radius", f"{TENSIONER}/oil/viscosity")),
+        *((path, [-1.0], NOT_NEGATIVE) for path in ("arms/0/stiffness", f"{TENSIONER}/ratchet/backlash")),
+        *((path, [None], PAIR) for path in ("guides/1/start", "arms/0/pivot")),
+        ("guides/0/side", ["up"], 'must be "left" or "right", seen from start to end'),
+        ("guides/0/offset", [0.01], "must be at most a pitch, 0.009525"),
+        ("guides/0/arm", ["tensoner arm"], "must be the name of an arm; did you mean tens"),
+        ("guides/0/points", [[[0, 0]], [[0, 0], [1, math.nan]], [[0, 0], [1]], 3], POINTS),
+        ("guides/0/points/1", [[-0.05, 0.24]], "must be another point than the one"),
+        ("guides/0/radius", [None], f"{POSITIVE}; needed to round the points"),
+        ("guides/0/radius", [0.005], "must be at least a pitch, 0.009525; links cannot follow"),
+        ("guides/1/radius", [0.1], "only together with points, whose corners it rounds"),
+        ("arms/0/free_angle", [400], DEGREES),
+        ("arms/0/stops", [[12.0, -10.0]], "must be the lower angle first, then the upper"),
+        ("arms/0/stops", [[5.0]], "must be two numbers of degrees from -360 to 360, [lower"),
+        ("arms/0/lever", [1], "unknown key; "),
+        (f"{TENSIONER}/on", ["tensioner am"], "must be the name of an arm, or of a sprocket on"),
+        (f"{TENSIONER}/on", ["cam"], "must be the name of an arm, or of a sprocket on a slider; the mo"),
+        (f"{TENSIONER}/kind", ["oil"], 'must be "spring" or "hydraulic"'),
+        (f"{TENSIONER}/direction", [[-1.0, 0.0]], 'turns "tensioner arm" away from the chain'),
+        (f"{TENSIONER}/direction", [[0.0, 1.0]], 'points through the pivot of "tensioner arm"'),
+        (f"{TENSIONER}/direction", [[0, 0]], f"{PAIR}, not both 0"),
+        (f"{TENSIONER}/plunger", [None], "must be a table { diameter, mass, gap, length"),
+        (f"{TENSIONER}/chamber", [None], f"must be a table {{ volume }}; {HYDRAULIC}"),
+        (f"{TENSIONER}/valve", [None], "must be a table { ball_radius, seat_diameter, lift"),
+        (f"{TENSIONER}/oil", [None], f"must be a table {{ viscosity, supply }}; {HYDRAULIC}"),
+        (f"{TENSIONER}/plunger/gap", [None], f"{POSITIVE}; {HYDRAULIC}"),
+        (f"{TENSIONER}/plunger/gap", [0.008], "must be below half the diameter, 0.008"),
+        (f"{TENSIONER}/plunger/eccentricity", [1.1], "must be a number from 0 to 1"),
+        (f"{TENSIONER}/valve/seat_diameter", [0.006], "must be below the ball's diam"),
+        (f"{TENSIONER}/valve/seat_angle", [90], "must be a number of degrees above 0, bel"),
+        (f"{TENSIONER}/valve/discharge", [2], "must be a number above 0, at most 1"),
+        (f"{TENSIONER}/oil/air", [1], "must be a number of at least 0 and below 1"),
+        *((f"{TENSIONER}/oil/{key}", [3.0, 1000.0], "must be above the oil's vapor pressure, 1000 Pa") for key in OILS),
+        (f"{TENSIONER}/oil/supply", [9e4], "must be at least the ambient pressure, 100000 Pa"),
     ),
-    ("guides/0/points", [[0, 0]], f"guides.blade.points = [[0, 0]]: {POINTS}"),
-    ("guides/0/points", [[0, 0], [1, math.nan]], f"guides.blade.points = [[0, 0], [1, nan]]: {POINTS}"),
-    ("guides/0/points", [[0, 0], [1]], f"guides.blade.points = [[0, 0], [1]]: {POINTS}"),
-    ("guides/0/points", 3, f"guides.blade.points = 3: {POINTS}"),
-    ("guides/0/points/1/1", 0.24e5, "guides.blade.points.1 = [-0.032, 24000.0]: must be within 10000 m of the origin"),
-    ("guides/0/points/1", [-0.05, 0.24], "guides.blade.points.1 = [-0.05, 0.24]: must be another point than the one"),
-    ("guides/0/radius", None, f"guides.blade.radius: missing; {POSITIVE}; needed to round the points"),
-    ("guides/0/radius", 1.0, "guides.blade.points.1 = [-0.032, 0.15]: leaves no room for radius 1: its corner of 18.7"),
-    ("guides/0/radius", 0.005, "guides.blade.radius = 0.005: must be at least a pitch, 0.009525; links cannot follow"),
-    (
-        "guides/0/start",
-        [0, 0],
-        "guides.blade.points = [[-0.05, 0.24], [-0.032, 0.15], [-0.045, 0.05]]: not together wit",
-    ),
-    ("guides/1/radius", 0.1, "guides.fixed rail.radius = 0.1: only together with points, whose corners it rounds"),
-    ("guides/1/end_radius", None, f"guides.fixed rail.end_radius: missing; {POSITIVE}"),
-    ("guides/1/start", None, "guides.fixed rail.start: missing; must be two finite numbers [x, y]"),
-    ("guides/1/arcs", ARCS, f"not together with start; {SHAPES}"),
-    (
-        "guides/0/profile",
-        [[0, 0], [1, 0]],
-        f"guides.blade.profile = [[0.0, 0.0], [1.0, 0.0]]: not together with points; {SHAPES}",
-    ),
-    # arms
-    ("arms/0/pivot", None, "arms.tensioner arm.pivot: missing; must be two finite numbers [x, y]"),
-    ("arms/0/pivot/0", 2e4, "arms.tensioner arm.pivot = [20000.0, 0.25]: must be within 10000 m of the origin"),
-    ("arms/0/mass", 0, f"arms.tensioner arm.mass = 0: {POSITIVE}"),
-    ("arms/0/inertia", -1.0, f"arms.tensioner arm.inertia = -1.0: {POSITIVE}"),
-    ("arms/0/stiffness", -1.0, f"arms.tensioner arm.stiffness = -1.0: {NOT_NEGATIVE}"),
-    ("arms/0/free_angle", 400, f"arms.tensioner arm.free_angle = 400: {DEGREES}"),
-    (
-        "arms/0/stops",
-        [12, -10],
-        "arms.tensioner arm.stops = [12.0, -10.0]: must be the lower angle first, then the upper",
-    ),
-    (
-        "arms/0/stops",
-        [5.0],
-        "arms.tensioner arm.stops = [5.0]: must be two numbers of degrees from -360 to 360, [lower",
-    ),
-    ("arms/0/lever", 1, "arms.tensioner arm.lever = 1: unknown key; "),
-    ("arms/0/name", "cam", 'arms.cam.name = "cam": must be unique among sprockets, guides, arms and tensioners'),
-    ("tensioners/0/name", "blade", 'tensioners.blade.name = "blade": must be unique among sprockets, guides, arms and'),
-    # tensioners
-    (
-        "tensioners/0/on",
-        "tensioner am",
-        f'{TENSIONER}.on = "tensioner am": must be the name of an arm, or of a sprocket on',
-    ),
-    (
-        "tensioners/0/on",
-        "cam",
-        f'{TENSIONER}.on = "cam": must be the name of an arm, or of a sprocket on a slider; the mo',
-    ),
-    ("tensioners/0/kind", "oil", f'{TENSIONER}.kind = "oil": must be "spring" or "hydraulic"'),
-    (
-        "tensioners/0/direction",
-        [-1, 0],
-        f'{TENSIONER}.direction = [-1.0, 0.0]: turns "tensioner arm" away from the chain',
-    ),
-    (
-        "tensioners/0/direction",
-        [0, 1],
-        f'{TENSIONER}.direction = [0.0, 1.0]: points through the pivot of "tensioner arm"',
-    ),
-    (
-        "tensioners/0/direction",
-        [0, 0],
-        f"{TENSIONER}.direction = [0, 0]: must be two finite numbers [x, y], not both 0",
-    ),
-    ("tensioners/0/plunger", None, f"{TENSIONER}.plunger: missing; must be a table {{ diameter, mass, gap, length"),
-    ("tensioners/0/chamber", None, f"{TENSIONER}.chamber: missing; must be a table {{ volume }}; {HYDRAULIC}"),
-    ("tensioners/0/valve", None, f"{TENSIONER}.valve: missing; must be a table {{ ball_radius, seat_diameter, lift"),
-    ("tensioners/0/oil", None, f"{TENSIONER}.oil: missing; must be a table {{ viscosity, supply }}; {HYDRAULIC}"),
-    ("tensioners/0/plunger/gap", None, f"{TENSIONER}.plunger.gap: missing; {POSITIVE}; {HYDRAULIC}"),
-    ("tensioners/0/plunger/gap", 0.008, f"{TENSIONER}.plunger.gap = 0.008: must be below half the diameter, 0.008"),
-    ("tensioners/0/plunger/eccentricity", 1.1, f"{TENSIONER}.plunger.eccentricity = 1.1: must be a number from 0 to 1"),
-    ("tensioners/0/chamber/volume", 0, f"{TENSIONER}.chamber.volume = 0: {POSITIVE}"),
-    (
-        "tensioners/0/valve/seat_diameter",
-        0.006,
-        f"{TENSIONER}.valve.seat_diameter = 0.006: must be below the ball's diam",
-    ),
-    (
-        "tensioners/0/valve/seat_angle",
-        90,
-        f"{TENSIONER}.valve.seat_angle = 90: must be a number of degrees above 0, bel",
-    ),
-    ("tensioners/0/valve/discharge", 2, f"{TENSIONER}.valve.discharge = 2: must be a number above 0, at most 1"),
-    ("tensioners/0/oil/air", 1, f"{TENSIONER}.oil.air = 1: must be a number of at least 0 and below 1"),
-    ("tensioners/0/oil/viscosity", None, f"{TENSIONER}.oil.viscosity: missing; {POSITIVE}"),
-    (
-        "tensioners/0/oil/supply",
-        3.0,
-        f"{TENSIONER}.oil.supply = 3.0: must be above the oil's vapor pressure, 1000 Pa; pre",
-    ),
-    (
-        "tensioners/0/oil/supply",
-        1000,
-        f"{TENSIONER}.oil.supply = 1000.0: must be above the oil's vapor pressure, 1000 Pa",
-    ),
-    (
-        "tensioners/0/oil/supply",
-        9e4,
-        f"{TENSIONER}.oil.supply = 90000.0: must be at least the ambient pressure, 100000 Pa",
-    ),
-    ("tensioners/0/oil/ambient", 1, f"{TENSIONER}.oil.ambient = 1.0: must be above the oil's vapor pressure, 1000 Pa"),
-    ("tensioners/0/oil/supply", -1, f"{TENSIONER}.oil.supply = -1: {POSITIVE}"),
-    ("tensioners/0/ratchet/pitch", 0, f"{TENSIONER}.ratchet.pitch = 0: {POSITIVE}"),
-    ("tensioners/0/ratchet/backlash", -1, f"{TENSIONER}.ratchet.backlash = -1: {NOT_NEGATIVE}"),
+    ("guides/0/points/1/1", 0.24e5, f"{BAR}.points.1 = [-0.032, 24000.0]: {WITHIN}"),
+    ("guides/0/radius", 1.0, f"{BAR}.points.1 = [-0.032, 0.15]: leaves no room for radius 1: its corner of 18.7"),
+    ("guides/0/start", [0, 0], f"{BAR}.points = [[-0.05, 0.24], [-0.032, 0.15], [-0.045, 0.05]]: not together wit"),
+    ("guides/1/arcs", ARCS, f"guides.fixed rail.arcs = {SHOWN} ...: {APART} start; {SHAPES}"),
+    ("guides/0/profile", [[0, 0], [1, 0]], f"{BAR}.profile = [[0.0, 0.0], [1.0, 0.0]]: {APART} points; {SHAPES}"),
+    ("arms/0/pivot/0", 2e4, f"arms.tensioner arm.pivot = [20000.0, 0.25]: {WITHIN}"),
+    ("arms/0/name", "cam", f'arms.cam.name = "cam": {UNIQUE}'),
+    ("tensioners/0/name", "blade", f'tensioners.blade.name = "blade": {UNIQUE}'),
 ]
 
 
@@ -322,13 +226,10 @@ FOLLOWED = {"guides/0/points/1/1", "arms/0/pivot/0", "arms/0/name"}
 """Where other parts go wrong, too."""
 
 
-@pytest.mark.parametrize(("path", "value", "line"), RULES, ids=[f"{rule[0]}={rule[1]!r}"[:60] for rule in RULES])
+@pytest.mark.parametrize(("path", "value", "line"), RULES)
+@pytest.mark.filterwarnings("ignore")
 def test_rule(values, path, value, line):
-    put(values, path, value)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = errors_of(values)
-    assert any(line in error for error in found), found
+    found = lines_of(values, path, value, line)
     if path not in FOLLOWED:
         assert len(found) == 1, found
 
@@ -338,8 +239,8 @@ def test_a_spring_takes_no_oil(values):
     put(values, "tensioners/0/spring", None)
     text = "missing; must be a table { stiffness, preload, damping }"
     assert errors_of(values) == (
-        f'{TENSIONER}.spring: {text}; needed with kind "spring"',
-        *(f'{TENSIONER}.{key}: only with kind "hydraulic"' for key in ("chamber", "valve", "oil")),
+        f'{PUSHER}.spring: {text}; needed with kind "spring"',
+        *(f'{PUSHER}.{key}: only with kind "hydraulic"' for key in ("chamber", "valve", "oil")),
     )
 
 
@@ -363,26 +264,23 @@ def test_a_guide_on_an_arm_where_there_are_none(values):
     assert errors_of(values) == ('guides.blade.arm = "tensioner arm": must be the name of an arm; there are none',)
 
 
-ARC_RULES = [  # the first draws the arcs apart, too
-    ("0/radius", 0.005, "guides.blade.arcs.0.radius = 0.005: must be at least a pitch, 0.009525; links cannot"),
-    (
-        "1/center",
-        [0.45, 0.05],
-        "guides.blade.arcs.1: begins 0.0707 m from the end of the arc before; it must begin there",
-    ),
-    ("1/from", 170.0, "guides.blade.arcs.1: turns by -10 degrees against the end of the arc before; both must head"),
-    ("1/to", 180.0, "guides.blade.arcs.1.to = 180.0: must be another angle than from, 180, less than 360 degrees away"),
-    ("1/to", -200.0, "guides.blade.arcs.1.to = -200.0: must be another angle than from, 180, less than 360 degrees"),
-    ("1/from", None, "guides.blade.arcs.1.from: missing; must be a finite number"),
+ARC, BEFORE = f"{BAR}.arcs.1", "the end of the arc before"
+ARC_RULES = wrong(  # the first draws the arcs apart, too
+    {"guides": [{"name": "blade"}]},
+    ("guides/0/arcs/0/radius", [0.005], "must be at least a pitch, 0.009525; links cannot"),
+    ("guides/0/arcs/1/to", [180.0, -200.0], "must be another angle than from, 180, less than 360 degrees"),
+    ("guides/0/arcs/1/from", [None], "must be a finite number"),
+)
+ARC_RULES += [
+    ("guides/0/arcs/1/center", [0.45, 0.05], f"{ARC}: begins 0.0707 m from {BEFORE}; it must begin there"),
+    ("guides/0/arcs/1/from", 170.0, f"{ARC}: turns by -10 degrees against {BEFORE}; both must head"),
 ]
 
 
-@pytest.mark.parametrize(("path", "value", "line"), ARC_RULES, ids=[f"{rule[0]}={rule[1]!r}" for rule in ARC_RULES])
+@pytest.mark.parametrize(("path", "value", "line"), ARC_RULES)
 def test_rule_of_arcs(values, path, value, line):
     values["guides"][0] = {"name": "blade", "arcs": [dict(arc) for arc in ARCS]}
-    put(values, f"guides/0/arcs/{path}", value)
-    found = errors_of(values)
-    assert any(error.startswith(line) for error in found), found
+    lines_of(values, path, value, line)
 
 
 def slider(values, push, slide=(1.0, 0.0)):
@@ -399,22 +297,15 @@ def test_a_tensioner_pushes_a_sprocket_against_its_strands(values):
         drive = Drive(**slider(values, (0.0, 1.0), slide))
         assert drive.tensioner_body(0) == 1
         (line,) = errors_of(slider(values, (0.0, -1.0), slide))
-        assert line.startswith(f'{TENSIONER}.direction = [0.0, -1.0]: pushes "cam" the way its strands pull it, (')
+        assert line.startswith(f'{PUSHER}.direction = [0.0, -1.0]: pushes "cam" the way its strands pull it, (')
     (line,) = errors_of(slider(values, (1.0, 0.0), (0.0, 1.0)))
-    assert line.startswith(f'{TENSIONER}.direction = [1.0, 0.0]: pushes across the slider of "cam", whose direction is')
+    assert line.startswith(f'{PUSHER}.direction = [1.0, 0.0]: pushes across the slider of "cam", whose direction is')
 
 
 def test_all_errors_at_once(values):
-    for path, value in (
-        ("guides/0/arm", "arm"),
-        ("guides/1/start", None),
-        ("arms/0/stops", [3, 2]),
-        ("arms/0/mass", 0),
-        ("tensioners/0/oil/supply", 3.0),
-        ("tensioners/0/valve", None),
-        ("tensioners/0/plunger/gap", -1),
-        ("chain/links", 1),
-    ):
+    spoiled = {"guides/0/arm": "arm", "guides/1/start": None, "arms/0/stops": [3, 2], "arms/0/mass": 0}
+    tensioner = {"tensioners/0/oil/supply": 3.0, "tensioners/0/valve": None, "tensioners/0/plunger/gap": -1}
+    put(values, "chain/links", 1)
+    for path, value in (spoiled | tensioner).items():
         put(values, path, value)
-    found = errors_of(values)
-    assert len(found) == 8, found
+    assert len(errors_of(values)) == 8

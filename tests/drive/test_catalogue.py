@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from drives import errors_of, marine_values
+from drives import errors_of
 
 from warpchain import cli
 from warpchain.assembly.summary import derive, report
@@ -13,11 +13,6 @@ from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
 
 SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
-
-
-@pytest.fixture
-def values():
-    return marine_values()
 
 
 def sized(values, size="72B", stiffness="estimate"):
@@ -65,11 +60,8 @@ def test_sizes_grow_alike(series):
     """Everything grows with the pitch; rollers fit between pitch and half of it; masses follow width and height."""
     chains = [chain for chain in CHAINS.values() if chain.size.endswith(series)]
     for small, large in pairwise(chains):
-        assert small.pitch < large.pitch
-        assert small.roller_diameter < large.roller_diameter
-        assert small.pin_diameter < large.pin_diameter
-        assert small.mass_per_length < large.mass_per_length
-        assert small.breaking_load < large.breaking_load
+        for name in ("pitch", "roller_diameter", "pin_diameter", "mass_per_length", "breaking_load"):
+            assert getattr(small, name) < getattr(large, name)
     for chain in chains:
         assert 0.5 < chain.roller_diameter / chain.pitch < 0.7
         assert 0.35 < chain.inner_width / chain.pitch < 0.73
@@ -106,17 +98,9 @@ def test_size_errors_name_size_and_sizes(values):
     assert line.startswith('chain.size = "17B": must be a size of ISO 606: 05B, 06B, 08B, ')
 
 
-def test_estimate_needs_a_size(values):
-    values["chain"]["stiffness"] = "estimate"
-    text = 'must be a positive number, or "estimate" together with a size'
-    assert errors_of(values) == (f'chain.stiffness = "estimate": {text}',)
-
-
 def test_check_says_that_the_stiffness_is_an_estimate(values):
     drive = Drive(**sized(values))
-    derived = derive(drive)
-    assert derived["breaking_load"] == 1.4e6
-    text = report(derived)
+    text = report(derive(drive))
     assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "an ESTIMATE" in text
     measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
     assert "size: 72B" in measured and "ESTIMATE" not in measured

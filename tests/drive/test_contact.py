@@ -3,12 +3,13 @@
 import math
 
 import pytest
+from drives import MARINE
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive import Material, loads_drive
+from warpchain.drive import Material, load_drive
 from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
@@ -18,53 +19,11 @@ RUBBER = Material(youngs_modulus=10e6, poissons_ratio=0.49)
 
 
 def drive(**changes):
-    """Two sprockets and a rubber bar under a 72B chain."""
-    text = """
-    [chain]
-    pitch = 0.1143
-    links = 60
-    roller_mass = 6.95
-    stiffness = 1.5e9
-    damping = 3.0e4
-    roller_radius = 0.0362
-    [[sprockets]]
-    name = "a"
-    teeth = 20
-    center = [0.0, 0.0]
-    wrap = "ccw"
-    prescribed = { speed = 10.0 }
-    [[sprockets]]
-    name = "b"
-    teeth = 20
-    center = [2.3, 0.0]
-    wrap = "ccw"
-    inertia = 10.0
-    [[guides]]
-    name = "bar"
-    start = [0.0, 1.0]
-    end = [1.0, 1.0]
-    end_radius = 0.3
-    [contact.sprocket]
-    clearance = 4.0e-4
-    restitution = 0.3
-    impact_speed_floor = 0.02
-    width = 0.063
-    reference_load = 10.0e3
-    roller = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
-    partner = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
-    [contact.guide]
-    restitution = 0.5
-    impact_speed_floor = 0.02
-    width = 0.063
-    reference_load = 10.0e3
-    roller = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
-    partner = { youngs_modulus = 10e6, poissons_ratio = 0.49 }
-    [run]
-    duration = 1.0
-    step = "auto"
-    sample_rate = 1000.0
-    """
-    return loads_drive(text).with_values(changes)
+    """The marine drive without friction and bushes, on a bar of soft rubber, both contacts by a load of 10 kN."""
+    plain = {"chain.joint": None, "contact.sprocket.friction": None, "contact.sprocket.bush_stiffness": None}
+    plain |= {"contact.guide.friction": None, "contact.guide.rolling": False, "contact.guide.reference_load": 10e3}
+    plain |= {"contact.guide.partner": {"youngs_modulus": 10e6, "poissons_ratio": 0.49}, "guides.0.name": "bar"}
+    return load_drive(MARINE).with_values(plain).with_values(changes)
 
 
 def test_steel_seat_of_a_72b_roller():
@@ -80,9 +39,8 @@ def test_bush_and_tooth_in_series():
     both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
     series = 1.0 / (1.0 / tooth + 1.0 / 8e8)
     assert both.sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
-    assert step_limit(both, damped_links=False) == pytest.approx(
-        2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95), rel=1e-12
-    )
+    longest = 2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95)
+    assert step_limit(both, damped_links=False) == pytest.approx(longest, rel=1e-12)
     assert drive(**{"contact.sprocket.bush_stiffness": 1e30}).sprocket_stiffness(0) == pytest.approx(tooth, rel=1e-12)
 
 
@@ -127,8 +85,7 @@ def test_given_stiffness_is_used():
 
 
 def test_materials_of_one_bar():
-    steel = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
-    changed = drive(**{"guides.bar.contact.partner": steel})
+    changed = drive(**{"guides.bar.contact.partner": STEEL})
     direct = hertz_stiffness(10e3, 0.063, 0.0362, math.inf, compliance(STEEL, STEEL))
     assert changed.guide_stiffness(0) == pytest.approx(direct, rel=1e-12)
 
@@ -137,21 +94,15 @@ def test_load_where_the_bracket_vanishes_is_the_limit():
     body = compliance(STEEL, RUBBER)
     limit = math.e * 0.063**3 / (0.0362 * body)  # the bracket is ln(limit / P)
     assert hertz_stiffness(0.99 * limit, 0.063, 0.0362, math.inf, body) > 0
-    with pytest.raises(DriveError, match=r"^reference_load = .*: must be above 0 and below 776.* N"):
-        hertz_stiffness(1.01 * limit, 0.063, 0.0362, math.inf, body)
+    for load in (1.01 * limit, 0.0, -1.0, math.nan):
+        with pytest.raises(DriveError, match=r"^reference_load = .*: must be above 0 and below 776.* N"):
+            hertz_stiffness(load, 0.063, 0.0362, math.inf, body)
 
 
-@pytest.mark.parametrize("load", [0.0, -1.0, math.nan])
-def test_a_load_that_presses_nothing_is_an_error(load):
-    with pytest.raises(DriveError, match="must be above 0"):
-        hertz_stiffness(load, 0.063, 0.0362, math.inf, compliance(STEEL, RUBBER))
-
-
-def test_a_load_beyond_the_formula_names_its_key():
-    with pytest.raises(DriveError, match=r"^contact\.guide\.reference_load = 1000000\.0: must be below"):
-        drive(**{"contact.guide.reference_load": 1e6})
-    with pytest.raises(DriveError, match=r"^guides\.bar\.contact\.reference_load = 1000000\.0: must be below"):
-        drive(**{"guides.bar.contact.reference_load": 1e6})
+@pytest.mark.parametrize("key", ["contact.guide.reference_load", "guides.bar.contact.reference_load"])
+def test_a_load_beyond_the_formula_names_its_key(key):
+    with pytest.raises(DriveError, match=rf"^{key} = 1000000\.0: must be below"):
+        drive(**{key: 1e6})
 
 
 def test_a_stiffness_beyond_all_numbers_names_its_key():

@@ -27,7 +27,7 @@ def test_names():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_loads_and_fits_without_warnings(name):
+def test_loads_fits_and_is_checked_without_warnings(name, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         drive = load(name)
@@ -39,10 +39,6 @@ def test_loads_and_fits_without_warnings(name):
     if drive.chain.breaking_load is not None:
         largest = max(strand["working_tension"] for strand in values["strands"])
         assert 0.01 < largest / drive.chain.breaking_load < 1 / 7  # a usual least safety factor
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_check_works(name, capsys):
     assert cli.main(["check", name]) == 0
     assert capsys.readouterr().err == ""
 
@@ -171,10 +167,8 @@ def test_engines_tensioner_holds_its_preload():
     assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
     assert force == pytest.approx(mount.preload, rel=0.02)
     assert row["tensioner.travel_max"] < 1.5e-3
-    path, speed = (
-        chain_path(drive),
-        drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * pitch / (2 * np.pi),
-    )
+    path, driver = chain_path(drive), drive.sprockets[0]
+    speed = driver.prescribed.speed * driver.teeth * pitch / (2 * np.pi)
     pull = 0.0
     for strand, away in ((0, -1.0), (1, 1.0)):
         x = path.strand_end[strand] - path.strand_start[strand]

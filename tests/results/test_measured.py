@@ -72,28 +72,26 @@ def test_the_offset_at_which_both_agree_best(known):
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "columns"),
     [
-        "time [s],tension [kN]\n0.0,1.5\n0.5,2.5\n",
-        "time (ms),other,tension (N)\n0,7,1500\n500,7,2500\n",
-        "# rig 7\nZeit;Kraft\ns;kN\n0,0;1,5\n0,5;2,5\n",
-        "t\tF\n0.0\t1500\n0.5\t2500\n\n",
-        "time,tension\n0.0,1500\n0.5,2.5e3\n",
+        ("time [s],tension [kN]\n0.0,1.5\n0.5,2.5\n", None),
+        ("time (ms),other,tension (N)\n0,7,1500\n500,7,2500\n", Columns(column="tension")),
+        ("# rig 7\nZeit;Kraft\ns;kN\n0,0;1,5\n0,5;2,5\n", None),
+        ("t\tF\n0.0\t1500\n0.5\t2500\n\n", None),
+        ("time,tension\n0.0,1500\n0.5,2.5e3\n", None),
     ],
 )
-def test_files_as_rigs_write_them(tmp_path, text):
+def test_files_as_rigs_write_them(tmp_path, text, columns):
     path = tmp_path / "rig.csv"
     path.write_text(text)
-    columns = Columns(column="tension") if "other" in text else None
     found = read_signal(path, "a.tension", "N", columns)
     assert found.time.tolist() == [0.0, 0.5]
     assert found.values.tolist() == pytest.approx([1500.0, 2500.0])
 
 
 def test_a_unit_that_is_said_goes_before_the_heads(tmp_path):
-    path = tmp_path / "rig.csv"
-    path.write_text("t [s],n [V]\n0,60\n1,30\n")
-    found = read_signal(path, "a.speed", "rad/s", Columns(unit="rpm"))
+    (tmp_path / "rig.csv").write_text("t [s],n [V]\n0,60\n1,30\n")
+    found = read_signal(tmp_path / "rig.csv", "a.speed", "rad/s", Columns(unit="rpm"))
     assert found.values == pytest.approx([2.0 * pi, pi])
 
 

@@ -87,3 +87,4 @@ def test_words_for_a_column():
     assert title_of("links.dissipated") == "energy dissipated in the links"
     assert title_of("bar.dissipated") == "bar: energy dissipated in the contacts"
     assert (title_of("price"), unit_of("price"), column_of("price")) == ("price", "1", None)
+    assert unit_of("bar.pv_max") == "W/m"

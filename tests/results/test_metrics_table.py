@@ -77,13 +77,16 @@ def table_of(chosen: list[int]) -> pa.Table:
     return metrics_table(ended, metrics_blocks(ended, stacked))
 
 
+def held(row):
+    """The values that a row has."""
+    return {name: value for name, value in row.items() if value is not None}
+
+
 def test_a_row_of_many_is_the_row_alone():
     many = table_of(list(range(8))).to_pylist()
     for v, row in enumerate(many):
-        alone = table_of([v]).to_pylist()[0]
-        assert {name: value for name, value in row.items() if value is not None and name != "variant"} == {
-            name: value for name, value in alone.items() if value is not None and name != "variant"
-        }
+        alone = table_of([v]).to_pylist()[0] | {"variant": v}
+        assert held(row) == held(alone)
     assert [row["diverged"] for row in many] == [v == 2 for v in range(8)]
     assert many[2]["diverged_time"] == 70 * 3e-6
     assert many[2]["tension_mean"] is None and many[5]["tension_mean"] is None
@@ -97,8 +100,7 @@ def test_variants_are_worked_on_a_block_at_a_time(monkeypatch):
 
 def test_rows_of_what_they_have_are_the_table_again():
     table = table_of(list(range(8)))
-    rows = [{name: value for name, value in row.items() if value is not None} for row in table.to_pylist()]
-    again = metrics.table_of(rows)
+    again = metrics.table_of(list(map(held, table.to_pylist())))
     assert set(again.column_names) == set(table.column_names)
     assert again.equals(table.select(again.column_names))
 
@@ -107,8 +109,7 @@ def test_columns_stand_where_the_first_variant_has_them():
     """Row by row, what a variant has and no one before it had comes after what was there."""
     names: dict[str, None] = {}
     for v in range(8):
-        alone = table_of([v])
-        names |= dict.fromkeys(alone.column_names)
+        names |= dict.fromkeys(table_of([v]).column_names)
     assert table_of(list(range(8))).column_names == list(names)
     assert "settle_steps" in names
 
@@ -118,9 +119,8 @@ def test_sums_over_many_partners_go_as_for_one():
     drive, random = drives()[0], np.random.default_rng(0)
     sums = {name: np.zeros((50, *([13] * (name != "chain"))), STRUCTS[name].numpy_dtype()) for name in STRUCTS}
     sums["contact"]["dissipated"] = random.normal(size=(50, 13))
-    found = energy_balance(
-        drive, {name: rows if name in ("chain", "contact") else rows[:, :2] for name, rows in sums.items()}
-    )
+    mine = {name: rows if name in ("chain", "contact") else rows[:, :2] for name, rows in sums.items()}
+    found = energy_balance(drive, mine)
     assert found.dissipated.tolist() == [row["dissipated"].sum() for row in sums["contact"]]
 
 
@@ -168,11 +168,10 @@ def test_rows_gathered_from_a_table_are_those_made_of_them_one_by_one(rows):
         (2, "ok", None, None, 1, None),
         (3, "ok", 4.5, -1.0, 0, 0.5),
     ]
-    given = [{name: value for name, value in zip(names, row, strict=True) if value is not None} for row in values]
+    given = [held(dict(zip(names, row, strict=True))) for row in values]
     table = metrics.table_of(given)
     kept = {"tension_mean", "a.torque_mean", "b.torque_mean"}
-    one_by_one = metrics.table_of(
-        [{} if row is None else {name: value for name, value in given[row].items() if name in kept} for row in rows]
-    )
+    parts = [{name: value for name, value in row.items() if name in kept} for row in given]
+    one_by_one = metrics.table_of([{} if row is None else parts[row] for row in rows])
     found = metrics.gathered(table, rows, kept.__contains__)
     assert found.equals(one_by_one.drop_columns("variant"), check_metadata=True)

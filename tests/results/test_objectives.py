@@ -11,11 +11,7 @@ from warpchain.errors import SimulationError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.metric_columns import unit_of
 from warpchain.results.metrics import design_columns
-from warpchain.results.objectives import (
-    add_objectives,
-    engagement_impulses,
-    from_trajectory,
-)
+from warpchain.results.objectives import add_objectives, engagement_impulses, from_trajectory
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import transmission_error
 
@@ -23,26 +19,27 @@ DRIVE = two_sprockets(mass=1.5)
 
 
 def design_row(metrics):
-    """What one variant is judged by, from its other metrics."""
+    """The objectives of one variant, from its other metrics."""
     columns = design_columns([DRIVE], {name: np.ma.array([value]) for name, value in metrics.items()})
     return {name: column[0] for name, column in columns.items() if not np.ma.getmaskarray(column)[0]}
 
 
 def test_sums_of_a_window():
     """2 s at 10 rad/s forward and 5 rad/s backward: 20/2pi and 10/2pi revolutions."""
+    strand = DRIVE.strand_names[0]
     metrics = {
         **{"tension_mean": 2e3, "tension_max": 5e3, "window_start": 1.0, "window_end": 3.0},
         **{"driver.speed_mean": 10.0, "driver.dissipated": 40.0, "driven.speed_mean": -5.0, "driven.dissipated": 6.0},
-        **{f"{DRIVE.strand_names[0]}.tension_mean": 4e3, f"{DRIVE.strand_names[0]}.tension_max": 6e3},
-        **{f"{DRIVE.strand_names[0]}.displacement_mean": -3e-3, f"{DRIVE.strand_names[0]}.displacement_rms": 5e-3},
+        **{f"{strand}.tension_mean": 4e3, f"{strand}.tension_max": 6e3},
+        **{f"{strand}.displacement_mean": -3e-3, f"{strand}.displacement_rms": 5e-3},
     }
     row = design_row(metrics)
     turns = 20.0 / (2.0 * math.pi)
     assert row == pytest.approx(
         {
             "peak_factor": 2.5,
-            f"{DRIVE.strand_names[0]}.peak_factor": 1.5,
-            f"{DRIVE.strand_names[0]}.displacement_std": 4e-3,
+            f"{strand}.peak_factor": 1.5,
+            f"{strand}.displacement_std": 4e-3,
             "driver.contact_energy_per_revolution": 40.0 / turns,
             "driven.contact_energy_per_revolution": 6.0 / turns,
             "contact_energy_per_revolution": 46.0 / turns,
@@ -52,11 +49,7 @@ def test_sums_of_a_window():
         rel=1e-12,
     )
     still = design_row(metrics | {"driver.speed_mean": 0.0, "driven.speed_mean": 0.0})
-    assert set(still) == {
-        f"{DRIVE.strand_names[0]}.displacement_std",
-        "peak_factor",
-        f"{DRIVE.strand_names[0]}.peak_factor",
-    }
+    assert set(still) == {"peak_factor", f"{strand}.peak_factor", f"{strand}.displacement_std"}
 
 
 def test_transmission_error_of_a_known_rotation():
@@ -67,10 +60,8 @@ def test_transmission_error_of_a_known_rotation():
     angle = np.stack([0.3 + 10.0 * time, 1.0 + 5.0 * time + ripple], axis=1)
     trajectory = Trajectory(drive, time, sprocket_angle=angle)
     assert transmission_error(trajectory, 1) == pytest.approx(ripple, abs=1e-12)
-    row = from_trajectory(trajectory, 0.0, 2.0)
-    assert row == pytest.approx(
-        {"driven.transmission_error_rms": 1e-3 / math.sqrt(2.0), "driven.transmission_error_range": 2e-3}, rel=1e-6
-    )
+    swing = {"driven.transmission_error_rms": 1e-3 / math.sqrt(2.0), "driven.transmission_error_range": 2e-3}
+    assert from_trajectory(trajectory, 0.0, 2.0) == pytest.approx(swing, rel=1e-6)
 
 
 def test_impulse_of_a_half_sine_and_of_a_plateau():
@@ -102,9 +93,8 @@ def test_fatigue_of_a_known_swing():
     swing = 2e3 + 1e3 * np.cos(2.0 * np.pi * 5.0 * time)  # 180 periods, peaks at both ends
     tension = np.stack([swing, np.full_like(swing, 9e3)], axis=1)
     angle = np.stack([time, time], axis=1) * 2.0 * np.pi  # 36 revolutions, of 20 teeth; 60 links: 12 of the chain
-    row = from_trajectory(
-        Trajectory(DRIVE, time, tension=tension, sprocket_angle=angle), 0.0, 36.0, Woehler(3.0, 1e3, 1e6)
-    )
+    swung = Trajectory(DRIVE, time, tension=tension, sprocket_angle=angle)
+    row = from_trajectory(swung, 0.0, 36.0, Woehler(3.0, 1e3, 1e6))
     assert row["damage_per_hour_max"] == pytest.approx(180 * 2.0**3 / 1e6 * 100, rel=1e-9)
     assert row["damage_per_hour_mean"] == pytest.approx(0.5 * row["damage_per_hour_max"])
     assert row["tension_equivalent_range"] == pytest.approx(2e3 * (180 / 12) ** (1 / 3), rel=1e-9)
@@ -127,14 +117,10 @@ def test_objectives_of_a_run_join_its_metrics():
         assert 0.0 < second[f"{name}.engagement_impulse"] < 10.0 * 1.0 * 10.0 * 0.05
     assert second["driven.transmission_error_rms"] < 2.0 * math.pi / 20 / 10  # a tenth of a pitch angle
     assert second["damage_per_hour_max"] > second["damage_per_hour_mean"] > 0.0
-    units = {name: unit_of(name) for name in table.column_names}
-    assert units["peak_factor"] == "1"
-    assert units["driven.transmission_error_rms"] == "rad"
-    assert units["driver.impact_impulse"] == units["driver.engagement_impulse"] == "N s"
-    assert units["contact_energy_per_revolution"] == "J"
-    assert units["damage_per_hour_max"] == "1/h"
-    assert units["tension_equivalent_range"] == "N"
-    assert table.schema.field("damage_per_hour_max").metadata == {b"unit": b"1/h"}
+    units = {"peak_factor": "1", "driven.transmission_error_rms": "rad", "tension_equivalent_range": "N"}
+    units |= {"driver.impact_impulse": "N s", "driver.engagement_impulse": "N s", "damage_per_hour_max": "1/h"}
+    for name, unit in (units | {"contact_energy_per_revolution": "J"}).items():
+        assert table.schema.field(name).metadata == {b"unit": unit.encode()} and unit_of(name) == unit
 
 
 def test_refusals():

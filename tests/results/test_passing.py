@@ -8,7 +8,7 @@ from warpchain import Trajectory, dumps_drive, loads_drive
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.results.batch_means import share_below
-from warpchain.results.engineering_report import HandedIn, Wear
+from warpchain.results.engineering_report import HandedIn
 from warpchain.results.joint_wear import bearing_area, elongation_rate, joint_wear
 from warpchain.results.losses import friction_power, joint_rates
 from warpchain.results.shaft_signals import hub_forces
@@ -161,17 +161,9 @@ def test_bearing_area_of_a_size():
                                  tension=np.zeros((2, 4)))) is None  # fmt: skip
 
 
-def test_wear_must_be_positive():
-    with pytest.raises(SimulationError, match=r"wear.coefficient = -1: allowed is a positive number"):
-        Wear(-1)
-
-
-def test_metrics_of_what_was_recorded():
-    trajectory = folding()
-    found = HandedIn(trajectory, wear=Wear(1e-15, 5e-5)).metrics  # bare: no sprockets' channels are there
+def test_hub_forces_need_their_channels():
     with pytest.raises(SimulationError, match="recorded without"):
-        _ = HandedIn(trajectory).hubs
-    assert callable(found)
+        _ = HandedIn(folding()).hubs
 
 
 def test_share_below_is_the_inverse_of_the_quantile():
@@ -186,13 +178,11 @@ def test_share_below_is_the_inverse_of_the_quantile():
 
 
 def test_probes_in_a_drive_file():
-    values = marine_values()
-    values["probes"] = [{"name": "mid", "at": [1.0, 2.0]}, {"name": "low", "at": [1.0, 0.0], "radius": 0.2}]
-    drive = Drive(**values)
+    probes = [{"name": "mid", "at": [1.0, 2.0]}, {"name": "low", "at": [1.0, 0.0], "radius": 0.2}]
+    drive = Drive(**marine_values() | {"probes": probes})
     assert [probe.radius for probe in drive.probes] == [None, 0.2]
     assert loads_drive(dumps_drive(drive)) == drive
-    moved = drive.with_values({"probes.low.at": [0.5, 0.0]})
-    assert moved.probes[1].at == (0.5, 0.0)
+    assert drive.with_values({"probes.low.at": [0.5, 0.0]}).probes[1].at == (0.5, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,8 @@ def test_displacement_in_the_solver_is_that_of_the_recorded_positions():
 def test_arrows_carry_the_recorded_forces_and_push_rollers_out_of_the_teeth():
     trajectory = simulate(two_sprockets(duration=0.05))[0]
     sprockets, guides = contact_arrows(trajectory)
-    np.testing.assert_allclose(
-        np.hypot(*np.moveaxis(sprockets, -1, 0)), trajectory.sprocket_force, rtol=1e-9, atol=1e-9
-    )
+    size = np.linalg.norm(sprockets, axis=-1)
+    np.testing.assert_allclose(size, trajectory.sprocket_force, rtol=1e-9, atol=1e-9)
     assert not guides.any()
     # moments of the drawn forces about the driven sprocket are those that the solver recorded
     on = (nearest_sprocket(trajectory) == 1)[..., None]
@@ -82,9 +81,7 @@ def test_arms_and_tensioners_are_drawn_where_they_are():
     housing, plunger = tensioner_outline(drive, 0)
     along = np.array(drive.tensioners[0].direction) / np.hypot(*drive.tensioners[0].direction)
     assert ((plunger - pad) @ along).max() == pytest.approx(0.0, abs=1e-15)
-    assert np.ptp((plunger - pad) @ np.array([-along[1], along[0]])) == pytest.approx(
-        drive.tensioners[0].plunger.diameter
-    )
+    width = np.ptp((plunger - pad) @ np.array([-along[1], along[0]]))
+    assert width == pytest.approx(drive.tensioners[0].plunger.diameter)
     assert ((housing - pad) @ along).max() < 0.0
-    quarter = turned(np.array([[2.0, 1.0]]), (1.0, 1.0), 0.5 * np.pi)
-    assert quarter == pytest.approx(np.array([[1.0, 2.0]]))
+    assert turned(np.array([[2.0, 1.0]]), (1.0, 1.0), 0.5 * np.pi) == pytest.approx(np.array([[1.0, 2.0]]))

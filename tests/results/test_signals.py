@@ -10,12 +10,14 @@ from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     amplitude_spectrum,
     contact_angles,
+    events,
     guide_forces,
     last_round,
     latter_half,
     order_spectrum,
     speed_ratio,
     strand_tension,
+    stroke,
     transmission_error,
 )
 
@@ -110,3 +112,27 @@ def test_the_link_at_mid_strand_is_the_one_there():
     # the strand sags and swings by less than a tenth of a pitch
     assert np.abs(at[:, 1] - middle[1]).max() < 0.1 * drive.chain.pitch
     np.testing.assert_array_equal(strand_tension(trajectory, 0), trajectory.tension[frame, link])
+
+
+def test_a_sine_goes_back_and_forth_four_amplitudes_a_period():
+    time = np.linspace(0.0, 2.0, 20001)
+    found = stroke(time, 3.0 + 0.5 * np.sin(2.0 * np.pi * 10.0 * time))
+    assert (found.low, found.high) == pytest.approx((2.5, 3.5), rel=1e-5)
+    assert found.travel == pytest.approx(1.0, rel=1e-5)
+    assert found.mean == pytest.approx(3.0, rel=1e-6)
+    assert found.path == pytest.approx(4 * 0.5 * 10.0, rel=1e-4)  # a thousand samples a period
+
+
+def test_openings_of_a_valve():
+    time = np.arange(1000) * 1e-3
+    lift = np.maximum(np.sin(2.0 * np.pi * 5.0 * (time - 0.05)), 0.0)  # opens at 0.05, 0.25, ... for 0.1 s
+    found = events(time, lift)
+    assert found.openings == 5 and found.rate == pytest.approx(5.0, rel=1e-9)
+    assert found.share == pytest.approx(0.5, abs=6e-3)  # a sample at either end of five spells
+    assert found.longest == pytest.approx(0.1, abs=2e-3)
+
+
+def test_what_is_open_from_the_beginning_did_not_open():
+    assert events(np.arange(4.0), np.array([1.0, 1.0, 0.0, 1.0])).openings == 1
+    assert events(np.arange(4.0), np.ones(4))[0] == 0 and events(np.arange(4.0), np.ones(4)).share == 1.0
+    assert events(np.arange(4.0), np.zeros(4)) == (0, 0.0, 0.0, 0.0)

@@ -1,9 +1,9 @@
-"""Units that values are shown in."""
+"""Units that values are shown in, and quantities in words."""
 
 import pytest
 
 from warpchain.results.metric_columns import COLUMNS
-from warpchain.results.units import DISPLAYED, display_unit
+from warpchain.results.units import DISPLAYED, display_unit, quantity, shown_unit
 
 
 @pytest.mark.parametrize(
@@ -40,3 +40,15 @@ def test_shown_values_stay_readable():
 
 def test_units_of_metrics_are_known_where_they_scale():
     assert {"N", "m", "J", "N m", "N s", "rad"} <= {column.unit for column in COLUMNS.values()} & set(DISPLAYED)
+
+
+def test_words_have_unit_and_deviation():
+    assert quantity(5612.3, "N", 83.0) == "5.612 ± 0.083 kN"
+    assert quantity(-0.0075, "m") == "-7.5 mm"
+    assert quantity(0.95, "1", float("nan")) == "0.95"
+
+
+def test_the_largest_value_decides():
+    assert shown_unit("N", 3.0, -4e3, float("nan")) == ("kN", pytest.approx(1e-3))
+    assert shown_unit("1", 3e-5) == ("", 1.0)
+    assert shown_unit("m") == ("m", 1.0)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from command import run
 from stopping import interruptions
-from study_helpers import write_study
+from study_helpers import STUDY, write_study
 from waiting import wait_for
 
 import warpchain
@@ -21,38 +22,19 @@ from warpchain.study.analysis.pareto import goals_of
 from warpchain.study.design.factor_values import Cube
 from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
 from warpchain.study.results import read_results
-from warpchain.study.spec import dumps_study, loads_study
+from warpchain.study.spec import Study, dumps_study, loads_study
 from warpchain.study.store import read_table
 
 pytest.importorskip("sklearn")
 pytest.importorskip("pymoo")
 
-TOY = """
-[study]
-drive = "none"
-[design]
-kind = "sobol"
-count = {start}
-[[factors]]
-name = "a"
-path = "x.a"
-range = [-2.0, 2.0]
-[[factors]]
-name = "b"
-path = "x.b"
-range = [-2.0, 2.0]
-[[objectives]]
-metric = "f1"
-[[objectives]]
-metric = "f2"
-[optimize]
-engine = "{engine}"
-batch = {batch}
-"""
 
-
-def toy(engine, start=16, batch=8, more=""):
-    return loads_study(TOY.format(engine=engine, start=start, batch=batch) + more)
+def toy(engine="bayes", start=16, batch=8, names="ab", reach=2.0, seed=0, **more):
+    """A study of functions of some factors within a reach of 0, of whose values f1 and f2 are to be least."""
+    factors = [{"name": name, "path": f"x.{name}", "range": [-reach, reach]} for name in names]
+    told = {"study": {"drive": "none"}, "design": {"kind": "sobol", "count": start}, "factors": factors}
+    told |= {"objectives": [{"metric": "f1"}, {"metric": "f2"}]}
+    return Study.model_validate(told | {"optimize": {"engine": engine, "batch": batch, "seed": seed}} | more)
 
 
 def searched(study, functions, count, noise=0.0):
@@ -76,8 +58,7 @@ TWO = {"f1": lambda a, b: (a - 1.0) ** 2 + b * b, "f2": lambda a, b: (a + 1.0) *
 def off_the_front(results):
     """sqrt(f1) + sqrt(f2) - 2 of the true values, and a, of each row."""
     a, b = results.values("a"), results.values("b")
-    true = np.sqrt(TWO["f1"](a, b)) + np.sqrt(TWO["f2"](a, b)) - 2.0
-    return true, a
+    return np.sqrt(TWO["f1"](a, b)) + np.sqrt(TWO["f2"](a, b)) - 2.0, a
 
 
 @pytest.mark.parametrize(
@@ -95,14 +76,11 @@ def test_rows_come_to_lie_along_a_known_front(engine, count, noise):
 
 def test_a_noisy_ishigami_function_gives_its_minimum():
     """sin a + 7 sin^2 b + 0.1 c^4 sin a is least at a = -pi/2, b = 0, c = +-pi: -1 - 0.1 pi^4 = -10.74."""
-    text = TOY.format(engine="bayes", start=16, batch=6).replace("[-2.0, 2.0]", "[-3.14159265, 3.14159265]")
-    third = '[[factors]]\nname = "c"\npath = "x.c"\nrange = [-3.14159265, 3.14159265]\n[[objectives]]\nmetric = "f1"\n'
-    text = text.replace('[[objectives]]\nmetric = "f1"\n[[objectives]]\nmetric = "f2"\n', third)
 
     def ishigami(a, b, c):
         return np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
 
-    study = loads_study(text)
+    study = toy(batch=6, names="abc", reach=np.pi, objectives=[{"metric": "f1"}])
     results = searched(study, {"f1": ishigami}, 56, noise=0.3)
     (best, *_) = recommend(results, goals_of(study))
     row = {name: float(results.values(name)[best.row]) for name in "abc"}
@@ -114,10 +92,7 @@ def test_a_noisy_ishigami_function_gives_its_minimum():
 
 def test_limits_are_kept_and_known_with_a_probability():
     """Least (a - 1)^2 + b^2 with f2 = (a + 1)^2 + b^2 at most 1: a = 0, b = 0, of value 1."""
-    text = TOY.format(engine="bayes", start=16, batch=6).replace(
-        '[[objectives]]\nmetric = "f2"\n', '[[limits]]\nmetric = "f2"\nmax = 1.0\n'
-    )
-    study = loads_study(text)
+    study = toy(batch=6, objectives=[{"metric": "f1"}], limits=[{"metric": "f2", "max": 1.0}])
     results = searched(study, TWO, 36)
     (best, *_) = recommend(results, goals_of(study))
     # without noise the row itself is known: what is left is how near to the corner of the limit rows came
@@ -129,35 +104,18 @@ def test_same_study_same_rows_and_told_rows_decide():
     for engine in ("bayes", "population"):
         first, second = (searched(toy(engine, 8, 4), TWO, 16) for _ in range(2))
         assert first.table.equals(second.table)
-    other = searched(toy("bayes", 8, 4, "seed = 1\n"), TWO, 16)
+    other = searched(toy("bayes", 8, 4, seed=1), TWO, 16)
     assert not other.table.equals(searched(toy("bayes", 8, 4), TWO, 16).table)
 
 
 def test_places_in_the_cube_are_those_of_the_values():
-    factors = """
-[[factors]]
-name = "n"
-path = "x.n"
-range = [17, 25]
-integer = true
-[[factors]]
-name = "k"
-path = "x.k"
-range = [1e3, 1e7]
-distribution = "log-uniform"
-[[factors]]
-name = "law"
-path = "x.law"
-choice = ["flores", "hunt", "kv"]
-[[factors]]
-name = "z"
-path = "x.z"
-distribution = "normal"
-mean = 3.0
-std = 0.5
-"""
-    text = '[study]\ndrive = "none"\n[design]\nkind = "sobol"\ncount = 8\n' + factors
-    cube = Cube(loads_study(text))
+    factors = [
+        {"name": "n", "path": "x.n", "range": [17, 25], "integer": True},
+        {"name": "k", "path": "x.k", "range": [1e3, 1e7], "distribution": "log-uniform"},
+        {"name": "law", "path": "x.law", "choice": ["flores", "hunt", "kv"]},
+        {"name": "z", "path": "x.z", "distribution": "normal", "mean": 3.0, "std": 0.5},
+    ]
+    cube = Cube(toy(factors=factors))
     points = np.random.default_rng(0).random((40, 4))
     rows = cube.rows(points)
     again = cube.points(rows)
@@ -170,67 +128,26 @@ std = 0.5
         assert before["law"] == after["law"] and before["n"] == after["n"]
 
 
-# ------------------------------------------------------------------------------------------- on a drive
-
-WANTED = """
-[study]
-drive = "tiny.toml"
-
-[design]
-kind = "sobol"
-count = 4
-
-[[factors]]
-name = "torque"
-path = "sprockets.s1.load.torque"
-range = [0.0, 20.0]
-unit = "N m"
-
-[[factors]]
-name = "links"
-path = "chain.links"
-levels = [44, 45]
-
-[[objectives]]
-metric = "tension_max"
-
-[[objectives]]
-metric = "torque"
-sense = "max"
-
-[[limits]]
-energy_residual = inf
-
-[[limits]]
-metric = "tension_std"
-max = 900
-
-[optimize]
-engine = "{engine}"
-count = 10
-batch = 3
-
-[run]
-duration = 0.0003
-step = 1e-5
-shard = 2
-
-[record]
-rate = 1e5
+GOALS = """
+objectives = [{{ metric = "tension_max" }}, {{ metric = "torque", sense = "max" }}]
+limits = [{{ energy_residual = inf }}, {{ metric = "tension_std", max = 900 }}]
+optimize = {{ engine = "ENGINE", count = 10, batch = 3 }}
+record = {{ rate = 1e5 }}
 """
+WANTED = GOALS + (
+    STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
+    .replace("range = [0.0, 1.0]\npoints = {points}", 'range = [0.0, 20.0]\nunit = "N m"')
+    .replace("[limits]\nenergy_residual = inf\n", "")
+    .replace("duration = 0.0005", "duration = 0.0003")
+)
 
 
-def written(folder, engine="bayes", **changes):
-    text = WANTED.format(engine=engine)
-    for old, new in changes.items():
-        text = text.replace(f"{old} = ", f"{new} #")
-    path = write_study(folder)
-    path.write_text(text)
-    return path
+def written(folder, engine="bayes"):
+    return write_study(folder, text=WANTED.replace("ENGINE", engine))
 
 
 def contents(folder):
-    """What a search decides: the tables' rows and the drive files."""
+    """The outcome of a search: the tables' rows and the drive files."""
     found = {p.relative_to(folder): read_table(p) for p in sorted(folder.rglob("*.parquet"))}
     return found | {p.relative_to(folder): p.read_text() for p in sorted(folder.rglob("design-*.toml"))}
 
@@ -306,17 +223,12 @@ def test_a_killed_process_is_gone_on_with(tmp_path, whole):
 
 def test_more_rows_are_a_longer_search(tmp_path, whole):
     path, out = written(tmp_path), tmp_path / "out"
-    path.write_text(path.read_text().replace("count = 10", "count = 4"))
+    longer = path.read_text()
+    path.write_text(longer.replace("count = 10", "count = 4"))
     assert optimize(path, out).results.table.num_rows == 4
-    path.write_text(
-        path.read_text()
-        .replace("batch = 3", "batch = 3\n")
-        .replace("engine", "count = 10\nengine")
-        .replace("count = 4\nbatch", "batch")
-    )
+    path.write_text(longer)
     optimize(path, out)
-    found = contents(out)
-    assert {p: t for p, t in contents(whole["bayes"][0]).items()}.items() <= {p: t for p, t in found.items()}.items()
+    assert contents(whole["bayes"][0]).items() <= contents(out).items()
 
 
 def test_found_designs_can_be_played_and_are_drives(whole):
@@ -328,10 +240,9 @@ def test_found_designs_can_be_played_and_are_drives(whole):
         assert drive.get_value("sprockets.s1.load.torque") == row["torque"]
         archive, number = place
         assert number == one.variant
-        run = warpchain.read_archive(archive)
-        assert (
-            run.metrics["tension_max"][run.row_of(number)].as_py() == row["tension_max"]
-        )  # the same drive, the same run
+        kept = warpchain.read_archive(archive)
+        again = kept.metrics["tension_max"][kept.row_of(number)].as_py()  # the same drive, the same run
+        assert again == row["tension_max"]
         assert one.measured["tension_max"] == row["tension_max"]
         mean, deviation = one.believed["tension_max"]
         assert np.isfinite(mean) and deviation >= 0.0
@@ -372,35 +283,30 @@ def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
     path = written(tmp_path)
     good = path.read_text()
     for old, new, told in (
-        (
-            'metric = "tension_max"',
-            'metric = "tension_mux"',
-            'objectives.0.metric = "tension_mux": no such metric; near',
-        ),
-        ("max = 900", "min = 5.0\nmax = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
+        ('"tension_max"', '"tension_mux"', 'objectives.0.metric = "tension_mux": no such metric; near'),
+        ("max = 900", "min = 5.0, max = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
         ('sense = "max"', 'sense = "most"', 'must be "min" or "max"'),
         ('metric = "tension_max"', 'metric = "s1.transmission_error_rms"', "it needs record.every = 1"),
         ('"bayes"', '"luck"', 'must be "bayes" or "population"'),
     ):
         path.write_text(good.replace(old, new))
-        assert main(["optimize", str(path), "-o", str(tmp_path / "out")]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert told in line
+        status, _, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+        assert (status, len(err)) == (2, 1) and told in err[0]
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_of_another_search_is_refused(tmp_path, whole, capsys):
     path = written(tmp_path)
     path.write_text(path.read_text().replace("20.0]", "21.0]"))
-    assert main(["optimize", str(path), "-o", str(whole["bayes"][0])]) == 2
-    assert "another study, which differs in factors" in capsys.readouterr().err
+    status, _, err = run(capsys, "optimize", path, "-o", whole["bayes"][0])
+    assert status == 2 and "another study, which differs in factors" in err[0]
 
 
 def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
     folder, found = whole["population"]
-    assert main(["optimize", str(folder.parent / "study.toml"), "-o", str(folder)]) == 0
-    out = capsys.readouterr().out
-    assert "10 variants in 3 rounds" in out
+    status, lines, _ = run(capsys, "optimize", folder.parent / "study.toml", "-o", folder)
+    out = "\n".join(lines)
+    assert status == 0 and "10 variants in 3 rounds" in out
     assert f"play it: warpchain view {found.archives[0][0]} --variant {found.recommended[0].variant}" in out
     assert "±" in out and "torque = " in out
     assert Path(found.drives[0]).is_file()
@@ -408,18 +314,18 @@ def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
 
 def test_any_variant_can_be_played(whole, tmp_path, capsys):
     folder, found = whole["bayes"]
-    saved = tmp_path / "v.rrd"
-    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
-    archive = folder / "played" / "variant-000003.mcap"
-    assert str(archive) in capsys.readouterr().out and saved.stat().st_size > 1000
+    saved, archive = tmp_path / "v.rrd", folder / "played" / "variant-000003.mcap"
+    words = ["--save", saved, "--quiet"]
+    status, out, _ = run(capsys, "study", "play", folder, "3", *words)
+    assert status == 0 and str(archive) in "\n".join(out) and saved.stat().st_size > 1000
     row = found.results.table.slice(3, 1).to_pylist()[0]
     played = warpchain.read_archive(archive)
     assert played.metrics["tension_max"][0].as_py() == row["tension_max"] and list(played) == [3]
     when = archive.stat().st_mtime_ns
-    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
+    assert run(capsys, "study", "play", folder, "3", *words)[0] == 0
     assert archive.stat().st_mtime_ns == when  # not run again
-    assert main(["study", "play", str(folder), "99", "--save", str(saved)]) == 2
-    assert "variant 99: not in" in capsys.readouterr().err
+    status, _, err = run(capsys, "study", "play", folder, "99", *words)
+    assert status == 2 and "variant 99: not in" in err[0]
     archive.unlink()
     archive.parent.rmdir()
 
@@ -445,9 +351,8 @@ def test_python_of_the_documents_runs(tmp_path, monkeypatch):
 
 def test_replicates_are_rows_with_their_standard_errors(tmp_path):
     path = written(tmp_path)
-    path.write_text(
-        path.read_text().replace("count = 4\n", "count = 4\nreplicates = 3\n").replace("count = 10", "count = 6")
-    )
+    more = path.read_text().replace("count = 4\n", "count = 4\nreplicates = 3\n")
+    path.write_text(more.replace("count = 10", "count = 6"))
     found = optimize(path, tmp_path / "out")
     table = found.results.table
     assert table.num_rows == 7 and set(table["n"].to_pylist()) == {3}

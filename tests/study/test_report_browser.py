@@ -11,6 +11,7 @@ import pypdfium2 as pdfium
 import pytest
 from browsing import browser, no_browser
 from PIL import Image
+from waiting import wait_for
 
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
@@ -60,11 +61,8 @@ class Opened:
     def settled(self):
         """Waits until what was asked for is drawn."""
         time.sleep(0.3)
-        self.call(
-            "Runtime.evaluate",
-            expression="new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))",
-            awaitPromise=True,
-        )
+        drawn = "new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))"
+        self.call("Runtime.evaluate", expression=drawn, awaitPromise=True)
 
     def clear(self):
         """Takes all limits away."""
@@ -107,13 +105,10 @@ def page(tmp_path_factory):
         opened = Opened(page)
         opened.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
         opened.call("Network.enable")
-        opened.call(
-            "Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0
-        )
+        off = {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0}
+        opened.call("Network.emulateNetworkConditions", **off)
         opened.browser.open(file.as_uri())
-        end = time.monotonic() + 60.0
-        while opened.value("window.warpchain && document.readyState") != "complete" and time.monotonic() < end:
-            time.sleep(0.2)
+        wait_for(lambda: opened.value("window.warpchain && document.readyState") == "complete")
         yield opened
 
 
@@ -135,12 +130,8 @@ def test_a_brush_on_an_axis_keeps_its_range(page):
     page.clear()
     left, top, width, height = page.box("#parallel")
     # axes are at 60 .. 1060 of 1120, ranges at 56 .. 300 of 330 (5 % of the range beyond either end)
-    names = [
-        c
-        for c in page.value(
-            "[...document.querySelectorAll('.limits input[type=checkbox]')].map(e => e.nextSibling.textContent)"
-        )
-    ]
+    boxes = "[...document.querySelectorAll('.limits input[type=checkbox]')]"
+    names = page.value(f"{boxes}.map(e => e.nextSibling.textContent)")
     place = names.index("torque")
     x = left + width * (60 + place * 1000 / (len(names) - 1)) / 1120
     up, down = (top + height * y / 330 for y in (56, 178))
@@ -182,12 +173,9 @@ def test_pointing_at_a_dot_tells_its_variant_and_the_command(page):
             break
     assert found is not None
     number = int(found.split()[1])
-    command = (
-        f"warpchain view out/study/shards/{number:05d}.mcap --variant 0"
-        if number % 10 == 1
-        else f"warpchain study play out/study {number}"
-    )
-    assert command in found and "tension_max = " in found and " kN" in found
+    recorded, other = f"view out/study/shards/{number:05d}.mcap --variant 0", f"study play out/study {number}"
+    assert f"warpchain {recorded if number % 10 == 1 else other}" in found
+    assert "tension_max = " in found and " kN" in found
 
 
 def test_the_front_is_that_of_the_variants_that_are_kept(page):
@@ -218,14 +206,8 @@ def test_in_print_it_is_a_report_to_hand_on(page):
     texts = [sheet.get_textpage().get_text_range().split("\r\n") for sheet in document]
     assert 8 <= len(texts) <= 20
     lines = [line.strip() for text in texts for line in text]
-    for heading in (
-        "Recommended designs",
-        "Pareto front",
-        "Explore the variants",
-        "The chosen variants",
-        "Correlation",
-    ):
-        assert heading in lines
+    headings = {"Recommended designs", "Pareto front", "Explore the variants", "The chosen variants", "Correlation"}
+    assert headings < set(lines)
     for control in ("clear all", "copy", "axes and limits", "save the chosen as CSV", "color by", "across", "up"):
         assert not any(line == control or line.startswith(f"{control} ") for line in lines)
     assert not any("Draw along an axis" in line for line in lines)
@@ -233,12 +215,7 @@ def test_in_print_it_is_a_report_to_hand_on(page):
     assert "Play one: warpchain study play out/study VARIANT" in lines
     for text in texts:  # no text squeezed letter under letter, and no heading left alone at a page's end
         assert sum(len(line.strip()) == 1 and line.strip().isalpha() for line in text) < 20
-        assert text[-1].strip() not in (
-            "Recommended designs",
-            "Pareto front",
-            "Effects and interactions",
-            "tension_max",
-        )
+        assert text[-1].strip() not in headings | {"Effects and interactions", "tension_max"}
     for sheet in document:  # no sheet without ink
         assert (np.asarray(sheet.render(scale=0.5).to_pil().convert("L")) < 200).mean() > 0.002
     page.clear()

@@ -51,18 +51,16 @@ def test_marine_tightener_takes_other_wheels(teeth):
 
 
 @pytest.mark.parametrize(
-    ("span", "odd", "links"),
-    [(16.2, True, 44), (16.2, False, 44), (16.4, True, 45), (16.4, False, 44), (16.9, False, 46)],
+    ("span", "odd", "strain", "links"),
+    [
+        *((16.2, odd, 0.0, 44) for odd in (True, False)),
+        *((16.4, odd, 0.0, links) for odd, links in ((True, 45), (False, 44))),
+        (16.9, False, 0.0, 46),
+        (16.4, True, 0.05, 43),  # (44.8 - 12) / (1 + 0.05) = 31.2 free links: 43 are nearer than 44
+    ],
 )
-def test_number_of_links_is_the_nearest(span, odd, links):
-    assert nearest_links(chain_path(pair(span * PITCH)), 0.0, odd)[0] == links
-
-
-def test_number_of_links_answers_to_the_wanted_strain():
-    # (44.8 - 12) / (1 + 0.05) = 31.2 free links: 43 are nearer than 44
-    path = chain_path(pair(16.4 * PITCH))
-    assert nearest_links(path, 0.0, odd=True)[0] == 45
-    assert nearest_links(path, 0.05, odd=True)[0] == 43
+def test_number_of_links_is_the_nearest_for_the_wanted_strain(span, odd, strain, links):
+    assert nearest_links(chain_path(pair(span * PITCH)), strain, odd)[0] == links
 
 
 def test_what_cannot_be_reached_is_told_with_what_can():

@@ -16,8 +16,11 @@ def design(text, source="study.toml"):
     return make_design(loads_study('[study]\ndrive = "marine"\n' + text, str(source)), source)
 
 
-def factor(name, text):
-    return f'[[factors]]\nname = "{name}"\npath = "sprockets.camshaft.load.{name}"\n{text}\n'
+NORMAL = 'normal"\nmean = 5.0\nstd = 2.0'
+
+
+def factor(name, text, path=None):
+    return f'[[factors]]\nname = "{name}"\npath = "{path or f"sprockets.camshaft.load.{name}"}"\n{text}\n'
 
 
 def sampled(kind, text, count=64, name="torque"):
@@ -30,7 +33,7 @@ def test_factorial_has_every_combination_once_and_exact_ends():
         '[design]\nkind = "factorial"\n'
         + factor("torque", "range = [0.1, 0.3]\npoints = 3")
         + factor("viscous", "levels = [1, 5]")
-        + '[[factors]]\nname = "wrap"\npath = "sprockets.tightener.wrap"\nchoice = ["cw", "ccw"]\n'
+        + factor("wrap", 'choice = ["cw", "ccw"]', "sprockets.tightener.wrap")
     )
     rows = list(zip(*(table[name].to_pylist() for name in ("torque", "viscous", "wrap")), strict=True))
     assert len(rows) == len(set(rows)) == 12
@@ -60,11 +63,8 @@ def test_designs_repeat_with_their_seed_alone():
 @pytest.mark.parametrize(
     ("text", "cdf"),
     [
-        ('distribution = "normal"\nmean = 5.0\nstd = 2.0', norm(5, 2).cdf),
-        (
-            'distribution = "truncated-normal"\nmean = 5.0\nstd = 2.0\nrange = [4.0, 10.0]',
-            truncnorm(-0.5, 2.5, 5, 2).cdf,
-        ),
+        (f'distribution = "{NORMAL}', norm(5, 2).cdf),
+        (f'distribution = "truncated-{NORMAL}\nrange = [4.0, 10.0]', truncnorm(-0.5, 2.5, 5, 2).cdf),
         ('distribution = "log-uniform"\nrange = [1.0, 100.0]', lambda x: np.log(x) / math.log(100)),
         ("range = [2.0, 4.0]", lambda x: (np.asarray(x) - 2) / 2),
     ],
@@ -75,14 +75,11 @@ def test_distributions_follow_their_law(text, cdf):
     assert kstest(sampled("latin-hypercube", text), cdf).statistic <= 1 / 64 + 1e-12
 
 
-def test_whole_numbers_and_choices_are_equally_likely():
-    for text, kinds in (
-        ("range = [3, 6]\ninteger = true", {3, 4, 5, 6}),
-        ("choice = [10, 20, 30, 40]", {10, 20, 30, 40}),
-    ):
-        values = sampled("latin-hypercube", text)
-        assert {value: int((values == value).sum()) for value in kinds} == dict.fromkeys(kinds, 16)
-        assert values.dtype == np.int64
+@pytest.mark.parametrize("text", ["range = [3, 6]\ninteger = true", "choice = [3, 4, 5, 6]"])
+def test_whole_numbers_and_choices_are_equally_likely(text):
+    values = sampled("latin-hypercube", text)
+    assert np.bincount(values).tolist() == [0, 0, 0, 16, 16, 16, 16]
+    assert values.dtype == np.int64
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
@@ -130,22 +127,17 @@ def test_plackett_burman_takes_two_levels_and_center_rows():
 def test_tied_factors_groups_and_constraints():
     table = design(
         '[design]\nkind = "factorial"\n'
-        + '[[factors]]\nname = "b"\nexpression = "a ** 2 + 1"\npath = "chain.damping"\n'
-        + '[[factors]]\nname = "c"\nexpression = "10 / (b - 5)"\npath = "chain.links"\ninteger = true\n'
+        + factor("b", 'expression = "a ** 2 + 1"', "chain.damping")
+        + factor("c", 'expression = "10 / (b - 5)"\ninteger = true', "chain.links")
         + '[[factors]]\nname = "a"\nlevels = [1, 2, 3]\ngroup = "size"\n'
-        + '[[factors]]\nname = "d"\nlevels = [10, 20, 30]\ngroup = "size"\npath = "chain.stiffness"\n'
+        + factor("d", 'levels = [10, 20, 30]\ngroup = "size"', "chain.stiffness")
         + '[[constraints]]\nrequire = "d < 30 and a >= 1"\n'
     )
-    assert table["a"].to_pylist() == [1, 2, 3]
-    assert table["d"].to_pylist() == [10, 20, 30]
-    assert table["b"].to_pylist() == [2, 5, 10]
-    assert table["c"].to_pylist() == [-3, None, 2]
-    assert table["status"].to_pylist() == ["planned", "infeasible", "infeasible"]
-    assert table["reason"].to_pylist() == [
-        None,
-        "c = 10 / (b - 5): division by zero",
-        "constraint d < 30 and a >= 1 is not met",
-    ]
+    reasons = [None, "c = 10 / (b - 5): division by zero", "constraint d < 30 and a >= 1 is not met"]
+    assert table.select([*"adbc", "status", "reason"]).to_pydict() == {
+        **{"a": [1, 2, 3], "d": [10, 20, 30], "b": [2, 5, 10], "c": [-3, None, 2]},
+        **{"status": ["planned", "infeasible", "infeasible"], "reason": reasons},
+    }
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
@@ -157,8 +149,7 @@ def test_table_design(tmp_path, ending):
     path = tmp_path / f"rows.{ending}"
     (csv.write_csv if ending == "csv" else parquet.write_table)(table, path)
     text = f'[design]\nkind = "table"\nfile = "rows.{ending}"\n' + factor("torque", "")
-    text += '[[factors]]\nname = "wrap"\npath = "sprockets.tightener.wrap"\n'
-    text += '[[factors]]\nname = "teeth"\npath = "sprockets.tightener.teeth"\n'
+    text += "".join(factor(name, "", f"sprockets.tightener.{name}") for name in ("wrap", "teeth"))
     made = design(text, tmp_path / "study.toml")
     assert made.select(["torque", "wrap", "teeth"]).to_pylist() == table.to_pylist()
 

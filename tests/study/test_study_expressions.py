@@ -37,62 +37,46 @@ def test_values(text, value):
     assert found == value and type(found) is type(value)
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("x + 1", "'leapfrog' is not a number"),
-        ("1 + 'x'", "'x' is not a number"),
-        ("'x' * 3", "'x' is not a number"),
-        ("-x", "'leapfrog' is not a number"),
-        ("x % n", "'leapfrog' is not a number"),
-        ("n ** x", "'leapfrog' is not a number"),
-        ("max(x, 1)", "'leapfrog' is not a number"),
-        ("x < n", "'leapfrog' and 3 have no order"),
-        ("1 < n < 'b'", "3 and 'b' have no order"),
-        ("row + 1.0", r"\[1.0, 2.0\] is not a number"),
-        ("y * none", "None is not a number"),
-        ("row < 1", "not supported"),
-        ("round(y, y)", "cannot be interpreted as an integer"),
-        ("max(n)", "not iterable"),
-        ("min()", "at least 1 argument"),
-        ("sqrt(-y)", "domain"),
-        ("n // 0", "zero"),
-        ("n / 0", "zero"),
-        ("9 ** 9 ** 9 ** 9", "range"),
-        ("log(-1)", "domain"),
-        ("(-2) ** 0.5", "domain"),
-        ("10000 ** 16", "64 bits"),
-        ("exp(1000 * n)", "range"),
-        ("round(1e308 * 10)", "infinity"),
-    ],
-)
+NO_VALUE = {
+    "'leapfrog' is not a number": ["x + 1", "-x", "x % n", "n ** x", "max(x, 1)"],
+    "'x' is not a number": ["1 + 'x'", "'x' * 3"],
+    "'leapfrog' and 3 have no order": ["x < n"],
+    "3 and 'b' have no order": ["1 < n < 'b'"],
+    r"\[1.0, 2.0\] is not a number": ["row + 1.0"],
+    "None is not a number": ["y * none"],
+    "not supported": ["row < 1"],
+    "cannot be interpreted as an integer": ["round(y, y)"],
+    "not iterable": ["max(n)"],
+    "at least 1 argument": ["min()"],
+    "domain": ["sqrt(-y)", "log(-1)", "(-2) ** 0.5"],
+    "zero": ["n // 0", "n / 0"],
+    "range": ["9 ** 9 ** 9 ** 9", "exp(1000 * n)"],
+    "64 bits": ["10000 ** 16"],
+    "infinity": ["round(1e308 * 10)"],
+}
+
+
+@pytest.mark.parametrize(("text", "told"), [(text, told) for told, texts in NO_VALUE.items() for text in texts])
 def test_what_has_no_value_is_told(text, told):
     with pytest.raises(StudyError, match=told) as caught:
         parse(text).value(VALUES)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "text", ["[1.0] + 2.0", "{1: 2}", "x.upper()", "row[0]", "lambda: 1", "f'{x}'", "b'x'", "1j", "None"]
-)
-def test_what_is_no_arithmetic_is_told(text):
-    with pytest.raises(StudyError, match=r"allowed|unknown"):
-        parse(text)
+NOT_ALLOWED = ["[1.0] + 2.0", "{1: 2}", "x.upper()", "row[0]", "lambda: 1", "f'{x}'", "b'x'", "1j", "None", "x.real"]
+NO_ARITHMETIC = ["__import__('os')", "[1, 2]", "open('f')", "x = 1", "max", "x @ x", "(", "1" * 1001, "max(*x)", "x if"]
+NO_ARITHMETIC += ["(" * 900 + "x" + ")" * 90, "x is x"]
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["__import__('os')", "x.real", "[1, 2]", "open('f')", "x = 1", "max", "x @ x", "(", "1" * 1001,
-     "(" * 900 + "x" + ")" * 90, "max(*x)", "x is x", "x if"],
-)  # fmt: skip
+@pytest.mark.parametrize("text", NOT_ALLOWED + NO_ARITHMETIC)
 def test_what_is_no_arithmetic_is_refused(text):
-    with pytest.raises(StudyError):
+    with pytest.raises(StudyError, match="allowed|unknown" if text in NOT_ALLOWED else None):
         parse(text)
 
 
 @pytest.mark.parametrize("sign", ["-", "not ", "n+", "abs("])
 def test_however_deep_it_is_it_has_a_value_or_none(sign):
-    """What parses may be asked for its value from anywhere, and Python's stack is no place to fall from."""
+    """An expression may be asked for its value from anywhere, and Python's stack is no place to fall from."""
     told = 0
     for count in range(10, 990, 35):
         text = count * sign + "n" + count * ")" * (sign == "abs(")

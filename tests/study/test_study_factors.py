@@ -12,12 +12,7 @@ from study_helpers import STUDY, write_study
 
 from warpchain import load_drive
 from warpchain.errors import StudyError
-from warpchain.study.analysis.sensitivity import (
-    best_indices,
-    factors_of_problem,
-    problem_of_factors,
-    surface_indices,
-)
+from warpchain.study.analysis.sensitivity import best_indices, factors_of_problem, problem_of_factors, surface_indices
 from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.design import make_design
 from warpchain.study.design.factor_values import nodes
@@ -51,14 +46,14 @@ def test_relative_and_offset_factors_go_by_the_drives_own_values():
     ])  # fmt: skip
     check_drive(study, drive, "s")
     made = placed(study, drive, {"load": 2.0, "aside": 0.02, "more": -2, "all": 1.1})
-    for path, value in (
-        ("sprockets.camshaft.load.torque", 2.0 * drive.get_value("sprockets.camshaft.load.torque")),
-        ("sprockets.tightener.center.0", drive.get_value("sprockets.tightener.center.0") + 0.02),
-        ("sprockets.tightener.inertia", 1.1 * drive.get_value("sprockets.tightener.inertia")),
-        ("chain.stiffness", 1.1 * drive.get_value("chain.stiffness")),
+    for path, factor, offset in (
+        ("sprockets.camshaft.load.torque", 2.0, 0.0),
+        ("sprockets.tightener.center.0", 1.0, 0.02),
+        ("sprockets.tightener.inertia", 1.1, 0.0),
+        ("chain.stiffness", 1.1, 0.0),
+        ("sprockets.tightener.teeth", 1, -2),
     ):
-        assert made.get_value(path) == pytest.approx(value, rel=1e-15)
-    assert made.get_value("sprockets.tightener.teeth") == drive.get_value("sprockets.tightener.teeth") - 2
+        assert made.get_value(path) == pytest.approx(factor * drive.get_value(path) + offset, rel=1e-15)
 
 
 def test_a_bar_is_shifted_along_its_normal_as_one_factor():
@@ -83,8 +78,7 @@ def test_a_bar_is_shifted_along_its_normal_as_one_factor():
 
 def test_hidden_factors_vary_and_are_no_factors_of_the_results(tmp_path):
     text = STUDY.replace('name = "links"', 'name = "links"\nhidden = true')
-    run_study(write_study(tmp_path, points=3, text=text), tmp_path / "out")
-    results = read_results(tmp_path / "out" / "results.parquet")
+    results = read_results(run_study(write_study(tmp_path, points=3, text=text), tmp_path / "out").table)
     assert results.factors == ("torque",)
     assert results.table["links"].to_pylist() == [44, 45] * 3
     assert "links" not in results.metrics
@@ -188,18 +182,16 @@ def test_a_studys_table_tells_distributions(tmp_path):
     factor = 'name = "torque"\npath = "sprockets.s1.load.torque"\ndistribution = "normal"\nmean = 1.0\nstd = 0.1\n'
     text = HEAD.format('sobol"\ncount = 4\n#').replace("marine", "tiny.toml") + "[[factors]]\n" + factor
     source = write_study(tmp_path, text=text + "[run]\nduration = 0.0005\nstep = 1e-5\n")
-    run_study(source, tmp_path / "out")
-    results = read_results(tmp_path / "out" / "results.parquet")
+    results = read_results(run_study(source, tmp_path / "out").table)
     assert results.distribution("torque") == {"distribution": "normal", "mean": 1.0, "std": 0.1}
 
 
 def test_the_step_can_be_auto_in_settings_and_in_a_choice(tmp_path):
     own = STUDY.replace("step = 1e-5", 'step = "auto"')
-    run_study(write_study(tmp_path / "a", points=2, text=own), tmp_path / "a" / "out")
     choice = '[[factors]]\nname = "step"\npath = "run.step"\nchoice = [1e-5, "auto"]\n'
     both = STUDY.replace("step = 1e-5", "")
-    run_study(write_study(tmp_path / "b", choice, points=2, text=both), tmp_path / "b" / "out")
-    tables = [parquet.read_table(tmp_path / name / "out" / "results.parquet") for name in "ab"]
+    sources = write_study(tmp_path / "a", points=2, text=own), write_study(tmp_path / "b", choice, points=2, text=both)
+    tables = [parquet.read_table(run_study(source, source.parent / "out").table) for source in sources]
     assert tables[1]["step"].to_pylist() == ["1e-05", "auto"] * 4
     assert tables[1]["tension_max"].to_pylist()[1::2] == tables[0]["tension_max"].to_pylist()
     assert tables[1]["tension_max"].to_pylist()[0] != tables[0]["tension_max"].to_pylist()[0]

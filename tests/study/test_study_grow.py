@@ -13,11 +13,9 @@ from warpchain.errors import StudyError
 from warpchain.study.design.matrix import extended
 from warpchain.study.run import run_study, study_status
 from warpchain.study.run.runner import partial_table
-from warpchain.study.spec import loads_study
 
-SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "KIND"\ncount = 4\nreplicates = 1').replace(
-    "points = {points}\n", ""
-)
+SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "KIND"\ncount = 4\nreplicates = 1')
+SAMPLED = SAMPLED.replace("points = {points}\n", "")
 RECORD = '[record]\nworst = { metric = "tension_max", count = 1 }\n'
 
 
@@ -25,12 +23,10 @@ def table_of(folder):
     return parquet.read_table(folder / "results.parquet").to_pylist()
 
 
-def without_archives(rows):
-    return [{name: value for name, value in row.items() if not name.startswith("archive")} for row in rows]
-
-
-def rows_of(folder):
-    return without_archives(table_of(folder))
+def rows_of(folder, name="results"):
+    """The rows of a table, but for where their recordings are."""
+    rows = parquet.read_table(folder / f"{name}.parquet").to_pylist()
+    return [{key: value for key, value in row.items() if not key.startswith("archive")} for row in rows]
 
 
 def edit(source, *changes):
@@ -41,15 +37,21 @@ def edit(source, *changes):
     source.write_text(text)
 
 
+def begun(folder, more="", *changes, part=None, kind=None, **settings):
+    """A study that was run in `folder`, sampled where a kind is named, its text changed: its file, and what it made."""
+    text = SAMPLED.replace("KIND", kind) if kind else STUDY
+    source, out = write_study(folder, more, text=text, **settings), folder / "out"
+    edit(source, *changes)
+    run_study(source, out, part=part)
+    return source, out
+
+
 MORE, TWICE = ("count = 4", "count = 8"), ("replicates = 1", "replicates = 2")
 
 
 @pytest.mark.parametrize("kind", ["sobol", "halton"])
 def test_more_points_and_more_replicates_give_the_table_of_a_new_study(tmp_path, kind):
-    text = SAMPLED.replace("KIND", kind)
-    source = write_study(tmp_path, RECORD, shard=3, text=text)
-    out = tmp_path / "out"
-    run_study(source, out)
+    source, out = begun(tmp_path, RECORD, kind=kind, shard=3)
     before = {path: path.stat().st_mtime_ns for path in (out / "shards").glob("0*")}
     for changes in ([MORE], [TWICE]):
         edit(source, *changes)
@@ -59,14 +61,12 @@ def test_more_points_and_more_replicates_give_the_table_of_a_new_study(tmp_path,
         assert all(path.stat().st_mtime_ns == time for path, time in before.items())
     run_study(source, out)  # it is done, and known again
     run_study(source, tmp_path / "new")
-    assert without_archives(table_of(out)) == without_archives(table_of(tmp_path / "new"))
+    assert rows_of(out) == rows_of(tmp_path / "new")
     assert study_status(out).left == 0
 
 
 def test_another_window_runs_all_again_and_the_old_table_stays_until_then(tmp_path):
-    source = write_study(tmp_path, points=2)
-    out = tmp_path / "out"
-    run_study(source, out)
+    source, out = begun(tmp_path, points=2)
     old = table_of(out)
     edit(source, ("duration = 0.0005", "duration = 0.0008"))
     run_study(source, out, grow=True, part=(0, 2))
@@ -78,29 +78,22 @@ def test_another_window_runs_all_again_and_the_old_table_stays_until_then(tmp_pa
     assert study_status(out).went_on == (0, 4) and study_status(tmp_path / "new").went_on is None
 
 
-STEADY = ("step = 1e-5", "step = 1e-5\nwindow = [0.0, 0.0032]\nkeep_states = true")
+STEADY = [("step = 1e-5", "step = 1e-5\nwindow = [0.0, 0.0032]\nkeep_states = true")]
+STEADY += [("duration = 0.0005", "duration = 0.0032")]
 LONGER = ("window = [0.0, 0.0032]", "window = [0.0, 0.0064]"), ("duration = 0.0032", "duration = 0.0064")
 
 
 def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
     """320 steps become 640: what is not recorded goes on, to the very table that a new study has; and once more."""
-    record = "[record]\nevery = 5\n"
-    text = SAMPLED.replace("KIND", "sobol").replace("replicates = 1", "replicates = 2")
-    source = write_study(tmp_path, record, shard=3, text=text.replace("duration = 0.0005", "duration = 0.0032"))
-    out = tmp_path / "out"
-    edit(source, STEADY)
-    run_study(source, out)
+    source, out = begun(tmp_path, "[record]\nevery = 5\n", TWICE, *STEADY, kind="sobol", shard=3)
     first = table_of(out)
-    states = sorted((out / "shards").glob("*.states.parquet"))
-    assert len(states) == 3
+    assert len(list((out / "shards").glob("*.states.parquet"))) == 3
     edit(source, *LONGER)
     status, told, _ = run(capsys, "study", "run", source, "-o", out, "--grow", "--quiet")
     assert status == 0 and "of longer runs, 7 went on from where the ones before stood, 1 began anew" in told
     run_study(source, tmp_path / "new")
     assert rows_of(out) == rows_of(tmp_path / "new")
-    copies = [parquet.read_table(folder / "replicates.parquet").to_pylist() for folder in (out, tmp_path / "new")]
-    same = [without_archives(rows) for rows in copies]
-    assert same[0] == same[1]
+    assert rows_of(out, "replicates") == rows_of(tmp_path / "new", "replicates")
     assert parquet.read_table(out / "results.before-1.parquet").to_pylist() == first
     edit(source, ("window = [0.0, 0.0064]", "window = [0.0064, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
     edit(source, ("keep_states = true", "keep_states = false"))
@@ -112,11 +105,7 @@ def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
 
 
 def test_states_that_are_damaged_or_of_another_window_are_no_help(tmp_path):
-    text = SAMPLED.replace("KIND", "sobol").replace("duration = 0.0005", "duration = 0.0032")
-    source = write_study(tmp_path, shard=2, text=text)
-    out = tmp_path / "out"
-    edit(source, STEADY)
-    run_study(source, out)
+    source, out = begun(tmp_path, "", *STEADY, kind="sobol", shard=2)
     (out / "shards" / "00001.states.parquet").write_bytes(b"no table")
     edit(source, *LONGER)
     run_study(source, out, grow=True)
@@ -149,41 +138,32 @@ def test_killed_at_any_file_operation_it_grows_on_to_the_same_table(tmp_path, mo
 
 
 def test_a_latin_hypercube_grows_to_one(tmp_path):
-    source = write_study(tmp_path, shard=4, text=SAMPLED.replace("KIND", "latin-hypercube"))
-    out = tmp_path / "out"
-    run_study(source, out)
-    before = without_archives(table_of(out))
+    source, out = begun(tmp_path, kind="latin-hypercube", shard=4)
+    before = rows_of(out)
     edit(source, ("count = 4", "count = 6"))
     with pytest.raises(StudyError, match="a Latin hypercube of 4 points grows to multiples of that"):
         run_study(source, out, grow=True)
     edit(source, ("count = 6", "count = 8"))
     run_study(source, out, grow=True)
     rows = table_of(out)
-    assert without_archives(rows[:4]) == before
+    assert rows_of(out)[:4] == before
     assert sorted(int(8 * row["torque"]) for row in rows) == list(range(8))  # uniform from 0 to 1: one a stratum
     points = extended(extended(np.array([[0.1, 0.9], [0.6, 0.3]]), 6, 0, "s"), 18, 0, "s")
     assert [sorted((18 * column).astype(int)) for column in points.T] == [list(range(18))] * 2
 
 
 def test_what_is_no_growth_is_refused(tmp_path):
-    source = write_study(tmp_path, text=SAMPLED.replace("KIND", "sobol"))
-    run_study(source, tmp_path / "out")
-    for change in (
-        ("count = 4", "count = 2"),
-        ("step = 1e-5", "step = 5e-6"),
-        ("range = [0.0, 1.0]", "range = [0.0, 2.0]"),
-    ):
+    source, out = begun(tmp_path, kind="sobol")
+    other_range = ("range = [0.0, 1.0]", "range = [0.0, 2.0]")
+    for change in (("count = 4", "count = 2"), ("step = 1e-5", "step = 5e-6"), other_range):
         edit(source, change)
         with pytest.raises(StudyError, match="holds another study"):
-            run_study(source, tmp_path / "out", grow=True)
+            run_study(source, out, grow=True)
         edit(source, change[::-1])
-    loads_study(source.read_text())
 
 
 def test_an_unfinished_study_has_a_table_and_a_report(tmp_path, capsys):
-    source = write_study(tmp_path, shard=3)
-    out = tmp_path / "out"
-    run_study(source, out, part=(0, 2))
+    _, out = begun(tmp_path, part=(0, 2), shard=3)
     assert parquet.read_table(partial_table(out))["variant"].to_pylist() == [0, 1, 2, 6, 7, 8]
     status, _, err = run(capsys, "study", "report", out, "-o", tmp_path / "r.html")
     assert (status, err) == (0, [])

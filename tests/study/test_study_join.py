@@ -23,15 +23,16 @@ SOBOL = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = {points}\ns
 RECORD = '[record]\nevery = 3\nworst = {{ metric = "tension_max", count = 2 }}\n'
 
 
-def studied(folder, *changes, run_it=True):
-    """A study that was run in `folder`, its text changed."""
+def studied(folder, *changes, part=None, **values):
+    """A study that was run in `folder`, or a part of it, its text and its drive changed: its file, and what it made."""
     text = SOBOL + RECORD
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     source = write_study(folder, "", points=8, shard=3, text=text)
-    if run_it:
-        run_study(source, folder / "out")
+    drive = warpchain.load_drive(folder / "tiny.toml").with_values({k.replace("__", "."): v for k, v in values.items()})
+    (folder / "tiny.toml").write_text(warpchain.dumps_drive(drive))
+    run_study(source, folder / "out", part=part)
     return source, folder / "out"
 
 
@@ -41,11 +42,8 @@ def rows_of(folder, *left_out):
 
 
 def content(folder):
-    return {
-        path.relative_to(folder): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in Path(folder).rglob("*")
-        if path.is_file()
-    }
+    files = [path for path in Path(folder).rglob("*") if path.is_file()]
+    return {path.relative_to(folder): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 SEED = ("seed = 1", "seed = 2")
@@ -106,10 +104,8 @@ def test_rows_that_both_have_are_taken_once(tmp_path):
 
 def test_what_is_unfinished_is_gone_on_with(tmp_path):
     """Of two halves of one study, run apart: shards 0, 2 and 1; nothing is left to run. Of one half alone, the rest."""
-    source, a = studied(tmp_path / "a", run_it=False)
-    run_study(source, a, part=(0, 2))
-    other, b = studied(tmp_path / "b", SEED, run_it=False)
-    run_study(other, b, part=(1, 2))
+    source, a = studied(tmp_path / "a", part=(0, 2))
+    other, b = studied(tmp_path / "b", SEED, part=(1, 2))
     joined = join_studies([a, b], tmp_path / "c")
     assert joined.together == 16 and joined.outcome.left == 3 + 5 and joined.outcome.table is None
     stamps = {p: p.stat().st_mtime_ns for p in (tmp_path / "c" / "shards").iterdir()}
@@ -119,20 +115,17 @@ def test_what_is_unfinished_is_gone_on_with(tmp_path):
     run_study(source, a)
     run_study(other, b)
     assert rows_of(tmp_path / "c", "variant") == rows_of(a, "variant") + rows_of(b, "variant")
-    source, whole = studied(tmp_path / "d", run_it=False)
-    run_study(source, whole, part=(1, 2))
+    _, whole = studied(tmp_path / "d", part=(1, 2))
     assert not join_studies([a, whole], tmp_path / "e").outcome.left  # a has what the other lacks
     assert rows_of(tmp_path / "e") == rows_of(a)
 
 
 def test_copies_of_both_are_kept(tmp_path):
-    more = "seed = 1\nreplicates = 2"
-    _, a = studied(tmp_path / "a", ("seed = 1", more))
+    _, a = studied(tmp_path / "a", ("seed = 1", "seed = 1\nreplicates = 2"))
     _, b = studied(tmp_path / "b", ("seed = 1", "seed = 2\nreplicates = 2"))
     join_studies([a, b], tmp_path / "c")
-    assert rows_of(tmp_path / "c", "variant", "reason") == [
-        row for folder in (a, b) for row in rows_of(folder, "variant", "reason")
-    ]
+    aside = ("variant", "reason")
+    assert rows_of(tmp_path / "c", *aside) == [row for folder in (a, b) for row in rows_of(folder, *aside)]
     copies = parquet.read_table(tmp_path / "c" / "replicates.parquet")
     assert copies.num_rows == 32 and copies["replicate"].to_pylist() == [0, 1] * 16
     _, one = studied(tmp_path / "one")
@@ -143,10 +136,7 @@ def test_copies_of_both_are_kept(tmp_path):
 def test_drives_that_begin_elsewhere_give_replicates(tmp_path):
     """Equal rows of drives turned on by part of a tooth: runs of one design, told apart by a hidden factor."""
     _, a = studied(tmp_path / "a")
-    source, b = studied(tmp_path / "b", run_it=False)
-    drive = warpchain.load_drive(tmp_path / "b" / "tiny.toml").with_values({"run.phase": 0.5})
-    (tmp_path / "b" / "tiny.toml").write_text(warpchain.dumps_drive(drive))
-    run_study(source, b)
+    _, b = studied(tmp_path / "b", run__phase=0.5)
     join_studies([a, b], tmp_path / "c")
     results = read_results(tmp_path / "c" / "results.parquet")
     assert results.factors == ("torque", "links") and results.table["phase"].to_pylist() == [0.0] * 8 + [0.5] * 8
@@ -178,10 +168,7 @@ def test_studies_that_run_otherwise_are_refused(tmp_path, change, line):
 
 def test_another_drive_is_refused(tmp_path):
     _, a = studied(tmp_path / "a")
-    source, b = studied(tmp_path / "b", run_it=False)
-    drive = warpchain.load_drive(tmp_path / "b" / "tiny.toml").with_values({"sprockets.s1.inertia": 9.0})
-    (tmp_path / "b" / "tiny.toml").write_text(warpchain.dumps_drive(drive))
-    run_study(source, b)
+    _, b = studied(tmp_path / "b", sprockets__s1__inertia=9.0)
     with pytest.raises(StudyError, match=r"b/out: drive\.sprockets\.s1\.inertia = 9\.0, but .* in .*a/out; only"):
         join_studies([a, b], tmp_path / "c")
 

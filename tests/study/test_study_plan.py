@@ -12,7 +12,7 @@ from scipy import stats
 from study_helpers import STUDY, write_study
 
 from warpchain.errors import StudyError
-from warpchain.study.plan import Plan, plan_lines, plan_study
+from warpchain.study.plan import Cost, Plan, plan_lines, plan_study
 from warpchain.study.run import run_study
 
 SEVERAL = STUDY.replace('kind = "factorial"', 'kind = "factorial"\nreplicates = 3')
@@ -37,7 +37,7 @@ def test_rows_and_what_is_infeasible_are_those_of_the_study(tmp_path):
 
 def test_a_share_of_rows_that_were_looked_at_has_its_interval():
     """Clopper and Pearson: the ends are where as many or more, as many or fewer have a probability of 2.5 %."""
-    cost = plan_cost()
+    cost = Cost(1e6, 1e6, 0.0, 1.0, False)
     plan = Plan(1000, 1, 100, 200, 10, (), cost, 1, 0)
     assert plan.infeasible == pytest.approx((100 + 0.05 * 900) / 1000)
     low, high = ((1000 * end - 100) / 900 for end in plan.infeasible_interval)
@@ -48,15 +48,8 @@ def test_a_share_of_rows_that_were_looked_at_has_its_interval():
     assert several.relative_precision == pytest.approx(stats.t.ppf(0.975, 60) / 2.0)
 
 
-def plan_cost():
-    from warpchain.study.plan import Cost
-
-    return Cost(1e6, 1e6, 0.0, 1.0, False)
-
-
 def test_the_cost_is_about_what_the_study_takes(tmp_path):
-    source = write_study(tmp_path, points=8, shard=100)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.5"))
+    source = write_study(tmp_path, points=8, shard=100, text=STUDY.replace("duration = 0.0005", "duration = 0.5"))
     begin = time.perf_counter()
     plan = plan_study(source, workers=1)
     planned = time.perf_counter() - begin

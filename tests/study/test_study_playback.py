@@ -1,24 +1,22 @@
 """A study in Rerun: its scatters and recorded variants are in the recording, and the viewer shows them."""
 
-import shutil
-import sys
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
 import pytest
+from command import run as command
 from drives import two_sprockets
 from loading import load_script
 from PIL import Image
 
 from warpchain import Record, simulate, write_archive
-from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.report.scatters import log_scatters, view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
+
+render = load_script("drawings.pictures")
 
 TORQUES = (100.0, 200.0, 300.0, 400.0, 500.0)
 
@@ -43,15 +41,6 @@ def study(tmp_path_factory):
     return read_results(table, ["torque", "law"]), folder
 
 
-def headless():
-    """Why the headless viewer cannot run here, or None."""
-    if not (shutil.which("rerun") or Path(sys.executable).with_name("rerun").exists()):
-        return "no rerun viewer"
-    if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
-        return "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
-    return None
-
-
 class Stream:
     """Takes what would go to a recording."""
 
@@ -67,18 +56,10 @@ class Stream:
 def test_scatters_hold_every_variant_that_is_ok(study):
     results, _ = study
     stream = Stream()
-    charts, columns = log_scatters(
-        stream,
-        results,
-        [3],
-        metrics=("tension_max", "tension_mean"),
-        objectives={"tension_max": "min", "torque": "max"},
-    )
+    metrics, objectives = ("tension_max", "tension_mean"), {"tension_max": "min", "torque": "max"}
+    charts, columns = log_scatters(stream, results, [3], metrics=metrics, objectives=objectives)
     assert columns == 2
-    assert [chart.path for chart in charts] == [
-        ("study", "torque", "tension_max [N]"),
-        ("study", "torque", "tension_mean [N]"),
-    ]
+    assert [chart.path for chart in charts] == [("study", "torque", f"{metric} [N]") for metric in metrics]
     of_max = {p.rsplit("/", 1)[-1].replace("\\ ", " "): words for p, words in stream.dots.items() if "max" in p}
     drawn = sorted(word.split(":")[0] for words in of_max.values() for word in words)
     assert drawn == [f"variant {v}" for v in range(4)]  # each once; the fifth diverged
@@ -107,22 +88,18 @@ def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys)
     column = more.table["damage_per_hour_max"].to_pylist()
     assert [value is not None for value in column] == [False, True, False, True, False]
     window = (more.values("window_start")[3], more.values("window_end")[3])
-    assert (
-        column[3] == from_trajectory(recorded_variants(results, folder, [3])[3], *window, curve)["damage_per_hour_max"]
-    )
+    (trajectory,) = recorded_variants(results, folder, [3]).values()
+    assert column[3] == from_trajectory(trajectory, *window, curve)["damage_per_hour_max"]
     assert "driven.transmission_error_rms" in more.metrics
     assert more.unit("damage_per_hour_max") == "1/h"
     export_table(results.table, folder / "results.parquet")
-    command = ["study", "report", str(folder), "-o", str(tmp_path / "r.html"), "--factor", "torque"]
     table = tmp_path / "t.parquet"
-    metric = ["--metric", "tension_max", "--table", str(table)]
-    assert main([*command, *metric, "--fatigue", "5,1e4,1e6"]) == 0
+    words = ["study", "report", folder, "-o", tmp_path / "r.html", "--factor", "torque", "--fatigue"]
+    assert command(capsys, *words, "5,1e4,1e6", "--metric", "tension_max", "--table", table)[0] == 0
     assert read_results(table, ["torque"]).table["damage_per_hour_max"].to_pylist() == column
-    with pytest.raises(SystemExit):
-        main([*command, "--fatigue", "5"])
-    assert "must be three numbers" in capsys.readouterr().err
-    assert main([*command, "--fatigue", "0,1e4,1e6"]) == 2
-    assert "fatigue.exponent" in capsys.readouterr().err
+    for wrong, told in (("5", "must be three numbers"), ("0,1e4,1e6", "fatigue.exponent")):
+        status, _, err = command(capsys, *words, wrong)
+        assert status == 2 and told in err[0]
 
 
 def test_recording_is_whole_and_alone(study, tmp_path):
@@ -140,20 +117,19 @@ def test_recording_is_whole_and_alone(study, tmp_path):
 def test_command_saves_a_recording(study, tmp_path, capsys):
     results, folder = study
     export_table(results.table, folder / "results.parquet")
-    save, factors = tmp_path / "s.rrd", ["--factor", "torque"]
-    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "3", *factors]) == 0
-    assert save.stat().st_size > 100_000
-    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "2", *factors]) == 2
-    assert "variant 2 was not recorded" in capsys.readouterr().err
+    words = ["study", "view", folder, "--save", tmp_path / "s.rrd", "--factor", "torque", "--variant"]
+    assert command(capsys, *words, "3")[0] == 0
+    assert (tmp_path / "s.rrd").stat().st_size > 100_000
+    status, _, err = command(capsys, *words, "2")
+    assert status == 2 and "variant 2 was not recorded" in err[0]
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(headless() is not None, reason=str(headless()))
+@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
 def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     results, folder = study
-    script = load_script("drawings.pictures")
     view_study(results, recorded_variants(results, folder), save=tmp_path / "s.rrd")
-    script.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
+    render.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]
     left, right = np.split(pixels, [int(0.6 * pixels.shape[1])], axis=1)
     assert (np.abs(left - (240, 90, 60)).max(axis=2) < 30).sum() > 200  # dots of recorded variants

@@ -44,8 +44,7 @@ def test_repeated_rows_of_any_table_tell_the_same():
     table = pa.table({"x": np.repeat([1.0, 2.0, 3.0], 4), "y": runs.ravel()})
     several, single = replicated([1.0, 2.0, 3.0], runs), read_results(table, ["x"])
     mine, theirs = pure_error(several, "y"), pure_error(single, "y")
-    for name in ("rows", "runs", "freedom"):
-        assert getattr(mine, name) == getattr(theirs, name)
+    assert (mine.rows, mine.runs, mine.freedom) == (theirs.rows, theirs.runs, theirs.freedom)
     assert (mine.deviation, mine.share) == pytest.approx((theirs.deviation, theirs.share), rel=1e-12)
     line, same = (fit_surface(results, "y", ("x",)) for results in (several, single))
     assert line.coefficients[:2] is not None and len(same.coefficients) == 3  # a quadratic fits three unlike rows

@@ -21,7 +21,7 @@ def test_rows_have_mean_error_and_n_of_their_copies(tmp_path):
     source = write_study(tmp_path, RECORD, points=2, shard=5, text=SEVERAL)
     outcome = run_study(source, tmp_path / "out")
     assert (outcome.shards, outcome.counts["ok"]) == ((3, 3), 12)
-    table = parquet.read_table(tmp_path / "out" / "results.parquet")
+    table = parquet.read_table(outcome.table)
     copies = parquet.read_table(tmp_path / "out" / "replicates.parquet")
     assert copies["variant"].to_pylist() == [v for v in range(4) for _ in range(3)]
     assert copies["replicate"].to_pylist() == [0, 1, 2] * 4
@@ -50,10 +50,8 @@ def test_rows_have_mean_error_and_n_of_their_copies(tmp_path):
 
 def test_a_study_of_one_copy_has_no_column_of_its_own(tmp_path):
     once = STUDY.replace('kind = "factorial"', 'kind = "factorial"\nreplicates = 1')
-    for name, text in (("a", STUDY), ("b", once)):
-        source = write_study(tmp_path / name, points=2, text=text)
-        run_study(source, tmp_path / name / "out")
-    tables = [parquet.read_table(tmp_path / name / "out" / "results.parquet") for name in "ab"]
+    sources = [write_study(tmp_path / name, points=2, text=text) for name, text in (("a", STUDY), ("b", once))]
+    tables = [parquet.read_table(run_study(source, source.parent / "out").table) for source in sources]
     assert tables[0].equals(tables[1])
     assert not (tmp_path / "b" / "out" / "replicates.parquet").exists()
 

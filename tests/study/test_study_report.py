@@ -2,14 +2,14 @@
 
 import re
 import time
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from command import run
+from view.html_page import Page
 
-from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.study.report import report_html, telling_metrics
 from warpchain.study.results import export_table, read_results
@@ -38,32 +38,6 @@ def study(rows=120):
     )
 
 
-class Page(HTMLParser):
-    """Sections, charts and links of a page; complains of tags that do not close."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.sections, self.charts, self.links, self.words = [], [], [], [], []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attributes):
-        found = dict(attributes)
-        if found.get("class") == "panels":
-            self.charts.append(found["aria-label"])
-        if tag not in ("meta", "img", "wbr"):
-            self.open.append(tag)
-        if tag == "section":
-            self.sections.append(found["id"])
-        self.links += [found[key] for key in ("href", "src") if key in found]
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.words.append(data)
-
-
 OBJECTIVES = {"tension_max": "min", "center.x": "max"}
 
 
@@ -78,9 +52,8 @@ def test_page_tells_what_happened_and_needs_no_network(html):
     named = "summary designs front explore inputs ends distributions effects correlation surface sobol extremes"
     assert page.sections == named.split()
     assert all(link.startswith("#") for link in page.links)
-    assert not re.search(
-        r"@import|url\(|<script[^>]* src|<link|fetch\(|XMLHttpRequest|https?://(?!www.w3.org/2000/svg)", html
-    )
+    outside = r"@import|url\(|<script[^>]* src|<link|fetch\(|XMLHttpRequest|https?://(?!www.w3.org/2000/svg)"
+    assert not re.search(outside, html)
     assert len(page.charts) == 1 + 1 + 2 * 2 + 1 + 2 + 1  # with interactions of two numeric factors
     status = study()["status"].to_pylist()
     for word in ("ok", "infeasible", "diverged"):
@@ -105,9 +78,8 @@ def test_few_or_no_variants_are_told_not_analyzed():
 
 def test_words_and_switches_alone_make_a_page():
     switches = pa.array([True, False, True, None, False, True])
-    table = pa.table(
-        {"law": list("ababab"), "settle": switches, "y": pa.array([1, 2, None, 4, 5, 6]), "e": pa.nulls(6)}
-    )
+    y = pa.array([1, 2, None, 4, 5, 6])
+    table = pa.table({"law": list("ababab"), "settle": switches, "y": y, "e": pa.nulls(6)})
     for factors in (["law"], ["law", "settle"]):
         html = report_html(read_results(table, factors))
         assert "Effects and interactions" in html
@@ -122,25 +94,13 @@ def test_scatter_without_a_cause_is_called_that():
 
 
 def test_telling_metrics_come_first_and_constants_not_at_all():
-    columns = {
-        "a": [1.0, 2.0],
-        "one": [1.0, 1.0],
-        "z": [1.0, 2.0],
-        "s.force_max": [1.0, 2.0],
-        "tension_max": [1.0, 2.0],
-    }
+    columns = {name: [1.0, 2.0] for name in ("a", "z", "s.force_max", "tension_max")} | {"one": [1.0, 1.0]}
     assert telling_metrics(read_results(pa.table(columns), ["a"])) == ("tension_max", "s.force_max", "z")
 
 
 def test_numbers_are_plain():
-    written = {
-        0.0: "0",
-        123456.0: "123456",
-        0.0041234567: "0.0041235",
-        1234567.0: "1.2346e+06",
-        2.5: "2.5",
-        3e-7: "3e-07",
-    }
+    written = {0.0: "0", 123456.0: "123456", 0.0041234567: "0.0041235", 1234567.0: "1.2346e+06", 3e-7: "3e-07"}
+    written[2.5] = "2.5"
     assert {value: number(value) for value in written} == written
     assert number(float("nan")) == "\N{EN DASH}"
     assert '<td class="n">\N{EN DASH}</td>' in table(("a",), [(None,), (1.0,)])
@@ -150,26 +110,21 @@ def test_command_writes_page_and_table(tmp_path, capsys):
     export_table(study(), tmp_path / "results.parquet")
     text = '[study]\ndrive = "marine"\nname = "Load & place"\n[design]\nkind = "sobol"\ncount = 120\n'
     (tmp_path / "study.toml").write_text(text + '[[constraints]]\nrequire = "a < b"\n')
-    output, copy = tmp_path / "out" / "r.html", tmp_path / "t.csv"
+    output, copy = tmp_path / "r.html", tmp_path / "t.csv"
+    report = ("study", "report", tmp_path)
     factors = [word for name in FACTORS for word in ("--factor", name)]
-    assert main(["study", "report", str(tmp_path), "-o", str(output), "--metric", "tension_max", *factors]) == 2
-    assert "cannot be written" in capsys.readouterr().err
-    output = tmp_path / "r.html"
-    assert main(["study", "report", str(tmp_path), "-o", str(output), "--table", str(copy), *factors]) == 0
-    assert capsys.readouterr().out.splitlines() == [str(output), str(copy)]
+    status, _, err = run(capsys, *report, "-o", tmp_path / "out" / "r.html", "--metric", "tension_max", *factors)
+    assert status == 2 and "cannot be written" in err[0]
+    status, out, _ = run(capsys, *report, "-o", output, "--table", copy, *factors)
+    assert (status, out) == (0, [str(output), str(copy)])
     html = output.read_text()
     assert html.startswith("<!DOCTYPE html>")
-    for words in ("<h1>Load &amp; place</h1>", "kind = sobol, count = 120", "a &lt; b"):
-        assert words in html
+    assert "<h1>Load &amp; place</h1>" in html and "kind = sobol, count = 120" in html and "a &lt; b" in html
     assert read_results(copy, FACTORS).table.num_rows == 120
-    assert main(["study", "report", str(tmp_path / "absent"), "-o", str(output)]) == 2
-    assert main(["study", "report", str(tmp_path), "-o", str(output)]) == 2
-    err = capsys.readouterr().err.splitlines()
-    assert len(err) == 2
-    assert "factors: none given" in err[1]
     (tmp_path / "empty").mkdir()
-    assert main(["study", "report", str(tmp_path / "empty"), "-o", str(output)]) == 2
-    assert "make it with: warpchain study merge" in capsys.readouterr().err
+    for name, told in (("absent", ""), ("", "factors: none given"), ("empty", "make it with: warpchain study merge")):
+        status, _, err = run(capsys, "study", "report", tmp_path / name, "-o", output)
+        assert (status, len(err)) == (2, 1) and told in err[0]
 
 
 def test_examples_of_the_documents_run(tmp_path, monkeypatch):

@@ -1,8 +1,10 @@
 """Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
 
+import io
 import math
 import os
 import re
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,49 +16,33 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from study_helpers import STUDY, tiny_drive, write_study
 
-from warpchain import Limits, Record, read_archive, simulate
+from warpchain import Limits, Record, progress, read_archive, simulate
+from warpchain.assembly import assemble
 from warpchain.drive import load_drive
 from warpchain.engine import simulation
 from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.results.fatigue import Woehler
-from warpchain.results.metric_columns import metric_names
+from warpchain.results.metric_columns import column_of
 from warpchain.results.objectives import from_trajectory
-from warpchain.study.results import read_results
+from warpchain.study.results import BOOKKEEPING, read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 from warpchain.study.run.shard_plan import Block, Part
 from warpchain.study.spec import Study
+from warpchain.study.spec.factor import TAKEN
+from warpchain.study.spec.study_tables import Worst
 
 ANY_ENERGY = Limits(energy_residual=math.inf)
-ROWS = """
-[study]
-drive = "tiny.toml"
-[design]
-kind = "table"
-file = "rows.csv"
-[[factors]]
-name = "teeth"
-path = "sprockets.s0.teeth"
-[[factors]]
-name = "links"
-path = "chain.links"
-[[factors]]
-name = "step"
-path = "run.step"
-[[factors]]
-name = "torque"
-path = "sprockets.s1.load.torque"
-unit = "N m"
-[[constraints]]
-require = "teeth != 13"
-[limits]
-energy_residual = inf
-[run]
-duration = 0.0005
-shard = 3
-"""
+PATHS = {"teeth": "sprockets.s0.teeth", "links": "chain.links", "step": "run.step"}
+PATHS["torque"] = "sprockets.s1.load.torque"
+ROWS = (
+    '[study]\ndrive = "tiny.toml"\n[design]\nkind = "table"\nfile = "rows.csv"\n'
+    + "".join(f'[[factors]]\nname = "{name}"\npath = "{path}"\n' for name, path in PATHS.items())
+    + 'unit = "N m"\n[[constraints]]\nrequire = "teeth != 13"\n[limits]\nenergy_residual = inf\n'
+    + "[run]\nduration = 0.0005\nshard = 3\n"
+)
 TABLE = """teeth,links,step,torque
 12,44,1e-5,1.0
 13,44,1e-5,1.0
@@ -85,12 +71,18 @@ def table_of(folder):
     return parquet.read_table(folder / "results.parquet")
 
 
-def test_every_row_ends_with_a_status_and_a_reason(tmp_path):
-    source = write_study(tmp_path, text=ROWS)
-    (tmp_path / "rows.csv").write_text(TABLE)
-    outcome = run_study(source, tmp_path / "out")
+@pytest.fixture(scope="module")
+def tabled(tmp_path_factory):
+    """A study of the rows of `TABLE`: its folder, and how it ended."""
+    home = tmp_path_factory.mktemp("tabled")
+    (home / "rows.csv").write_text(TABLE)
+    return home, run_study(write_study(home, text=ROWS), home / "out")
+
+
+def test_every_row_ends_with_a_status_and_a_reason(tabled):
+    home, outcome = tabled
     assert outcome.counts == {"ok": 3, "suspect": 0, "diverged": 1, "infeasible": 5}
-    rows = table_of(tmp_path / "out").to_pylist()
+    rows = table_of(home / "out").to_pylist()
     assert [row["variant"] for row in rows] == list(range(9))
     assert [row["status"] for row in rows] == ["ok", *4 * ["infeasible"], "diverged", "ok", "ok", "infeasible"]
     begins = {
@@ -107,21 +99,10 @@ def test_every_row_ends_with_a_status_and_a_reason(tmp_path):
         assert (row["tension_mean"] is None) == (row["status"] != "ok")
 
 
-def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(tmp_path):
-    source = write_study(tmp_path, text=ROWS)
-    (tmp_path / "rows.csv").write_text(TABLE)
-    run_study(source, tmp_path / "out")
-    table = table_of(tmp_path / "out")
-    drive = load_drive(tmp_path / "tiny.toml")
+def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(tabled):
+    table, drive = table_of(tabled[0] / "out"), load_drive(tabled[0] / "tiny.toml")
     for number, row in ((n, row) for n, row in enumerate(table.to_pylist()) if row["status"] == "ok"):
-        changed = drive.with_values(
-            {
-                "sprockets.s0.teeth": row["teeth"],
-                "chain.links": row["links"],
-                "run.step": row["step"],
-                "sprockets.s1.load.torque": row["torque"],
-            }
-        )
+        changed = drive.with_values({path: row[name] for name, path in PATHS.items()})
         alone = simulate(changed, duration=0.0005, record=Record("none"), limits=ANY_ENERGY).metrics.to_pylist()[0]
         names = [name for name in alone if name not in ("variant", "diverged", "reason") and alone[name] is not None]
         assert len(names) > 30
@@ -158,8 +139,6 @@ def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path, memory,
 
 
 def test_an_adjusted_study_stays_assembled(tmp_path):
-    from warpchain.assembly import assemble
-
     adjust = '[adjust]\nsprocket = "s1"\ndirection = [2.0, 0.0]\nlinks = "even"\nstrain = "0.001 * torque"\n'
     text = STUDY.replace("energy_residual = inf", "energy_residual = inf\nsettle_residual = inf")  # one does not settle
     run_study(write_study(tmp_path, adjust, points=3, text=text), tmp_path / "out")
@@ -172,17 +151,16 @@ def test_an_adjusted_study_stays_assembled(tmp_path):
 
 
 def test_progress_counts_variants_of_the_whole_study(tmp_path):
-    calls = []
-    source = write_study(tmp_path)
+    calls, source = [], write_study(tmp_path)
     run_study(source, tmp_path / "out", part=(0, 2))
-    run_study(source, tmp_path / "out", progress=lambda done, total: calls.append((done, total)))
+    run_study(source, tmp_path / "out", progress=lambda *told: calls.append(told))
     assert calls[-1] == (12.0, 12.0)
     done = [d for d, _ in calls]
     assert done == sorted(done) and 6.0 <= done[0] <= 8.0  # the half that was there, and the first shard's progress
 
 
 def test_a_refusal_of_all_variants_is_the_studys_own(tmp_path):
-    source = write_study(tmp_path, text=write_study(tmp_path).read_text() + 'device = "nowhere"\n')
+    source = write_study(tmp_path, 'device = "nowhere"\n')
     with pytest.raises(WarpchainError, match="device"):
         run_study(source, tmp_path / "out")
     assert study_status(tmp_path / "out").shards == (0, 6)
@@ -241,23 +219,18 @@ def test_the_documented_study_is_one_that_can_be_run(tmp_path):
 
 
 def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
-    source = write_study(tmp_path, RECORD)
-    source.write_text(source.read_text().replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
-    assert run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet") == (
-        1,
-        [
-            "6 of 6 shards are done; variants: 0 ok, 0 suspect, 0 diverged, 12 infeasible",
-            "  12 like this: chain.links = 44.5: must be an integer of at least 3",
-            f"table: {tmp_path / 'out' / 'results.parquet'}",
-        ],
-        [],
-    )
+    source = write_study(tmp_path, RECORD, text=STUDY.replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
+    status, out, err = run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+    assert (status, err) == (1, []) and out == [
+        "6 of 6 shards are done; variants: 0 ok, 0 suspect, 0 diverged, 12 infeasible",
+        "  12 like this: chain.links = 44.5: must be an integer of at least 3",
+        f"table: {tmp_path / 'out' / 'results.parquet'}",
+    ]
     assert table_of(tmp_path / "out")["archive"].to_pylist() == [None] * 12
 
 
 def test_of_processes_that_begin_at_once_the_first_decides(tmp_path):
-    text = write_study(tmp_path).read_text().replace("shard = 2", "")
-    source = write_study(tmp_path, text=text)
+    source = write_study(tmp_path, text=STUDY.replace("shard = {shard}", ""))
     with ThreadPoolExecutor(8) as pool:
         begun = [pool.submit(prepare, source, tmp_path / "out", parts, 1, 2**30) for parts in range(1, 13)]
         sizes = {future.result().shard for future in begun}
@@ -265,18 +238,9 @@ def test_of_processes_that_begin_at_once_the_first_decides(tmp_path):
     assert not list(tmp_path.glob("out/**/.*"))
 
 
-def test_a_damaged_shard_is_one_line(tmp_path):
-    run_study(write_study(tmp_path), tmp_path / "out")
-    shard = tmp_path / "out" / "shards" / "00003.parquet"
-    shard.write_bytes(shard.read_bytes()[:-50])
-    with pytest.raises(StudyError, match=r"00003.parquet: not a table") as caught:
-        merge_study(tmp_path / "out")
-    assert "\n" not in str(caught.value)
-
-
 def test_a_folder_belongs_to_one_study(tmp_path):
-    source, out = write_study(tmp_path), tmp_path / "out"
-    run_study(source, out)
+    out = tmp_path / "out"
+    run_study(write_study(tmp_path), out)
     run_study(write_study(tmp_path, shard=5), out)  # another size of shards changes nothing
     assert open_folder(out).shard == 2
     with pytest.raises(StudyError, match="out: holds another study, which differs in factors; give another folder"):
@@ -300,14 +264,6 @@ def test_a_folder_belongs_to_one_study(tmp_path):
         study_status(tmp_path / "nothing")
 
 
-def test_metric_names_are_those_of_simulate():
-    run = simulate(tiny_drive(), duration=0.01, step=5e-6, record=Record("none"))  # enough steps for batches
-    others = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end")
-    names = metric_names(tiny_drive())
-    names.remove("efficiency")  # without load the driver is driven as much as it drives
-    assert names == [name for name in run.metrics.column_names if name not in others]
-
-
 def study_of(seconds):
     """A study of so long runs on the CPU; only `run` is looked at for the size of shards."""
     table = {"study": {"drive": "tiny.toml"}, "design": {"kind": "factorial"}}
@@ -329,13 +285,7 @@ def test_shards_fill_the_device_and_fit_the_memory(seconds, rows, parts, memory,
     assert shard_size(study_of(seconds), tiny_drive(), rows, parts, 2, memory) == size
 
 
-@given(
-    seconds=st.floats(1e-4, 10.0),
-    rows=st.integers(1, 500),
-    parts=st.integers(1, 64),
-    cores=st.integers(1, 64),
-    memory=st.integers(1, 10**9),
-)
+@given(st.floats(1e-4, 10.0), st.integers(1, 500), st.integers(1, 64), st.integers(1, 64), st.integers(1, 10**9))
 def test_shards_hold_every_row_once(seconds, rows, parts, cores, memory):
     size = shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
     folder = Folder(Path("out"), rows, (Part((Block((0, rows)),), size),))
@@ -351,15 +301,13 @@ def test_shards_hold_every_row_once(seconds, rows, parts, cores, memory):
 def test_commands_of_a_job_array(tmp_path, capsys):
     source, out, whole = write_study(tmp_path, RECORD), tmp_path / "out", tmp_path / "whole"
     run_study(source, whole)
-    assert run(capsys, "study", "run", source, "-o", out, "--shard", "1/3", "--quiet", "--workers", "1") == (
-        0,
-        ["2 of 6 shards are done; variants: 4 ok, 0 suspect, 0 diverged, 0 infeasible"],
-        [],
-    )
+    line = "2 of 6 shards are done; variants: 4 ok, 0 suspect, 0 diverged, 0 infeasible"
+    words = ("study", "run", source, "-o", out, "--quiet", "--shard")
+    assert run(capsys, *words, "1/3", "--workers", "1") == (0, [line], [])
     status, _, err = run(capsys, "study", "merge", out)
     assert (status, len(err)) == (2, 1) and "4 of 6 shards are missing (0, 2, 3, 5); finish with" in err[0]
     for part in ("0/3", "2/3"):
-        assert run(capsys, "study", "run", source, "-o", out, "--shard", part, "--quiet")[0] == 0
+        assert run(capsys, *words, part)[0] == 0
     assert run(capsys, "study", "status", out)[1][1] == f"make the whole table with: warpchain study merge {out}"
     assert run(capsys, "study", "merge", out)[1][1] == f"table: {out / 'results.parquet'}"
     assert (out / "results.parquet").read_bytes() == (whole / "results.parquet").read_bytes()
@@ -396,7 +344,7 @@ def test_mistakes_get_one_line(tmp_path, monkeypatch, capsys, words, text):
 
 
 def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
-    """What the table says is what the archived trajectory gives; variants that were not recorded have none."""
+    """The table says of each variant what its archived trajectory gives; variants that were not recorded have none."""
     more = "[record]\nevery = 3\nrate = 5e4\n[fatigue]\nexponent = 5\nrange = 100\n"
     run_study(write_study(tmp_path, more, points=2), tmp_path / "out")
     results = read_results(table_of(tmp_path / "out"))
@@ -409,3 +357,92 @@ def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
     again = with_recorded_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
     assert sorted(again.table.column_names) == sorted(results.table.column_names)
     assert again.table["damage_per_hour_max"][3].as_py() == pytest.approx(32.0 * damage[3])  # (100 / 50)^5
+
+
+def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
+    """Of the file alone, of what the drive lacks, and of metrics that there are not."""
+    more = '[[factors]]\nname = "y"\npath = "sprockets.s9.teeth"\nlevels = [1, 2]\n[metrics]\nkeep = ["tensoin"]\n'
+    source = write_study(tmp_path, more, text=STUDY.replace("step = 1e-5", 'step = "fast"'))
+    status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
+    assert status == 2
+    for line, words in zip(err, ("run.step", "factors.y.path", "metrics.keep.0"), strict=True):
+        assert words in line
+    assert not (tmp_path / "out").exists()
+    lost = '[[objectives]]\nmetric = "tension_mx"\n'  # and a factor that is wrong in its place and in its values
+    text = source.read_text().replace("levels = [1, 2]", "levels = [1, 1]")
+    source.write_text(text.replace("[limits]\nenergy_residual = inf", lost))
+    status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
+    assert status == 2 and len(err) == 5
+    for words in ("run.step", "factors.y.levels", "factors.y.path", "metrics.keep.0", "objectives.0.metric"):
+        assert any(words in line for line in err)
+
+
+def test_where_there_is_no_terminal_progress_is_a_line_every_so_often(monkeypatch):
+    clock, said = [0.0], io.StringIO()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(sys, "stderr", said)
+    with progress.bar(200.0, "study", " variants", 100.0) as bar:
+        for clock[0] in (4.0, 9.9, 10.0, 19.0, 25.0):
+            bar.update(10.0)
+    assert said.getvalue().splitlines() == [
+        "study: 65 % of 200 variants, 0:00:10 gone, 0:00:23 left",
+        "study: 75 % of 200 variants, 0:00:25 gone, 0:00:25 left",
+    ]
+
+
+def test_the_second_pass_has_a_bar_of_its_own_and_none_goes_beyond_its_end(tmp_path, monkeypatch):
+    bars = []
+
+    class Noted(progress.Lines):
+        def __init__(self, total, name, unit, initial=0.0, **_):
+            super().__init__(total, name, unit, initial)
+            bars.append(self)
+
+    monkeypatch.setattr("warpchain.study.run.runner.bar_of", Noted)
+    source = write_study(tmp_path, '[record]\nworst = { metric = "tension_max", count = 2 }\n')
+    run_study(source, tmp_path / "out", progress=True)
+    assert [(bar.name, bar.total) for bar in bars] == [("study", 12.0), ("recording the worst", 2.0)]
+    assert all(bar.n <= bar.total + 1e-9 for bar in bars)
+
+
+def test_the_worst_recorded_variant_is_the_first_to_be_shown(tmp_path):
+    source = write_study(tmp_path, '[record]\nevery = 3\nworst = { metric = "tension_max", count = 2 }\n')
+    results = read_results(run_study(source, tmp_path / "out").table)
+    worst = Worst(metric="tension_max", count=2)
+    shown = list(recorded_variants(results, tmp_path / "out", worst=worst))
+    tension = results.values("tension_max")
+    assert shown[0] == int(tension.argmax())
+    assert list(tension[shown]) == sorted(tension[shown], reverse=True)
+    assert list(recorded_variants(results, tmp_path / "out")) == sorted(shown) or len(shown) == 4
+
+
+ALL = """
+[adjust]
+sprocket = "s1"
+direction = [1.0, 0.0]
+links = "even"
+strain = 1e-4
+[record]
+variants = [0]
+rate = 5e4
+worst = { metric = "tension_max", count = 1 }
+[fatigue]
+exponent = 5
+range = 100
+"""
+
+
+def test_every_column_of_a_table_is_of_one_kind(tmp_path):
+    """A study that does all it can: adjusts, settles, records, records the worst, counts fatigue."""
+    text = STUDY.replace('"links"', '"damping"').replace("chain.links", "chain.damping").replace("44, 45", "10.0, 20.0")
+    outcome = run_study(write_study(tmp_path, ALL, points=2, text=text), tmp_path / "out", workers=1)
+    results = read_results(outcome.table)
+    names = results.table.column_names
+    aside = {name for name in names if (column := column_of(name)) and column.aside}
+    kinds = [results.factors, results.metrics, set(BOOKKEEPING) & set(names), aside]
+    assert sorted(name for kind in kinds for name in kind) == sorted(names)  # none is of two kinds
+    assert set(BOOKKEEPING) - set(names) == {"diverged", "diverged_time"}  # the status says it; none diverged
+
+
+def test_no_factor_can_be_called_like_bookkeeping():
+    assert set(BOOKKEEPING) <= TAKEN

@@ -125,31 +125,26 @@ def test_problems_and_factors_turn_into_each_other():
     assert np.ptp(np.log10(design["b"].to_numpy())) > 2.0
     tables = factors_of_problem(problem, {"a": "chain.roller_mass"})
     assert tables[0] == {"name": "a", "path": "chain.roller_mass", "distribution": "uniform", "range": [1.0, 2.0]}
-    kinds = [
-        SimpleNamespace(**{"range": None, "mean": None, "std": None, "kind": t["distribution"], **t}) for t in tables
-    ]
-    assert problem_of_factors(kinds) == problem
+    empty = {"range": None, "mean": None, "std": None}
+    assert problem_of_factors([SimpleNamespace(**empty | {"kind": t["distribution"]} | t) for t in tables]) == problem
     results = read_results(design.append_column("y", design["a"]), problem["names"])
     assert problem_of(results)["names"] == problem["names"]
 
 
 def test_refusals():
-    with pytest.raises(StudyError, match="power of two"):
-        saltelli_table(PROBLEM, 100)
-    with pytest.raises(StudyError, match="'bounds' is missing"):
-        saltelli_table({"names": ["a"]}, 8)
-    with pytest.raises(StudyError, match="equally many"):
-        saltelli_table({"names": ["a"], "bounds": [[0, 1], [0, 1]]}, 8)
-    with pytest.raises(StudyError, match="groups"):
-        factors_of_problem({"names": ["a"], "bounds": [[0, 1]], "groups": ["g"]})
-    with pytest.raises(StudyError, match="'triang' of 'a'"):
-        factors_of_problem({"names": ["a"], "bounds": [[0, 1]], "dists": ["triang"]})
-    with pytest.raises(StudyError, match="choice is not a distribution"):
-        problem_of_factors([SimpleNamespace(name="a", kind="choice")])
-    design = saltelli_table(PROBLEM, 4)
+    design, names = saltelli_table(PROBLEM, 4), PROBLEM["names"]
     lost = design.append_column("y", pa.array([None] * design.num_rows, pa.float64()))
-    with pytest.raises(StudyError, match="0 whole blocks"):
-        sobol_indices(read_results(lost, PROBLEM["names"]), "y")
     same = design.append_column("y", pa.array(np.ones(design.num_rows)))
-    with pytest.raises(StudyError, match="does not vary"):
-        sobol_indices(read_results(same, PROBLEM["names"]), "y")
+    one = {"names": ["a"], "bounds": [[0, 1]]}
+    for match, call in {
+        "power of two": lambda: saltelli_table(PROBLEM, 100),
+        "'bounds' is missing": lambda: saltelli_table({"names": ["a"]}, 8),
+        "equally many": lambda: saltelli_table({"names": ["a"], "bounds": [[0, 1], [0, 1]]}, 8),
+        "groups": lambda: factors_of_problem(one | {"groups": ["g"]}),
+        "'triang' of 'a'": lambda: factors_of_problem(one | {"dists": ["triang"]}),
+        "choice is not a distribution": lambda: problem_of_factors([SimpleNamespace(name="a", kind="choice")]),
+        "0 whole blocks": lambda: sobol_indices(read_results(lost, names), "y"),
+        "does not vary": lambda: sobol_indices(read_results(same, names), "y"),
+    }.items():
+        with pytest.raises(StudyError, match=match):
+            call()

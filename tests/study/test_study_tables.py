@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from study_helpers import write_study
+from study_helpers import STUDY, write_study
 
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import WholeFile
@@ -97,20 +97,12 @@ def test_a_copied_archive_of_a_shard_is_told(folder):
     merge_study(folder)
 
 
-def test_an_archive_of_another_study_is_told(folder, tmp_path):
-    source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
+@pytest.mark.parametrize("name", ["00000.mcap", "00001.parquet"])
+def test_an_archive_or_a_shard_of_another_study_is_told(folder, tmp_path, name):
+    shorter = STUDY.replace("duration = 0.0005", "duration = 0.0004")
+    source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3, text=shorter)
     run_study(source, tmp_path / "other" / "out")
-    shutil.copy(tmp_path / "other" / "out" / "shards" / "00000.mcap", folder / "shards" / "00000.mcap")
-    with pytest.raises(StudyError, match="or of another study"):
-        merge_study(folder)
-
-
-def test_a_shard_of_another_study_does_not_count(study, folder, tmp_path):
-    source = write_study(tmp_path / "other", points=3)
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
-    run_study(source, tmp_path / "other" / "out")
-    shutil.copy(tmp_path / "other" / "out" / "shards" / "00001.parquet", folder / "shards" / "00001.parquet")
+    shutil.copy(tmp_path / "other" / "out" / "shards" / name, folder / "shards" / name)
     with pytest.raises(StudyError, match="or of another study"):
         merge_study(folder)
 
@@ -119,8 +111,10 @@ def test_a_damaged_shard_that_is_removed_is_simulated_anew(study, folder):
     source, whole = study
     path = folder / "shards" / "00002.parquet"
     path.write_bytes(path.read_bytes()[:-40])
-    with pytest.raises(StudyError, match=r"00002\.parquet"):
-        run_study(source, folder)
+    for go_on in (lambda: run_study(source, folder), lambda: merge_study(folder)):
+        with pytest.raises(StudyError, match=r"00002\.parquet: not a table") as caught:
+            go_on()
+        assert "\n" not in str(caught.value)
     path.unlink()
     run_study(source, folder)
     for file in whole.rglob("*.parquet"):
@@ -162,12 +156,6 @@ def test_a_digest_is_of_what_a_table_says_not_of_how_it_lies():
         one.slice(0, 2),
     ]
     assert len({digest_of(table) for table in (one, *different)}) == 1 + len(different)
-
-
-def test_two_columns_of_a_name_are_refused(tmp_path):
-    (tmp_path / "a.csv").write_text("x,y,x\n1,2,3\n")
-    with pytest.raises(StudyError, match="several columns of one name"):
-        read_table(tmp_path / "a.csv")
 
 
 WRITING = """

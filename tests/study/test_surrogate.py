@@ -11,6 +11,8 @@ from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.results import read_results
 from warpchain.study.surrogate import fit_surrogate
 
+pytest.importorskip("sklearn")
+
 KINDS = ("gaussian", "quadratic")
 
 
@@ -29,8 +31,6 @@ TRUE = 3.0 * np.array(GRID["a"]) - 2.0 * np.array(GRID["b"]) ** 2
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_prediction_meets_the_truth_within_its_deviation(kind):
-    if kind == "gaussian":
-        pytest.importorskip("sklearn")
     found = fit_surrogate(made(), "y", kind)
     mean, deviation = found.predict(GRID)
     # 4 places within 3.5 deviations: 0.2 % by chance; 80 rows of noise 0.1 pin 6 terms to about 0.1 sqrt(6/80) = 0.03
@@ -50,8 +50,6 @@ def test_prediction_meets_the_truth_within_its_deviation(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_left_out_rows_are_as_a_fit_without_them_has_them(kind):
     """The closed form of leaving out against doing so; of a process with its lengths kept."""
-    if kind == "gaussian":
-        pytest.importorskip("sklearn")
     results = made(24)
     found = fit_surrogate(results, "y", kind)
     mean, deviation = found.model.left_out()
@@ -75,7 +73,6 @@ def test_left_out_rows_are_as_a_fit_without_them_has_them(kind):
 
 
 def test_known_errors_take_the_place_of_fitted_noise():
-    pytest.importorskip("sklearn")
     with_errors = fit_surrogate(made(40, errors=True), "y").model
     assert (with_errors.errors == 0.1).all()
     assert with_errors.noise < 0.1**2  # what is left for v: the errors explain the scatter
@@ -84,7 +81,6 @@ def test_known_errors_take_the_place_of_fitted_noise():
 
 
 def test_words_are_factors_of_a_process():
-    pytest.importorskip("sklearn")
     rng = np.random.default_rng(0)
     law, x = np.array(["hunt", "flores"])[rng.integers(0, 2, 60)], rng.random(60)
     y = np.where(law == "hunt", 5.0, 1.0) + x
@@ -96,7 +92,6 @@ def test_words_are_factors_of_a_process():
 
 
 def test_logarithm_keeps_predictions_above_zero():
-    pytest.importorskip("sklearn")
     rng = np.random.default_rng(1)
     x = rng.random(60)
     results = read_results(pa.table({"x": x, "y": np.exp(6.0 * x) * np.exp(0.1 * rng.standard_normal(60))}), ["x"])

@@ -1,4 +1,4 @@
-"""What notebooks show, and the tutorial notebook run from its first cell to its last."""
+"""Pictures and tables in notebooks, and the tutorial notebook run from its first cell to its last."""
 
 import xml.etree.ElementTree as xml
 from pathlib import Path
@@ -18,14 +18,12 @@ from warpchain.view.notebook import drive_svg, frame_svg, html, value_text
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+assert NOTEBOOKS
 
 
 @pytest.fixture(scope="module")
 def run():
-    drive = two_sprockets(duration=0.01)
-    return simulate(
-        [drive.with_values({"sprockets.driven.load.torque": t}) for t in (200.0, 300.0)], record=Record([1])
-    )
+    return simulate([two_sprockets(duration=0.01, torque=torque) for torque in (200.0, 300.0)], record=Record([1]))
 
 
 def points(svg, tag):
@@ -117,7 +115,3 @@ def test_a_notebook_runs_and_shows_what_it_showed(path):
         ]
 
     assert kinds(load_script("pages.notebooks").executed(path)) == kinds(nbformat.read(path, as_version=4))
-
-
-def test_there_is_a_notebook():
-    assert NOTEBOOKS

@@ -6,12 +6,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
+from command import run as command
 from drives import timing, two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
 
 from warpchain import Record, Trajectory, load_drive, simulate, write_archive
-from warpchain.cli import main
 from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
 from warpchain.results.signals import peak_frames, peaks_over_time
@@ -173,25 +173,22 @@ def test_every_group_of_curves_has_a_view(run):
 def test_variants_to_compare(run, tmp_path):
     path = write_archive(run, tmp_path / "a.mcap")
     other = write_archive(simulate(two_sprockets(duration=0.001)), tmp_path / "b.mcap")
-    labels = [[one.label for one in to_compare(path, variant, others)] for variant, others in (
-        (None, []), (2, []), (None, ["2", 0]), (None, [str(other)]), (2, [str(other), f"{path}:0"]), (0, [run]),
-    )]  # fmt: skip
-    assert labels == [
-        ["variant 0"],
-        ["variant 2"],
-        ["variant 0", "variant 2"],
-        ["a 0", "b"],
-        ["a 2", "b", "a 0"],
-        ["a 0", "run 2 0"],
-    ]
+    for variant, others, labels in (
+        (None, [], ["variant 0"]),
+        (2, [], ["variant 2"]),
+        (None, ["2", 0], ["variant 0", "variant 2"]),
+        (None, [str(other)], ["a 0", "b"]),
+        (2, [str(other), f"{path}:0"], ["a 2", "b", "a 0"]),
+        (0, [run], ["a 0", "run 2 0"]),
+    ):
+        assert [one.label for one in to_compare(path, variant, others)] == labels
     with pytest.raises(SimulationError, match="variant 1 was not recorded"):
         to_compare(path, None, ["1"])
 
 
 def test_inputs_that_vary(run):
-    assert {name: values.tolist() for name, values in varied_inputs(run).items()} == {
-        "sprockets.driven.load.torque": [200.0, 300.0, 400.0]
-    }
+    ((name, values),) = varied_inputs(run).items()
+    assert (name, values.tolist()) == ("sprockets.driven.load.torque", [200.0, 300.0, 400.0])
 
 
 def test_comparison_and_ensemble_are_logged(run):
@@ -207,19 +204,17 @@ def test_comparison_and_ensemble_are_logged(run):
 
 
 def test_refusals_in_one_line(run, tmp_path, capsys):
-    path = str(write_archive(run, tmp_path / "a.mcap"))
+    path = write_archive(run, tmp_path / "a.mcap")
     for words, reason in (
         (["--frames", "1"], "frames = 1: allowed is a whole number of at least 2"),
         (["--tab", "nothing"], "tab 'nothing': allowed are drive, tension along the chain"),
         (["--compare", "1"], "variant 1 was not recorded (recorded: 0, 2)"),
-        (["--compare", str(tmp_path / "no.mcap")], "no.mcap: cannot be read"),
+        (["--compare", tmp_path / "no.mcap"], "no.mcap: cannot be read"),
     ):
-        assert main(["view", path, "--save", str(tmp_path / "a.rrd"), *words]) == 2
-        said = capsys.readouterr().err
-        assert reason in said
-        assert said.count("\n") == 1
-    assert main(["view", path, "--web", "--bind", "192.0.2.1"]) == 2  # an address for documentation, nobody's
-    assert "--bind 192.0.2.1: this machine cannot listen there" in capsys.readouterr().err
+        status, _, err = command(capsys, "view", path, "--save", tmp_path / "a.rrd", *words)
+        assert (status, len(err)) == (2, 1) and reason in err[0]
+    status, _, err = command(capsys, "view", path, "--web", "--bind", "192.0.2.1")  # of documentation, nobody's
+    assert status == 2 and "--bind 192.0.2.1: this machine cannot listen there" in err[0]
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
 
 
@@ -267,11 +262,8 @@ def test_neither_a_start_nor_an_impact_sets_the_scale_of_tension():
     assert scale_top([recording], "42e3") == 42e3
     engine = load_drive(drive_path("engine"))
     assert scale_top([dataclasses.replace(recording, drive=engine)], "breaking") == 8900.0  # 06B of ISO 606
-    for wanted, text in (
-        ("breaking", "needs a chain by its size"),
-        ("red", "allowed are a tension above 0"),
-        (-1, "-1"),
-    ):
+    refused = {"breaking": "needs a chain by its size", "red": "allowed are a tension above 0", -1: "-1"}
+    for wanted, text in refused.items():
         with pytest.raises(SimulationError, match=text):
             scale_top([recording], wanted)
 
@@ -288,10 +280,8 @@ def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
     position[:, 40] = np.mean([drive.guides[0].start, drive.guides[0].end], axis=0)
     guide[:, 40] = 30.0, 0.0
     held = {"position": position, "sprocket_center": center, "sprocket_force": force, "guide_force": guide}
-    recording = spun(drive, 1.0, 1.0)
-    recording = Trajectory(
-        drive, np.array([0.0, 1.0]), sprocket_angle=recording.sprocket_angle[:2], tension=np.ones((2, 162)), **held
-    )
+    held |= {"sprocket_angle": spun(drive, 1.0, 1.0).sprocket_angle[:2], "tension": np.ones((2, 162))}
+    recording = Trajectory(drive, np.array([0.0, 1.0]), **held)
     shown = {name: values.tolist() for group, name, values in curves(recording) if group == "contact"}
     assert shown == {
         "crankshaft": [100.0, 70.0],
@@ -330,13 +320,10 @@ def test_one_color_a_thing_on_every_tab():
     assert all(len(found) == 1 for found in seen.values())
     assert len(set.union(*seen.values())) == len(seen)
     # its spoke and its name in the drive view, too
-    outline, label = (
-        spy.static["/variant\\ 0/drive/sprockets/driven"][0],
-        spy.static["/variant\\ 0/drive/sprockets/driven/name"][0],
-    )
-    assert {outline.colors.as_arrow_array().to_pylist()[1], *label.colors.as_arrow_array().to_pylist()} == seen[
-        "driven"
-    ]
+    path = "/variant\\ 0/drive/sprockets/driven"
+    (outline, *_), (label, *_) = spy.static[path], spy.static[f"{path}/name"]
+    drawn = {outline.colors.as_arrow_array().to_pylist()[1], *label.colors.as_arrow_array().to_pylist()}
+    assert drawn == seen["driven"]
 
 
 def luminance(color):

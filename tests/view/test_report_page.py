@@ -3,16 +3,16 @@
 import re
 import shutil
 import subprocess
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from command import run as command
 from drives import two_sprockets
 from PIL import Image
+from view.html_page import Page
 
 import warpchain
 from warpchain import Record, Wear, simulate
-from warpchain.cli import main
 from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
@@ -43,39 +43,10 @@ def page(run, tmp_path_factory):
     return path.read_text()
 
 
-class _Reader(HTMLParser):
-    """Headings, anchors, what is fetched, and that tags close."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.ids, self.fetched, self.pictures = [], [], [], 0
-
-    def handle_starttag(self, tag, attrs):
-        values = dict(attrs)
-        if "id" in values:
-            self.ids.append(values["id"])
-        source = values.get("src") or values.get("href") or ""
-        self.pictures += source.startswith("data:image/svg+xml;base64,")
-        if source and not source.startswith(("data:", "#")):
-            self.fetched.append(source)
-        if tag not in ("meta", "img", "wbr", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
-def read(page):
-    reader = _Reader()
-    reader.feed(page)
-    assert reader.open == []
-    return reader
-
-
 def test_the_page_needs_nothing_else(page):
-    found = read(page)
-    assert found.fetched == [] and "<script" not in page
-    assert found.pictures >= 12
+    found = Page(page)
+    assert "<script" not in page and all(link.startswith(("data:", "#")) for link in found.links)
+    assert sum(link.startswith("data:image/svg+xml;base64,") for link in found.links) >= 12
     assert found.ids == [
         "summary", "tension", "hubs", "timing", "cycle", "speed", "guides", "friction", "safety", "wear", "probes",
         "metrics",
@@ -124,8 +95,8 @@ def test_wear_of_a_chain_that_goes_around_two_sprockets(run):
 def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
     warpchain.write_archive(run, tmp_path / "run.mcap")
     words = ["--title", "My <drive>", "--wear-coefficient", "1e-15", "--bearing-area", "1e-4"]
-    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 0
-    assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
+    done = command(capsys, "report", tmp_path / "run.mcap", "-o", tmp_path / "a.html", *words)
+    assert done == (0, [str(tmp_path / "a.html")], [])
     assert "<h1>My &lt;drive&gt;</h1>" in page
     assert (tmp_path / "a.html").read_text() == page  # of the archive as of the run
 
@@ -140,8 +111,8 @@ def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
 )
 def test_mistakes_take_a_line(run, tmp_path, capsys, words, line):
     warpchain.write_archive(run, tmp_path / "run.mcap")
-    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 2
-    assert capsys.readouterr().err == f"warpchain: error: {line}\n"
+    done = command(capsys, "report", tmp_path / "run.mcap", "-o", tmp_path / "a.html", *words)
+    assert done == (2, [], [f"warpchain: error: {line}"])
     assert not (tmp_path / "a.html").exists()
 
 
@@ -150,7 +121,7 @@ def test_what_was_not_recorded_is_said_in_its_place():
     needed = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
     run = simulate(drive, device="cpu", record=Record(rate=5000.0, channels=needed))
     page = report_html(run)
-    assert read(page).ids[-1] == "metrics"
+    assert Page(page).ids[-1] == "metrics"
     assert "Nothing rubs in this drive." in page and "no pin radius" in page
     with pytest.raises(SimulationError, match="recorded without position"):
         report_html(simulate(drive, device="cpu", record=Record(channels=["tension"])))

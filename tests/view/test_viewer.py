@@ -1,5 +1,6 @@
 """Playback as a person sees it: screenshots of the headless Rerun viewer and of the web viewer in headless Chromium."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -41,7 +42,7 @@ def on_scale(picture, right):
 
 
 def path_seen(picture, trajectory, right=0.39):
-    """How well the colored pixels are the chain: (share of rollers found, how unlike the scales of x and y are).
+    """Likeness of the colored pixels to the chain: (share of rollers found, how unlike the scales of x and y are).
 
     The colored pixels' bounding box is laid on that of the rollers, y up; then each roller's place must be colored.
     """
@@ -86,18 +87,21 @@ def test_the_viewer_shows_tension_along_the_chain_as_an_image(run, tmp_path):
     rows, columns = np.nonzero(seen)
     assert np.ptp(columns) > 0.5 * seen.shape[1]
     # the image is one block: nearly every pixel within it has a color of the scale
-    block = seen[
-        rows.min() : rows.max() + 1, np.quantile(columns, 0.02).astype(int) : np.quantile(columns, 0.98).astype(int)
-    ]
-    assert block.mean() > 0.8
+    left, right = np.quantile(columns, [0.02, 0.98]).astype(int)
+    assert seen[rows.min() : rows.max() + 1, left:right].mean() > 0.8
 
 
 def listening(port):
     """Addresses that this machine listens at on a port, as /proc/net/tcp has them."""
-    lines = [
-        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]
-    ]
+    rows = [Path(f"/proc/net/{name}").read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
+    lines = [line.split() for line in (*rows[0], *rows[1])]
     return [line[1].split(":")[0] for line in lines if line[3] == "0A" and int(line[1].split(":")[1], 16) == port]
+
+
+def served(server):
+    """The address that a server of the web viewer prints, and its two ports."""
+    url = server.stdout.readline().strip()
+    return url, int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
 
 
 @pytest.mark.viewer
@@ -107,9 +111,8 @@ def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, t
     command = [sys.executable, "-m", "warpchain", "view", str(archive), "--web"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            url = server.stdout.readline().strip()
+            url, page, data = served(server)
             assert url.startswith("http://127.0.0.1:")
-            page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
             assert listening(page) == listening(data) == ["0100007F"]
             web_screenshot(url, tmp_path / "a.png", lambda picture: is_chain(*path_seen(picture, run[0])))
         finally:
@@ -125,9 +128,49 @@ def test_the_web_viewer_ends_with_the_process_that_serves_it(tmp_path, end):
     run = simulate(two_sprockets(duration=0.001, settle="false"))
     command = [sys.executable, "-m", "warpchain", "view", str(write_archive(run, tmp_path / "a.mcap")), "--web"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        url = server.stdout.readline().strip()
-        page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
+        _, page, data = served(server)
         assert listening(page) and listening(data)
         server.send_signal(end)
         assert server.wait(20) == -end
     wait_for(lambda: not listening(page) and not listening(data), 20.0)
+
+
+def colored(picture):
+    """Columns and rows of the colored pixels of the 3D view, which is at the upper left."""
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    height, width, _ = pixels.shape
+    view = pixels[int(0.06 * height) : int(0.39 * height), int(0.12 * width) : int(0.46 * width)]
+    rows, columns = np.nonzero(np.ptp(view, axis=2) > 60)
+    return {*zip(columns.tolist(), rows.tolist(), strict=True)}
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+def test_an_archive_opened_with_no_set_up_shows_moving_colored_rollers(tmp_path, monkeypatch):
+    from rerun.experimental import ViewerClient
+
+    archive = tmp_path / "marine.mcap"
+    simulate(load_drive(drive_path("marine")).with_values({"run.settle": False}), duration=0.1, archive=archive)
+    if render.SOFTWARE.exists():
+        monkeypatch.setenv("VK_ICD_FILENAMES", str(render.SOFTWARE))
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    seen = []
+    with ViewerClient.spawn(headless=True, port=9897, hide_welcome_screen=True, detach_process=False) as viewer:
+        viewer.open(str(archive))
+
+        def shows(seconds):
+            """The view at a time, once two pictures in turn are alike and colored, and not those of another time."""
+            viewer.set_time("message_log_time", duration=seconds, play_state="paused")
+            viewer.save_screenshot(str(tmp_path / "now.png"))
+            pixels.append(colored(tmp_path / "now.png"))
+            return len(pixels) > 1 and len(pixels[-1]) > 300 and pixels[-1] == pixels[-2] and pixels[-1] not in seen
+
+        for seconds in (0.0, 0.005):  # in 5 ms the chain travels half a pitch
+            pixels = []
+            wait_for(lambda at=seconds: shows(at))
+            seen.append(pixels[-1])
+    columns, rows = np.array(list(seen[0])).T
+    assert len(columns) > 300
+    assert np.ptp(columns) > 80
+    assert np.ptp(rows) > 60
+    assert len(seen[0] ^ seen[1]) > 100  # other pixels half a pitch later
