@@ -8,7 +8,7 @@ from warpchain.kernels.physics.guide import guide_gap
 from warpchain.kernels.physics.tooth import nearest_seat, seat_step, straight_flank_gap, tooth_gap
 from warpchain.kernels.structs import types
 
-KINDS = types(wp.float64)
+KINDS, SINGLE = types(wp.float64), types(wp.float32)
 
 
 @wp.kernel(enable_backward=False)
@@ -16,6 +16,12 @@ def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp
     i = wp.tid()
     penetration, radial, lateral = tooth_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec3d(penetration, radial, lateral)
+
+
+@wp.kernel(enable_backward=False)
+def single_gap(xi: wp.float32, lateral: wp.float32, gap: SINGLE.Sprocket, out: wp.array[wp.float32]):
+    penetration, radial, along = tooth_gap(xi, lateral, gap)
+    out[0] = penetration
 
 
 @wp.kernel(enable_backward=False)
@@ -238,18 +244,11 @@ def test_a_flank_of_huge_radius_is_the_straight_one():
 
 def test_single_precision_keeps_the_penetration_on_a_large_flank():
     # 57 teeth of 72B: re = 2 m; what is left of meters must be good to a part of the micrometer
-    single = types(wp.float32)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def one(xi: wp.float32, lateral: wp.float32, gap: single.Sprocket, out: wp.array[wp.float32]):
-        penetration, radial, along = tooth_gap(xi, lateral, gap)
-        out[0] = penetration
-
-    gap = single.Sprocket()
+    gap = SINGLE.Sprocket()
     gap.pitch_radius, gap.clearance, gap.flank_curvature, gap.tip_reach = R, CLEARANCE, 0.5, 2 * R
     gap.cos_half_seat, gap.sin_half_seat = np.cos(HALF), np.sin(HALF)
     out = wp.zeros(1, dtype=wp.float32, device="cpu")
     xi, eta = 1e-4, 1e-3
-    wp.launch(one, dim=1, inputs=[xi, eta, gap, out], device="cpu")
+    wp.launch(single_gap, dim=1, inputs=[xi, eta, gap, out], device="cpu")
     h = np.array([xi, eta]) - (CLEARANCE + 2.0) * np.array([-np.cos(HALF), np.sin(HALF)])
     assert out.numpy()[0] == pytest.approx(2.0 - np.hypot(*h), rel=1e-6)

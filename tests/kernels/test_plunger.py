@@ -40,7 +40,7 @@ def both(t):
     return given(row, Tensioner), given(made, BLOCKS.Tensioner)
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def lead(
     places: wp.array[wp.float64],
     h: wp.float64,
@@ -96,7 +96,7 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
         np.testing.assert_allclose(found[key], values, rtol=0, atol=2e-5 * scale, err_msg=key)
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def touch(
     angles: wp.array[wp.float64],
     exact: wp.array[Tensioner],
