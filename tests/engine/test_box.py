@@ -31,6 +31,7 @@ def sag(links, stiffness, mass=1.0, gravity=9.81):
     return (3.0 / 64.0 * mass * gravity * (links * PITCH) ** 4 / (stiffness * PITCH**2)) ** (1.0 / 3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("links", [2020, 4020])
 def test_thousands_of_links_that_sag_settle_within_their_box(links):
     """Of a stiff chain, by 60 and 150 pitches; was "diverged at 0 s"."""
@@ -44,7 +45,7 @@ def lowest(run):
     return -run[0].position[..., 1].min()
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.long)])
 def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     """To 5 %: a parabola for a catenary, and C from seat to seat."""
     run = simulate(two_sprockets(**LONG, duration=0.001, step=1e-5), device="cpu", precision=precision)
