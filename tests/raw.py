@@ -10,6 +10,7 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.relaxation import Settling
 
 
 def blank_states(variants):
@@ -170,17 +171,36 @@ def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
     row["law"]["stribeck_speed"] = 1.0
 
 
+def stepped(packed, *launches, values=0, workers=1):
+    """The engine after launches of so many steps each, and its frame buffer of so many values."""
+    engine = CpuEngine(packed, workers)
+    buffer = engine.frame_buffer(values)
+    for steps in launches:
+        for future in engine.advance(steps, buffer):
+            future.result()
+    engine.close()
+    return engine, buffer
+
+
+def settling(packed, step, tolerance, limit):
+    """The engine after settling to a tolerance in at most `limit` steps, and the row that it began with."""
+    engine = CpuEngine(packed, 1)
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = step, tolerance, limit
+    engine.start_settling(start)
+    for future in engine.settle(limit):
+        future.result()
+    engine.close()
+    return engine, start
+
+
 def run(packed, workers=1):
     """Steps a hand-made ensemble to its end; returns the engine and, where sampled, frames (F, values)."""
-    engine = CpuEngine(packed, workers)
     steps = int(packed.drives["steps"][0])
     every = int(packed.drives["sample_every"][0])
     width = 7 * int(packed.drives["rollers"][0]) + 5 * int(packed.drives["sprockets"][0])
     frames = steps // every + 1 if every else 0
-    buffer = engine.frame_buffer(frames * width)
-    for future in engine.advance(steps + 1, buffer):
-        future.result()
-    engine.close()
+    engine, buffer = stepped(packed, steps + 1, values=frames * width, workers=workers)
     assert engine.progress()["diverged"][0] == 0
     return engine, buffer.numpy()[: frames * width].reshape(frames, width)
 
@@ -198,4 +218,4 @@ def state(engine):
     return rows[:4] + np.concatenate([rows[4:], 0 * rows[4:]])
 
 
-__all__ = ["chain", "polygon", "run", "state", "wp"]
+__all__ = ["chain", "polygon", "run", "settling", "state", "stepped", "wp"]
