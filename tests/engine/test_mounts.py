@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from drives import two_sprockets
-from raw import chain, polygon, run, state
+from raw import chain, momenta, polygon, run, state, struck_sprocket
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.assembly.arm_balance import chain_path
@@ -76,29 +76,17 @@ def test_free_eccentric_wheel_turns_about_its_center_of_mass(turning):
 def test_momentum_of_chain_and_free_sprocket_is_conserved(precision):
     # nothing holds sprocket or chain: sum of momenta, and sum m r x v + M c x V + J omega, over 10,000 steps of
     # contacts. Exact but for round-off in float64; float32 rounds forces of 1e4 N to 1e-3 N
-    pitch, teeth, mass, own, inertia = 0.05, 20, 1.0, 15.0, 3.0
-    radius = pitch / (2 * np.sin(np.pi / teeth))
-    angle = 2 * np.pi * np.arange(teeth) / teeth
-    position = (radius + 1e-4) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    velocity = np.random.default_rng(0).normal(scale=0.2, size=(teeth, 2))
-    sprocket = {"teeth": teeth, "stiffness": 2e8, "clearance": 1e-4, "inertia": inertia, "speed": 4.0,
-                "restitution": 0.5}  # fmt: skip
-    packed = chain(position, velocity, mass=mass, pitch=pitch, stiffness=5e7, damping=500.0, sprockets=[sprocket],
-    step=5e-6, steps=10_000, precision=precision)  # fmt: skip
+    own = 15.0
+    packed = struck_sprocket(step=5e-6, steps=10_000, precision=precision)
     on_springs(packed, mass=own)
     packed.bodies[0]["velocity"] = (-0.5, 0.2)
-
-    def momenta(x, y, vx, vy, body):
-        (cx, cy), (ux, uy) = body["center"], body["velocity"]
-        spin = mass * (x * vy - y * vx).sum() + own * (cx * uy - cy * ux) + inertia * body["speed"]
-        return np.array([mass * vx.sum() + own * ux, mass * vy.sum() + own * uy, spin])
-
-    before = momenta(*position.T, *velocity.T, packed.bodies[0])
+    before = momenta(packed.rows(0)[:4], packed.bodies[0], own)
     engine, _ = run(packed)
     body = engine.state.bodies.numpy()[0]
     assert engine.sums()["contact"][0]["impacts"] > 10
     assert np.linalg.norm(body["velocity"] - packed.bodies[0]["velocity"]) > 0.1
-    np.testing.assert_allclose(momenta(*state(engine), body), before, atol=1e-10 if precision == "float64" else 1e-4)
+    found = momenta(state(engine), body, own)
+    np.testing.assert_allclose(found, before, atol=1e-10 if precision == "float64" else 1e-4)
 
 
 CASES = {
