@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from blocks import some_of
+from pairs import BLOCKS, both, given, launched
 from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
 
 from warpchain.engine.arrays import harmonic_rows, seat_directions
@@ -37,33 +38,12 @@ from warpchain.kernels.physics.guide import in_frame, on_guide, on_profile, trac
 from warpchain.kernels.physics.motion import integral_at, load_moment, prescribed_at, value_at
 from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
 from warpchain.kernels.precision import as_float32
-from warpchain.kernels.structs import BodyState, Curves, Guide, Motion, Piece, Sprocket, Tabulated, types
+from warpchain.kernels.structs import BodyState, Curves, Guide, Motion, Piece, Sprocket, Tabulated
 from warpchain.kernels.sums import add_powers, gathered_powers
 from warpchain.results.channels import FRAME
 
 EPS = 2.0**-24
 """Largest relative rounding of float32."""
-BLOCKS = types(wp.float32, blocks=True)
-
-
-def launched(kernel, count, *inputs, width=1):
-    """What a kernel writes for `count` threads, as (count, width) float64."""
-    out = wp.zeros((count, width), dtype=wp.float64, device="cpu")
-    wp.launch(kernel, count, inputs=[*inputs, out], device="cpu")
-    return out.numpy()
-
-
-def given(values, dtype=wp.float64):
-    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
-
-
-def both(full, count=1, **values):
-    """Rows of a struct of float64, and the same as blocks at float32 keep them, as arrays."""
-    rows = np.zeros(count, dtype=full.numpy_dtype())
-    for name, value in values.items():
-        rows[name] = value
-    made = getattr(BLOCKS, full.key)
-    return given(rows, full), given(as_float32(rows, np.dtype(made.numpy_dtype())), made)
 
 
 @wp.func
