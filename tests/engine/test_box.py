@@ -45,7 +45,8 @@ def lowest(run):
     return -run[0].position[..., 1].min()
 
 
-@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     """To 5 %: a parabola for a catenary, and C from seat to seat."""
     run = simulate(two_sprockets(**LONG, duration=0.001, step=1e-5), device="cpu", precision=precision)
@@ -55,6 +56,7 @@ def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     assert lowest(run) - radius > 4.0 * ESCAPE_PITCHES * PITCH
 
 
+@pytest.mark.long
 def test_one_that_falls_from_its_straight_strands_runs():
     """It passes its place of rest and comes to about 4^(1/3) times the depth: m g s (2/3) = k p^2 (8/3)^2 (s/C)^4 / 2 a
     link. In 1.2 s it is through that: of free fall it would be 0.7 s."""
@@ -64,6 +66,7 @@ def test_one_that_falls_from_its_straight_strands_runs():
     assert lowest(run) > 1.3 * sag(300, 4e6) > 2.0 * ESCAPE_PITCHES * PITCH
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("gravity", "links"), [((0.0, -9.81), 428), ((-9.81, 0.0), 428), ((9.81, 9.81), 410), ((0.0, 0.0), 428)]
 )
