@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import warp as wp
 from drives import timing, two_sprockets
+from raw import stepped
 
 from warpchain import Drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
 from warpchain.engine.buckets import block_shape, kind_columns, room_for
 from warpchain.engine.buckets import kind_of as engine_kind
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import room
@@ -234,11 +234,7 @@ def assert_steps_of_the_cpu(drives, many, precision):
     bends = bool(packed.joints["rubs"].any())
     widths = [frame_width(drive, packed.frame) * 16 for drive in variants]
     packed.drives["first_value"] = [0, widths[0]]
-    serial = CpuEngine(packed, 1)
-    theirs = serial.frame_buffer(sum(widths))
-    for future in serial.advance(301, theirs):
-        future.result()
-    serial.close()
+    serial, theirs = stepped(packed, 301, values=sum(widths))
     ours = serial.frame_buffer(sum(widths))
     ours.fill_(np.nan)
     state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter

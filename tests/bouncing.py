@@ -1,4 +1,4 @@
-"""One mass that flies into a contact and out again, for the tests of contact laws."""
+"""A contact by itself, and one mass that flies into it and out again, for the tests of contact laws."""
 
 import warp as wp
 
@@ -40,3 +40,19 @@ def bounce(
     out[0] = -v
     out[1] = dissipated
     out[2] = peak
+
+
+@wp.kernel(enable_backward=False)
+def response(
+    law: KINDS.ContactLaw,
+    penetration: wp.float64,
+    speed: wp.float64,
+    impact_speed: wp.float64,
+    out: wp.array[wp.float64],
+):
+    """A contact at a speed along its normal; out = length of the force, its size, damper's part."""
+    normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
+    force, size, first, damper, energy = respond(penetration, normal, speed * normal, impact_speed, law)
+    out[0] = wp.length(force)
+    out[1] = size
+    out[2] = damper

@@ -1,6 +1,7 @@
 """Shared by all tests: quiet Warp, and hypothesis without deadlines (the machine may be slow)."""
 
 import signal
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -38,6 +39,30 @@ def _gpus() -> bool:
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
     return wp.is_cuda_available()
+
+
+KERNELS = pytest.StashKey[int]()
+"""Modules in Warp's cache before the tests."""
+
+
+def _cached_kernels() -> int:
+    """Number of modules in Warp's cache."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    return len(list(Path(wp.config.kernel_cache_dir).glob("wp_*")))
+
+
+def pytest_sessionstart(session):
+    if not hasattr(session.config, "workerinput"):  # of several processes the one that starts the others
+        session.config.stash[KERNELS] = _cached_kernels()
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Tells how many kernels the tests have compiled."""
+    if KERNELS in config.stash:
+        terminalreporter.write_line(f"{_cached_kernels() - config.stash[KERNELS]} kernels compiled")
 
 
 SLOW = ("kernels", "engine")

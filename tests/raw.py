@@ -10,6 +10,7 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.relaxation import Settling
 
 
 def blank_states(variants):
@@ -170,17 +171,54 @@ def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
     row["law"]["stribeck_speed"] = 1.0
 
 
+def struck_sprocket(*, step, steps, integrator="leapfrog", precision="float64", **contact):
+    """A tossed ring of 20 rollers of 1 kg about a free sprocket of 3 kg m^2 at 4 rad/s, without gravity and load."""
+    position, radius = polygon(20, 0.05)
+    velocity = np.random.default_rng(0).normal(scale=0.2, size=(20, 2))
+    sprocket = {"teeth": 20, "stiffness": 2e8, "clearance": 1e-4, "inertia": 3.0, "speed": 4.0, "restitution": 0.5}
+    return chain(
+        position * (1.0 + 1e-4 / radius), velocity, mass=1.0, pitch=0.05, stiffness=5e7, damping=500.0,
+        sprockets=[sprocket | contact], step=step, steps=steps, integrator=integrator, precision=precision,
+    )  # fmt: skip
+
+
+def momenta(rollers, body, own=0.0):
+    """Momentum (x, y) and angular momentum about the origin of rollers of 1 kg and a sprocket of 3 kg m^2."""
+    (x, y, vx, vy), (cx, cy), (ux, uy) = rollers, body["center"], body["velocity"]
+    spin = (x * vy - y * vx).sum() + own * (cx * uy - cy * ux) + 3.0 * body["speed"]
+    return np.array([vx.sum() + own * ux, vy.sum() + own * uy, spin])
+
+
+def stepped(packed, *launches, values=0, workers=1):
+    """The engine after launches of so many steps each, and its frame buffer of so many values."""
+    engine = CpuEngine(packed, workers)
+    buffer = engine.frame_buffer(values)
+    for steps in launches:
+        for future in engine.advance(steps, buffer):
+            future.result()
+    engine.close()
+    return engine, buffer
+
+
+def settling(packed, step, tolerance, limit):
+    """The engine after settling to a tolerance in at most `limit` steps, and the row that it began with."""
+    engine = CpuEngine(packed, 1)
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = step, tolerance, limit
+    engine.start_settling(start)
+    for future in engine.settle(limit):
+        future.result()
+    engine.close()
+    return engine, start
+
+
 def run(packed, workers=1):
     """Steps a hand-made ensemble to its end; returns the engine and, where sampled, frames (F, values)."""
-    engine = CpuEngine(packed, workers)
     steps = int(packed.drives["steps"][0])
     every = int(packed.drives["sample_every"][0])
     width = 7 * int(packed.drives["rollers"][0]) + 5 * int(packed.drives["sprockets"][0])
     frames = steps // every + 1 if every else 0
-    buffer = engine.frame_buffer(frames * width)
-    for future in engine.advance(steps + 1, buffer):
-        future.result()
-    engine.close()
+    engine, buffer = stepped(packed, steps + 1, values=frames * width, workers=workers)
     assert engine.progress()["diverged"][0] == 0
     return engine, buffer.numpy()[: frames * width].reshape(frames, width)
 
@@ -198,4 +236,4 @@ def state(engine):
     return rows[:4] + np.concatenate([rows[4:], 0 * rows[4:]])
 
 
-__all__ = ["chain", "polygon", "run", "state", "wp"]
+__all__ = ["chain", "momenta", "polygon", "run", "settling", "state", "stepped", "struck_sprocket", "wp"]

@@ -31,6 +31,7 @@ def sag(links, stiffness, mass=1.0, gravity=9.81):
     return (3.0 / 64.0 * mass * gravity * (links * PITCH) ** 4 / (stiffness * PITCH**2)) ** (1.0 / 3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("links", [2020, 4020])
 def test_thousands_of_links_that_sag_settle_within_their_box(links):
     """Of a stiff chain, by 60 and 150 pitches; was "diverged at 0 s"."""
@@ -44,6 +45,7 @@ def lowest(run):
     return -run[0].position[..., 1].min()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     """To 5 %: a parabola for a catenary, and C from seat to seat."""
@@ -54,6 +56,7 @@ def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     assert lowest(run) - radius > 4.0 * ESCAPE_PITCHES * PITCH
 
 
+@pytest.mark.long
 def test_one_that_falls_from_its_straight_strands_runs():
     """It passes its place of rest and comes to about 4^(1/3) times the depth: m g s (2/3) = k p^2 (8/3)^2 (s/C)^4 / 2 a
     link. In 1.2 s it is through that: of free fall it would be 0.7 s."""
@@ -63,6 +66,7 @@ def test_one_that_falls_from_its_straight_strands_runs():
     assert lowest(run) > 1.3 * sag(300, 4e6) > 2.0 * ESCAPE_PITCHES * PITCH
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("gravity", "links"), [((0.0, -9.81), 428), ((-9.81, 0.0), 428), ((9.81, 9.81), 410), ((0.0, 0.0), 428)]
 )

@@ -1,11 +1,8 @@
-"""Whole drives against closed forms: torque balance, polygon action, the seated chain, energy, integrators,
-precision.
-"""
+"""Whole drives against closed forms: torque balance, polygon action, energy, integrators, precision."""
 
 import numpy as np
 import pytest
 from drives import MARINE, row, two_sprockets
-from raw import chain, run, state
 
 from warpchain import Record, load_drive, simulate
 
@@ -76,54 +73,6 @@ def test_dissipation_is_never_negative_by_part():
     parts = {name: value for name, value in values.items() if name.endswith("dissipated")}
     assert set(parts) == {"links.dissipated", "driver.dissipated", "driven.dissipated"}
     assert all(value >= 0.0 for value in parts.values())
-
-
-def test_angular_momentum_of_chain_and_free_sprocket_is_exact():
-    # no gravity, no load: sum m r x v + J omega about the sprocket's fixed center, to round-off over 20,000 steps
-    pitch, teeth, mass, inertia = 0.05, 20, 1.0, 3.0
-    radius = pitch / (2 * np.sin(np.pi / teeth))
-    angle = 2 * np.pi * np.arange(teeth) / teeth
-    position = (radius + 1e-4) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rng = np.random.default_rng(0)
-    velocity = rng.normal(scale=0.2, size=(teeth, 2))
-    sprocket = {
-        "teeth": teeth,
-        "stiffness": 2e8,
-        "clearance": 1e-4,
-        "inertia": inertia,
-        "speed": 4.0,
-        "restitution": 0.5,
-    }
-    packed = chain(position, velocity, mass=mass, pitch=pitch, stiffness=5e7, damping=500.0, sprockets=[sprocket],
-    step=5e-6, steps=20_000)  # fmt: skip
-    before = mass * (position[:, 0] * velocity[:, 1] - position[:, 1] * velocity[:, 0]).sum() + inertia * 4.0
-    engine, _ = run(packed)
-    x, y, vx, vy = state(engine)
-    after = mass * (x * vy - y * vx).sum() + inertia * engine.state.bodies.numpy()[0]["speed"]
-    assert engine.sums()["contact"][0]["impacts"] > 10
-    assert after == pytest.approx(before, rel=1e-12)
-
-
-@pytest.mark.usefixtures("device")
-def test_seated_chain_tension_falls_geometrically():
-    # sprocket locked, one side pulled: T_{i+1} / T_i = sin(phi) / sin(phi + 2 pi / z) on the flanks, phi = 90 deg -
-    # b - pi / z
-    teeth, half_seat = 20, np.radians(100.0) / 2
-    drive = two_sprockets(teeth=teeth, links=60, span=20.0 * (1 + 1e-6), torque=400.0, speed=0.0, damping=2e4,
-    stiffness=5e7, contact=5e9, clearance=0.0, duration=1.0, seat_angle=100.0, restitution=0.1, inertia=1.0,
-                          mass=1.0, floor=0.5, step=4e-6, viscous=300.0)  # fmt: skip
-    run = simulate(drive, record=Record(rate=100.0), window=(0.9, 1.0))
-    trajectory = run[0]
-    tension = trajectory.tension[-1]
-    on_driver = np.hypot(*trajectory.position[-1].T) < drive.pitch_radius(0) * 1.02
-    loaded = on_driver & (trajectory.sprocket_force[-1] > 0.02 * trajectory.sprocket_force[-1].max())
-    phi = np.pi / 2 - half_seat - np.pi / teeth
-    expected = np.sin(phi) / np.sin(phi + 2 * np.pi / teeth)
-    before, after = tension[np.flatnonzero(loaded) - 1], tension[np.flatnonzero(loaded)]
-    ratios = np.minimum(before, after) / np.maximum(before, after)
-    ratios = ratios[np.maximum(before, after) > 0.2 * tension.max()]
-    assert len(ratios) >= 2
-    assert np.median(ratios) == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])

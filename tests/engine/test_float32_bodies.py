@@ -2,26 +2,18 @@
 
 import numpy as np
 import pytest
+from blocks import pushed_slider
 from drives import timing, two_sprockets
 
-from warpchain import Drive, Record, simulate
+from warpchain import Record, simulate
 
 RK4 = {"run.integrator": "rk4"}
-
-
-def pushed():
-    """A sprocket on a slide that a hydraulic tensioner pushes, which does not touch it at its center."""
-    mount = {"kind": "slider", "direction": [1.0, 0.0], "stiffness": 1e5, "damping": 200.0, "preload": 0.0}
-    oil = timing().tensioners[0].model_dump() | {"name": "plunger", "on": "driven", "direction": [1.0, 0.0]}
-    base = two_sprockets().with_values({"sprockets.driven.mount": mount, "sprockets.driven.mass": 30.0})
-    return Drive(**base.model_dump(exclude_none=True) | {"tensioners": [oil]})
-
 
 DRIVES = {
     "arm": timing,
     "arm, rk4": lambda: timing().with_values(RK4),
     "rk4": lambda: two_sprockets().with_values(RK4),
-    "pushed": pushed,
+    "pushed": lambda: pushed_slider()[0],  # which does not touch it at its center
 }
 
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from drives import two_sprockets
-from raw import chain, polygon, run, state
+from layouts import Placed, drive_of
+from raw import chain, momenta, polygon, run, state, struck_sprocket
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import automatic_step, step_limit
-from warpchain.drive import loads_drive
 from warpchain.kernels.physics.mount import FREE
 
 WHEEL = {"mass": 5.0, "radius": 0.1, "phase": 0.3}
@@ -76,29 +76,17 @@ def test_free_eccentric_wheel_turns_about_its_center_of_mass(turning):
 def test_momentum_of_chain_and_free_sprocket_is_conserved(precision):
     # nothing holds sprocket or chain: sum of momenta, and sum m r x v + M c x V + J omega, over 10,000 steps of
     # contacts. Exact but for round-off in float64; float32 rounds forces of 1e4 N to 1e-3 N
-    pitch, teeth, mass, own, inertia = 0.05, 20, 1.0, 15.0, 3.0
-    radius = pitch / (2 * np.sin(np.pi / teeth))
-    angle = 2 * np.pi * np.arange(teeth) / teeth
-    position = (radius + 1e-4) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    velocity = np.random.default_rng(0).normal(scale=0.2, size=(teeth, 2))
-    sprocket = {"teeth": teeth, "stiffness": 2e8, "clearance": 1e-4, "inertia": inertia, "speed": 4.0,
-                "restitution": 0.5}  # fmt: skip
-    packed = chain(position, velocity, mass=mass, pitch=pitch, stiffness=5e7, damping=500.0, sprockets=[sprocket],
-    step=5e-6, steps=10_000, precision=precision)  # fmt: skip
+    own = 15.0
+    packed = struck_sprocket(step=5e-6, steps=10_000, precision=precision)
     on_springs(packed, mass=own)
     packed.bodies[0]["velocity"] = (-0.5, 0.2)
-
-    def momenta(x, y, vx, vy, body):
-        (cx, cy), (ux, uy) = body["center"], body["velocity"]
-        spin = mass * (x * vy - y * vx).sum() + own * (cx * uy - cy * ux) + inertia * body["speed"]
-        return np.array([mass * vx.sum() + own * ux, mass * vy.sum() + own * uy, spin])
-
-    before = momenta(*position.T, *velocity.T, packed.bodies[0])
+    before = momenta(packed.rows(0)[:4], packed.bodies[0], own)
     engine, _ = run(packed)
     body = engine.state.bodies.numpy()[0]
     assert engine.sums()["contact"][0]["impacts"] > 10
     assert np.linalg.norm(body["velocity"] - packed.bodies[0]["velocity"]) > 0.1
-    np.testing.assert_allclose(momenta(*state(engine), body), before, atol=1e-10 if precision == "float64" else 1e-4)
+    found = momenta(state(engine), body, own)
+    np.testing.assert_allclose(found, before, atol=1e-10 if precision == "float64" else 1e-4)
 
 
 CASES = {
@@ -172,53 +160,18 @@ def test_prescribed_center_moves_as_told_and_takes_the_chain_along():
 
 def tensioner(pitch=0.05, preload=3e3):
     """Driver and driven sprocket at rest; a sliding one presses on the lower strand from below, without a spring."""
-    return loads_drive(
-        f"""
-        [chain]
-        pitch = {pitch}
-        links = 60
-        roller_mass = 1.0
-        stiffness = 5e7
-        damping = 2e4
-        roller_radius = 0.015
-        [[sprockets]]
-        name = "driver"
-        teeth = 16
-        center = [0.0, 0.0]
-        wrap = "ccw"
-        pitch = 0.05
-        prescribed = {{ speed = 0.0 }}
-        [[sprockets]]
-        name = "idler"
-        teeth = 12
-        center = [0.5, -0.11]
-        wrap = "cw"
-        pitch = 0.05
-        mass = 4.0
-        inertia = 0.05
-        load = {{ viscous = 20.0 }}
-        mount = {{ kind = "slider", direction = [0.0, 1.0], stiffness = 0.0, damping = 4e3, preload = {preload} }}
-        [[sprockets]]
-        name = "driven"
-        teeth = 16
-        center = [1.1, 0.0]
-        wrap = "ccw"
-        pitch = 0.05
-        inertia = 0.3
-        load = {{ viscous = 100.0 }}
-        [contact.sprocket]
-        seat_angle = 118.0
-        clearance = 1e-4
-        restitution = 0.3
-        impact_speed_floor = 0.05
-        stiffness = 2e8
-        [run]
-        duration = 1.0
-        step = 8e-6
-        sample_rate = 100.0
-        gravity = [0.0, 0.0]
-        """
-    )
+    ends = [Placed(16, (0.0, 0.0), speed=0.0, pitch=0.05), Placed(16, (1.1, 0.0), pitch=0.05)]
+    drive = drive_of([ends[0], Placed(12, (0.5, -0.11), "cw", pitch=0.05), ends[1]], 60, gravity=(0.0, 0.0))
+    slider = {"kind": "slider", "direction": [0.0, 1.0], "stiffness": 0.0, "damping": 4e3, "preload": preload}
+    parts = {
+        "chain": {"pitch": pitch, "roller_mass": 1.0, "stiffness": 5e7, "damping": 2e4, "roller_radius": 0.015},
+        "sprockets.0": {"name": "driver"},
+        "sprockets.1": {"name": "idler", "mass": 4.0, "inertia": 0.05, "load": {"viscous": 20.0}, "mount": slider},
+        "sprockets.2": {"name": "driven", "inertia": 0.3, "load": {"viscous": 100.0}},
+        "contact.sprocket": {"seat_angle": 118.0, "clearance": 1e-4, "impact_speed_floor": 0.05, "stiffness": 2e8},
+        "run": {"duration": 1.0, "step": 8e-6, "sample_rate": 100.0},
+    }
+    return drive.with_values({f"{part}.{name}": value for part, of in parts.items() for name, value in of.items()})
 
 
 @pytest.mark.usefixtures("device")
@@ -252,41 +205,14 @@ def test_tensioner_holds_its_preload_while_the_chain_lengthens():
 
 def balance_shaft():
     """A crank of 40 teeth and, in elastic bearings, a balance shaft of 20 with an eccentric mass."""
-    return loads_drive(
-        """
-        [chain]
-        pitch = 0.0127
-        links = 100
-        roller_mass = 0.01
-        stiffness = 2e6
-        damping = 20.0
-        roller_radius = 0.00425
-        [[sprockets]]
-        name = "crank"
-        teeth = 40
-        center = [0.0, 0.0]
-        wrap = "ccw"
-        prescribed = { speed = 40.0 }
-        [[sprockets]]
-        name = "shaft"
-        teeth = 20
-        center = [0.4433, 0.0]
-        wrap = "ccw"
-        mass = 30.0
-        inertia = 0.02
-        mount = { kind = "elastic", stiffness = [4e7, 4e7], damping = [1e3, 1e3] }
-        balance_wheel = { mass = 2.0, radius = 0.05 }
-        [contact.sprocket]
-        clearance = 4e-5
-        restitution = 0.3
-        impact_speed_floor = 0.02
-        stiffness = 2e7
-        [run]
-        duration = 1.2
-        step = "auto"
-        sample_rate = 2000.0
-        """
-    )
+    shaft = {"name": "shaft", "mass": 30.0, "inertia": 0.02, "balance_wheel": {"mass": 2.0, "radius": 0.05}}
+    shaft["mount"] = {"kind": "elastic", "stiffness": [4e7, 4e7], "damping": [1e3, 1e3]}
+    values = {
+        "chain.stiffness": 2e6, "chain.damping": 20.0, "contact.sprocket.stiffness": 2e7, "run.duration": 1.2,
+        "run.step": "auto", "run.sample_rate": 2000.0, "sprockets.0.name": "crank",
+    }  # fmt: skip
+    drive = drive_of([Placed(40, (0.0, 0.0), speed=40.0), Placed(20, (0.4433, 0.0))], 100)
+    return drive.with_values(values | {f"sprockets.1.{name}": value for name, value in shaft.items()})
 
 
 @pytest.mark.usefixtures("device")

@@ -2,28 +2,22 @@
 
 import numpy as np
 import pytest
-from tensioner_rig import TEXT
+from tensioner_rig import engine
 
-from warpchain import Record, loads_drive, simulate
+from warpchain import Record, simulate
 
-MOUNT = "stiffness = 2.0e3, damping = 300.0, preload = 200.0"
-BARE = "stiffness = 0.0, damping = 0.0, preload = 0.0"
-SPRING = """
-[[tensioners]]
-name = "plain"
-on = "tensioner"
-at = [0.038317, 0.18]
-direction = [-1.0, 0.0]
-kind = "spring"
-spring = { stiffness = 2.0e3, preload = 200.0, damping = 300.0 }
-"""
+BARE = {f"sprockets.tensioner.mount.{name}": 0.0 for name in ("stiffness", "damping", "preload")}
+"""The engine's slider without the spring of its own."""
 
 
 def test_a_spring_tensioner_is_the_slider_s_own_spring():
-    plain = TEXT.split("\n[[tensioners]]")[0]
-    assert MOUNT in plain
-    texts = plain, plain.replace(MOUNT, BARE) + SPRING
-    drives = [loads_drive(text).with_values({"run.settle": False}) for text in texts]
+    plain = engine().with_values({"tensioners": [], "run.settle": False})
+    spring = {name: getattr(plain.sprockets[1].mount, name) for name in ("stiffness", "preload", "damping")}
+    assert min(spring.values()) > 0.0
+    drives = [
+        plain,
+        plain.with_values(BARE | {"tensioners": [engine().tensioners[1].model_dump() | {"spring": spring}]}),
+    ]
     record = Record(rate=1e4, channels=("position", "sprocket_center"))
     run = simulate(drives, duration=0.003, record=record, device="cpu")
     own, other = run[0], run[1]
@@ -35,8 +29,8 @@ def test_a_spring_tensioner_is_the_slider_s_own_spring():
 
 
 def test_oil_leaves_the_energy_balance_as_good_as_without():
-    plain, oiled, _ = TEXT.split("\n[[tensioners]]")
-    drives = [loads_drive(plain), loads_drive(f"{plain.replace(MOUNT, BARE)}\n[[tensioners]]{oiled}")]
+    oiled = engine()
+    drives = [oiled.with_values({"tensioners": []}), oiled.with_values(BARE | {"tensioners": [oiled.tensioners[0]]})]
     without, with_oil = simulate(drives, duration=0.03, device="cpu").metrics.to_pylist()
     assert with_oil["element.pressure_max"] > 5e5 > with_oil["element.pressure_min"]  # its valve closes and opens
     assert with_oil["element.oil_loss"] > 0.0

@@ -17,7 +17,6 @@ from blocks import (
 KINDS = moving_sprockets, arms, arms_rk4, rubbing_on_moving_sprockets, pushed_slider, bending_rk4, rubbing_rk4, rk4
 USUAL = [
     (moving_sprockets, False, "float64"),
-    (arms, True, "float32"),
     (arms_rk4, True, "float64"),
     (bending_rk4, True, "float32"),
 ]

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import raw
 import warp as wp
 from blocks import (
     arms,
@@ -35,7 +36,6 @@ from warpchain.engine.arrays import (
     upload_state,
 )
 from warpchain.engine.checkpoint import Keeper, States, stop_of
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.kernels.gpu.block import block_kernel
@@ -94,13 +94,7 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     drive = two_sprockets().with_values({"run.gravity": [0.0, -9.81]})
     packed = pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)])
     still = elastic(packed)
-    start = np.zeros(1, dtype=Settling.numpy_dtype())
-    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 100_000
-    serial = CpuEngine(still, 1)
-    serial.start_settling(start)
-    for future in serial.settle(100_000):
-        future.result()
-    serial.close()
+    serial, start = raw.settling(still, 0.7 * step_limit(drive), 1e-3, 100_000)
     settling = wp.array(start, dtype=Settling, device="cpu")
     ensemble, state, tallies = (
         upload_ensemble(still, "cpu", blocks=True),
@@ -129,12 +123,7 @@ def test_block_kernel_settles_an_arm(fibers):
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     cushion(packed)
     quickened(packed, stacks_of([drive]))
-    start = np.zeros(1, dtype=Settling.numpy_dtype())
-    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 20_000
-    serial = CpuEngine(packed, 1)
-    serial.start_settling(start)
-    for future in serial.settle(20_000):
-        future.result()
+    serial, start = raw.settling(packed, 0.7 * step_limit(drive), 1e-3, 20_000)
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")

@@ -12,11 +12,10 @@ from drives import MARINE
 from grown import grown, recipe, recipe_code, run_in
 
 from warpchain import dumps_drive, load_drive, simulate
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import FORMS
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
-from warpchain.kernels import relaxation, structs
+from warpchain.kernels import structs
 from warpchain.kernels.physics.mount import FREE
 from warpchain.results.channels import FRAME, Sizes
 
@@ -206,13 +205,7 @@ def test_what_contacts_dissipate_is_what_chain_and_turning_body_lose(integrator)
 def test_settling_holds_the_body():
     # relaxed until no net force is above 1e-10 of a weight
     packed = elastic(straight(gravity=WEIGHT, above=-1e-5, steps=1))
-    engine = CpuEngine(packed, 1)
-    state = np.zeros(1, dtype=relaxation.Settling.numpy_dtype())
-    state["step"], state["tolerance"], state["limit"] = 2e-4, 1e-10, 100_000
-    engine.start_settling(state)
-    for future in engine.settle(100_000):
-        future.result()
-    engine.close()
+    engine, _ = raw.settling(packed, 2e-4, 1e-10, 100_000)
     assert engine.settling()["settled"][0] == 1
     assert engine.state.bodies.numpy()[0] == packed.bodies[0]
     _, y, _, _ = raw.state(engine)
@@ -226,10 +219,7 @@ def test_variants_with_different_bodies_stand_side_by_side():
     two.motions["prescribed"] = 1
     alone = raw.state(raw.run(one)[0])
     both = beside(two, one)
-    engine = CpuEngine(both, 1)
-    for future in engine.advance(501, engine.frame_buffer(1)):
-        future.result()
-    engine.close()
+    engine, _ = raw.stepped(both, 501)
     rows = engine.rollers().reshape(2, 6, LINKS)
     for v in range(2):
         np.testing.assert_array_equal(rows[v][:4], alone)

@@ -8,7 +8,7 @@ from warpchain.kernels.physics.guide import guide_gap
 from warpchain.kernels.physics.tooth import nearest_seat, seat_step, straight_flank_gap, tooth_gap
 from warpchain.kernels.structs import types
 
-KINDS = types(wp.float64)
+KINDS, SINGLE = types(wp.float64), types(wp.float32)
 
 
 @wp.kernel(enable_backward=False)
@@ -16,6 +16,12 @@ def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp
     i = wp.tid()
     penetration, radial, lateral = tooth_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec3d(penetration, radial, lateral)
+
+
+@wp.kernel(enable_backward=False)
+def single_gap(xi: wp.float32, lateral: wp.float32, gap: SINGLE.Sprocket, out: wp.array[wp.float32]):
+    penetration, radial, along = tooth_gap(xi, lateral, gap)
+    out[0] = penetration
 
 
 @wp.kernel(enable_backward=False)
@@ -108,13 +114,15 @@ def test_usual_gap_is_the_tooth_gap_and_says_where():
         assert 1000 < usual.sum() < 4000
 
 
-def test_tooth_gap_penetration_is_continuous_with_slope_one():
+@pytest.mark.parametrize(("shape", "seed"), [("straight", 2), ("convex", 6)])
+def test_tooth_gap_penetration_is_continuous_with_slope_one(shape, seed):
     # along any line the penetration changes by at most the distance gone: |grad pen| = 1, no jump (model's reason
     # for the flank)
-    rng = np.random.default_rng(2)
+    gap = sprocket() if shape == "straight" else convex()
+    rng = np.random.default_rng(seed)
     start = np.stack([rng.uniform(R - P / 3, R + P / 3, 400), rng.uniform(-P / 2, P / 2, 400)], axis=1)
     ends = start + rng.normal(scale=1e-6, size=start.shape)
-    before, after = launch(tooth_gaps, start, sprocket())[:, 0], launch(tooth_gaps, ends, sprocket())[:, 0]
+    before, after = launch(tooth_gaps, start, gap)[:, 0], launch(tooth_gaps, ends, gap)[:, 0]
     both = (before > 0) & (after > 0)
     assert both.sum() > 100
     assert (np.abs(after - before)[both] <= np.hypot(*(ends - start).T)[both] * (1 + 1e-9) + 1e-16).all()
@@ -219,13 +227,6 @@ def test_convex_gap_is_continuous_with_its_normal():
     before, after = launch(tooth_gaps, points, convex())
     assert abs(before[0]) < 1e-14 and abs(after[0]) < 1e-14
     assert np.abs(after - before)[1:].max() < 2e-9 / CLEARANCE
-    rng = np.random.default_rng(6)
-    start = np.stack([rng.uniform(R - P / 3, R + P / 3, 400), rng.uniform(-P / 2, P / 2, 400)], axis=1)
-    ends = start + rng.normal(scale=1e-6, size=start.shape)
-    before, after = launch(tooth_gaps, start, convex())[:, 0], launch(tooth_gaps, ends, convex())[:, 0]
-    both = (before > 0) & (after > 0)
-    assert both.sum() > 100
-    assert (np.abs(after - before)[both] <= np.hypot(*(ends - start).T)[both] * (1 + 1e-9) + 1e-16).all()
 
 
 def test_a_flank_of_huge_radius_is_the_straight_one():
@@ -238,18 +239,11 @@ def test_a_flank_of_huge_radius_is_the_straight_one():
 
 def test_single_precision_keeps_the_penetration_on_a_large_flank():
     # 57 teeth of 72B: re = 2 m; what is left of meters must be good to a part of the micrometer
-    single = types(wp.float32)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def one(xi: wp.float32, lateral: wp.float32, gap: single.Sprocket, out: wp.array[wp.float32]):
-        penetration, radial, along = tooth_gap(xi, lateral, gap)
-        out[0] = penetration
-
-    gap = single.Sprocket()
+    gap = SINGLE.Sprocket()
     gap.pitch_radius, gap.clearance, gap.flank_curvature, gap.tip_reach = R, CLEARANCE, 0.5, 2 * R
     gap.cos_half_seat, gap.sin_half_seat = np.cos(HALF), np.sin(HALF)
     out = wp.zeros(1, dtype=wp.float32, device="cpu")
     xi, eta = 1e-4, 1e-3
-    wp.launch(one, dim=1, inputs=[xi, eta, gap, out], device="cpu")
+    wp.launch(single_gap, dim=1, inputs=[xi, eta, gap, out], device="cpu")
     h = np.array([xi, eta]) - (CLEARANCE + 2.0) * np.array([-np.cos(HALF), np.sin(HALF)])
     assert out.numpy()[0] == pytest.approx(2.0 - np.hypot(*h), rel=1e-6)

@@ -5,31 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import two_sprockets
+from raw import stepped
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
-
-
-def stepped(packed, launches):
-    """The engine after the launches of so many steps each."""
-    engine = CpuEngine(packed, 1)
-    buffer = engine.frame_buffer(1)
-    for steps in launches:
-        for future in engine.advance(steps, buffer):
-            future.result()
-    engine.close()
-    return engine
 
 
 def test_where_launches_end_does_not_matter():
     # launches of whole rounds of 16 steps merge the links' tallies where one launch does: bitwise the same
     drive = two_sprockets()
     packed = pack([drive], [Schedule(drive.run.step, 2100, 1000, 2100, 0)])
-    once, twice = stepped(packed, [2101]), stepped(packed, [1024, 1024, 53])
+    once, twice = stepped(packed, 2101)[0], stepped(packed, 1024, 1024, 53)[0]
     np.testing.assert_array_equal(once.rollers(), twice.rollers())
     for name in TABLE["sums"]:
         np.testing.assert_array_equal(once.sums()[name], twice.sums()[name], err_msg=name)
@@ -47,7 +36,7 @@ def test_where_groups_begin_does_not_matter(by):
         rollers=np.roll(packed.rollers.reshape(6, n), by, axis=1).ravel(),
         seat=np.roll(packed.seat.reshape(-1, n), by, axis=1).ravel(),
     )
-    here, there = stepped(packed, [301]), stepped(turned, [301])
+    here, there = (stepped(of, 301)[0] for of in (packed, turned))
     x, y = (engine.rollers().reshape(6, n) for engine in (here, there))
     np.testing.assert_allclose(y[:2], np.roll(x, by, axis=1)[:2], rtol=0.0, atol=1e-11)
     for field in ("impulse", "dissipated", "friction", "impacts", "contacts", "force_max"):

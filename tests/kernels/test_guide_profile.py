@@ -87,6 +87,15 @@ def test_a_straight_bar_as_a_profile(precision, tolerance, integrator):
     assert np.ptp(raw.state(straight)[1]) > 0.0
 
 
+def round_guide(face, **values):
+    """A guide whose profile is a circle about the origin, in quarters."""
+    angles = np.pi * np.array([0.9, 0.4, -0.1, -0.6])
+    quarters = [
+        (face * np.array([np.cos(a), np.sin(a)]), a - 0.5 * np.pi, -1.0 / face, 0.5 * np.pi * face) for a in angles
+    ]
+    return {"roller_radius": ROLLER_RADIUS, "end_radius": 0.5 * face, "pieces": quarters} | values
+
+
 def test_rollers_at_rest_over_an_arc():
     # model: N = T p / R' each, R' = R_g + R_r, with rollers on a circle of R' and tension T in links of length p as
     # drawn between them: exactly 2 T sin(asin(p / 2 R')) = T p / R'. The chain is a ring about a round guide, its links
@@ -94,12 +103,10 @@ def test_rollers_at_rest_over_an_arc():
     n, pitch, strain = 40, 0.01, 1e-3
     position, radius = raw.polygon(n, pitch)
     face = radius - ROLLER_RADIUS
-    quarters = [(face * np.array([np.cos(a), np.sin(a)]), a - 0.5 * np.pi, -1.0 / face, 0.5 * np.pi * face)
-                for a in np.arange(0.9 * np.pi, -1.1 * np.pi, -0.5 * np.pi)[:4]]  # fmt: skip
     depth = 1e-6
     packed = raw.chain(
         position * (1.0 - depth / radius), np.zeros((n, 2)), mass=0.01, pitch=pitch * (1.0 - strain), stiffness=1e6,
-        guides=[{"roller_radius": ROLLER_RADIUS, "stiffness": 1e7, "end_radius": 0.5 * face, "pieces": quarters}],
+        guides=[round_guide(face, stiffness=1e7)],
         step=1e-6, steps=1, sample_every=1,
     )  # fmt: skip
     engine, frames = raw.run(packed)
@@ -126,12 +133,9 @@ def test_capstan_of_a_chain_that_slides_over_an_arc():
     tension = 5.0 * ratio ** np.arange(n)
     normal = (tension + np.roll(tension, 1)) * np.sin(half)
     tangent = np.stack([-position[:, 1], position[:, 0]], axis=1) / radius
-    quarters = [(face * np.array([np.cos(a), np.sin(a)]), a - 0.5 * np.pi, -1.0 / face, 0.5 * np.pi * face)
-                for a in np.arange(0.9 * np.pi, -1.1 * np.pi, -0.5 * np.pi)[:4]]  # fmt: skip
     packed = raw.chain(
         position * (1.0 - normal / 1e9 / radius)[:, None], speed * tangent, mass=0.01, pitch=pitch, stiffness=1e6,
-        guides=[{"roller_radius": ROLLER_RADIUS, "stiffness": 1e9, "end_radius": 0.5 * face, "pieces": quarters,
-                 "friction": mu}],
+        guides=[round_guide(face, stiffness=1e9, friction=mu)],
         step=step, steps=1,
     )  # fmt: skip
     placed = packed.rows(0)[:2].T

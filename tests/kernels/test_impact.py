@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from bouncing import KINDS, bounce
+from bouncing import KINDS, bounce, response
 from scipy.optimize import brentq
-
-from warpchain.kernels.physics.contact import respond
 
 UNBOUNDED = 1e30
 """Damping that no step bounds [N s/m]."""
@@ -65,59 +63,35 @@ def test_dissipated_energy_is_what_the_mass_lost():
     assert peak == pytest.approx(mass * speed**2 * (1 / d - np.log1p(d) / d**2), rel=1e-7)
 
 
-def test_a_contact_that_is_pressed_in_faster_than_it_began_is_damped_no_more():
-    # a seated roller that came at the speed floor is then pushed at 50 times that: K pen (1 + d) at most
-    @wp.kernel(enable_backward=False, module="unique")
-    def force_at(law: KINDS.ContactLaw, speed: wp.float64, out: wp.array[wp.float64]):
-        normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-        force, size, first, damper, energy = respond(wp.float64(1e-5), normal, speed * normal, wp.float64(0.01), law)
-        out[0] = size
-        out[1] = damper
-
+def responses(penetration, speed, impact_speed, most_damping=UNBOUNDED):
+    """Length of the force, its size and the damper's part [N] of a linear contact of 1e8 N/m, d = 0.5."""
     law = KINDS.ContactLaw()
     law.stiffness, law.exponent, law.damping, law.speed_floor = 1e8, 1.0, 0.5, 0.01
-    law.most_damping = UNBOUNDED
-    out = wp.zeros(2, dtype=wp.float64, device="cpu")
-    for speed, part in ((0.004, 0.4), (0.01, 1.0), (0.5, 1.0)):
-        wp.launch(force_at, dim=1, inputs=[law, speed, out], device="cpu")
-        size, damper = out.numpy()
-        assert size == pytest.approx(1e3 * (1.0 + 0.5 * part), rel=1e-12)
-        assert damper == pytest.approx(1e3 * 0.5 * part, rel=1e-12)
+    law.most_damping = most_damping
+    out = wp.full(3, -7.0, dtype=wp.float64, device="cpu")
+    wp.launch(response, dim=1, inputs=[law, penetration, speed, impact_speed, out], device="cpu")
+    return out.numpy()
+
+
+@pytest.mark.parametrize(("speed", "part"), [(0.004, 0.4), (0.01, 1.0), (0.5, 1.0)])
+def test_a_contact_that_is_pressed_in_faster_than_it_began_is_damped_no_more(speed, part):
+    # a seated roller that came at the speed floor is then pushed at 50 times that: K pen (1 + d) at most
+    _, size, damper = responses(1e-5, speed, 0.01)
+    assert size == pytest.approx(1e3 * (1.0 + 0.5 * part), rel=1e-12)
+    assert damper == pytest.approx(1e3 * 0.5 * part, rel=1e-12)
 
 
 def test_contact_never_pulls():
-    # leaving fast: the law alone would give a negative force
-    @wp.kernel(enable_backward=False, module="unique")
-    def force_at(law: KINDS.ContactLaw, out: wp.array[wp.float64]):
-        normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-        leaving = wp.float64(-10.0) * normal
-        force, size, first, damper, energy = respond(wp.float64(1e-5), normal, leaving, wp.float64(0.1), law)
-        out[0] = wp.length(force) + size
-        out[1] = damper
-
-    law = KINDS.ContactLaw()
-    law.stiffness, law.exponent, law.damping, law.speed_floor = 1e8, 1.0, 0.5, 0.01
-    law.most_damping = UNBOUNDED
-    out = wp.full(2, -7.0, dtype=wp.float64, device="cpu")
-    wp.launch(force_at, dim=1, inputs=[law, out], device="cpu")
-    assert out.numpy()[0] == 0.0
-    assert out.numpy()[1] == pytest.approx(-1e8 * 1e-5)  # the damper takes all of the spring's force
+    # leaving fast: the law alone would give a negative force; the damper takes all of the spring's
+    length, size, damper = responses(1e-5, -10.0, 0.1)
+    assert length + size == 0.0
+    assert damper == pytest.approx(-1e8 * 1e-5)
 
 
-def test_a_step_takes_no_more_than_the_approach_speed():
+@pytest.mark.parametrize("speed", [0.003, -0.003])
+def test_a_step_takes_no_more_than_the_approach_speed(speed):
     # a seated roller under 10 kN that came at the floor: damped by d N / v0 = 5e5 N s/m it would leave each step at
     # 1 - 5e5 h / m = -4 times the speed that it came with; m / h takes all of it, either way
-    @wp.kernel(enable_backward=False, module="unique")
-    def damper_at(law: KINDS.ContactLaw, speed: wp.float64, out: wp.array[wp.float64]):
-        normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-        force, size, first, damper, energy = respond(wp.float64(1e-4), normal, speed * normal, wp.float64(0.01), law)
-        out[0] = damper
-
     mass, h = 1.0, 1e-5
-    law = KINDS.ContactLaw()
-    law.stiffness, law.exponent, law.damping, law.speed_floor = 1e8, 1.0, 0.5, 0.01
-    law.most_damping = mass / h
-    out = wp.zeros(1, dtype=wp.float64, device="cpu")
-    for speed in (0.003, -0.003):
-        wp.launch(damper_at, dim=1, inputs=[law, speed, out], device="cpu")
-        assert speed - h * out.numpy()[0] / mass == pytest.approx(0.0, abs=1e-15)
+    damper = responses(1e-4, speed, 0.01, most_damping=mass / h)[2]
+    assert speed - h * damper / mass == pytest.approx(0.0, abs=1e-15)

@@ -24,7 +24,7 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
                 wp.array[wp.float64], out: wp.array[wp.float64]):  # fmt: skip
         count = shape.shape[0]
         for step in range(out.shape[0]):
-            joints.pull_links(w, count, chain)
+            joints.pull_links(w, count, chain, kinds.Links())
             joints.rub_joints(w, count, joint)
             w[MOMENT] = real(0.0)
             w[MOMENT + count - 1] = real(0.0)

@@ -33,7 +33,7 @@ def walked(kind: BlockKind):
             seen[which, thread, at] = wp.static(100) * j + p
             at = at + 1
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False)
     def walk_all(near: wp.array2d[int], before: wp.array2d[int], seen: wp.array3d[int], changed: wp.array[int]):
         thread = wp.tid()
         bits = Bits()
@@ -50,9 +50,12 @@ def walked(kind: BlockKind):
     return walk_all, threads, most
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.shape.rollers_per_thread} rollers, {kind.parts}")
-def test_walks_go_through_rollers_and_partners_in_order(kind):
-    kernel, threads, most = walked(kind)
+WALKED = {f"{kind.shape.rollers_per_thread} rollers, {kind.parts}": (kind, *walked(kind)) for kind in KINDS}
+
+
+@pytest.mark.parametrize("name", WALKED)
+def test_walks_go_through_rollers_and_partners_in_order(name):
+    kind, kernel, threads, most = WALKED[name]
     partners, count = kind.parts.sprockets + kind.parts.guides, 24
     assert partners <= BITS
     rng = np.random.default_rng(5)

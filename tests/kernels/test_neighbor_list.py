@@ -3,33 +3,19 @@
 import numpy as np
 import pytest
 from drives import two_sprockets
-from raw import chain
+from raw import chain, stepped
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.cpu.rollers import rows
 from warpchain.results.schedule import Schedule
 
 
-def run(engine, launches):
-    """Takes an engine through launches of so many steps each."""
-    buffer = engine.frame_buffer(1)
-    for steps in launches:
-        for future in engine.advance(steps, buffer):
-            future.result()
-
-
 def alike(packed, steps):
     """Two engines after the same steps, in one launch and in launches of one, which look at all rollers each time."""
-    engines = [CpuEngine(packed, 1) for _ in range(2)]
-    for engine, launches in zip(engines, ([steps], [1] * steps), strict=True):
-        run(engine, launches)
-    for engine in engines:
-        engine.close()
-    return engines
+    return [stepped(packed, *launches)[0] for launches in ([steps], [1] * steps)]
 
 
 def assert_alike(once, often, sums=tuple(TABLE["sums"])):
@@ -53,11 +39,9 @@ def test_runs_hold_few_rollers_for_many_steps():
     # half of either sprocket of 20 teeth has 11 rollers, a band of half a pitch and an eighth around it 5 more at most,
     # in whole lanes of 4 at either end
     drive = two_sprockets()
-    engine = CpuEngine(pack([drive], [Schedule(1e-6, 10**6, 10**6, 10**6, 0)]), 1)
-    run(engine, [100])
+    engine, _ = stepped(pack([drive], [Schedule(1e-6, 10**6, 10**6, 10**6, 0)]), 100)
     row = rows(engine.capacity)
     scratch = engine._scratch.get().numpy()
-    engine.close()
     counted = []
     for p in range(2):
         count = int(scratch[row.runs + p])
@@ -91,8 +75,4 @@ def test_where_there_is_no_room_for_runs_all_rollers_are_looked_at():
     far = {"center": (50.0, 0.0), "prescribed": 1, "stiffness": 1e8, "teeth": 10}
     made = {"mass": 1.0, "pitch": 2.0 * np.sin(np.pi / 200), "stiffness": 1e6, "step": 1e-5, "steps": 50}
     few, many = (chain(place, still, sprockets=[far] * count, gravity=(0.0, -9.81), **made) for count in (1, 70))
-    engines = [CpuEngine(packed, 1) for packed in (few, many)]
-    for engine in engines:
-        run(engine, [50])
-        engine.close()
-    np.testing.assert_array_equal(engines[0].rollers(), engines[1].rollers())
+    np.testing.assert_array_equal(*(stepped(packed, 50)[0].rollers() for packed in (few, many)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from pairs import BLOCKS, both, given, launched
 from tensioner_rig import moved, tensioner
 
 from warpchain.kernels.number import leading, pair_of, vector, whole
@@ -16,31 +17,19 @@ from warpchain.kernels.physics.tensioner import (
     tensioner_step,
     touch_arm,
 )
-from warpchain.kernels.precision import as_float32
-from warpchain.kernels.structs import BodyState, Tensioner, types
+from warpchain.kernels.structs import BodyState, Tensioner
 from warpchain.kernels.sums import metered
 
 COLUMNS = ("force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content")
 
 
-BLOCKS = types(wp.float32, blocks=True)
-
-
-def given(values, dtype=wp.float64):
-    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
-
-
-def both(t):
+def at_both(t):
     """A tensioner, and the same as blocks at float32 keep it, as arrays."""
-    row = np.zeros(1, dtype=Tensioner.numpy_dtype())
-    for name in Tensioner.vars:
-        value = getattr(t, name)
-        row[name] = tuple(value) if isinstance(value, wp.vec2d) else value
-    made = as_float32(row, np.dtype(BLOCKS.Tensioner.numpy_dtype()))
-    return given(row, Tensioner), given(made, BLOCKS.Tensioner)
+    values = {name: getattr(t, name) for name in Tensioner.vars}
+    return both(Tensioner, **{name: tuple(v) if isinstance(v, wp.vec2d) else v for name, v in values.items()})
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def lead(
     places: wp.array[wp.float64],
     h: wp.float64,
@@ -82,9 +71,8 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
     t, steps, every = tensioner(air=air, ratchet_pitch=1e-3, backlash=2e-4), 100_000, 100
     places = 1e-4 * np.sin(2.0 * np.pi * 5.0 * np.arange(steps + 1) / steps) + 1.5e-3
     h = 1.0 / (200.0 * steps / 5.0)
-    out = wp.zeros((steps // every, len(COLUMNS)), dtype=wp.float64, device="cpu")
-    wp.launch(lead, dim=1, inputs=[given(places), h, *both(t), every, out], device="cpu")
-    found = dict(zip(COLUMNS, out.numpy().T, strict=True))
+    out = launched(lead, 1, given(places), h, *at_both(t), every, width=len(COLUMNS), rows=steps // every)
+    found = dict(zip(COLUMNS, out.T, strict=True))
     exact = moved(t, places, h)
     wanted = {key: exact[key][every::every] for key in COLUMNS[:-1]}
     for key in ("leaked", "supplied", "leak_loss", "valve_loss", "work"):
@@ -96,7 +84,7 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
         np.testing.assert_allclose(found[key], values, rtol=0, atol=2e-5 * scale, err_msg=key)
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def touch(
     angles: wp.array[wp.float64],
     exact: wp.array[Tensioner],
@@ -122,9 +110,7 @@ def touch(
 def test_the_extension_in_pairs_is_that_of_float64():
     t = tensioner(point=wp.vec2d(0.21, -0.037), home=wp.vec2d(1.312, 0.433), direction=wp.vec2d(-0.6, 0.8))
     angles = np.random.default_rng(7).uniform(-0.5, 0.5, 5000)
-    out = wp.zeros((len(angles), 2), dtype=wp.float64, device="cpu")
-    wp.launch(touch, len(angles), inputs=[given(angles), *both(t), wp.vec2d(1.1, 0.47), out], device="cpu")
-    found = np.abs(out.numpy())
+    found = np.abs(launched(touch, len(angles), given(angles), *at_both(t), wp.vec2d(1.1, 0.47), width=2))
     # products and sums of numbers below 1.5 m to a few parts in 2^48; the rate is the lever, in float32
     assert found[:, 0].max() <= 16 * 2.0**-48 * 1.5
     assert found[:, 1].max() <= 4 * 2.0**-24 * 0.22

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import warp as wp
-from grown import grown, recipe, run_in
 
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.number import Pair, PairVector, RecentSum
@@ -112,18 +111,3 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
     assert {name: chain[name] for name in RollerTally.vars if chain[name] == 0} == {}
     assert {name: chain[name] for name in LinkTally.vars if chain[name] == 0} == {}
     assert [strand[name] for name in ("links", "tension", "tension_square")] == [2, 2.0, 2.0]
-
-
-ON_FIBERS = """
-import warp as wp
-from blocks import assert_steps_of_the_cpu, marine
-from warpchain.kernels.structs import SprocketSums
-
-wp.config.enable_cpu_blocks = True
-assert "moment_max" in SprocketSums.vars
-assert_steps_of_the_cpu(marine, False, "float32")  # of every field of every sum
-"""
-
-
-def test_the_recipe_of_a_metric_at_float32_on_blocks(tmp_path):
-    run_in(grown(tmp_path, recipe("A new metric")), ON_FIBERS)

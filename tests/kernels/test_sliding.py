@@ -55,26 +55,18 @@ def test_energy_lost_is_what_friction_took_where_speeds_change_fast():
     assert sums["contact"][0]["friction"] == pytest.approx(lost, rel=5e-4)
 
 
-@pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
-def test_angular_momentum_of_a_chain_that_rubs_on_a_free_sprocket(integrator):
+@pytest.mark.parametrize(("integrator", "mu"), [("leapfrog", 0.0), ("leapfrog", 0.3), ("rk4", 0.3)])
+def test_angular_momentum_of_a_chain_and_a_free_sprocket(integrator, mu):
     # no gravity, no load: sum m r x v + J omega about the fixed center; leapfrog keeps it to rounding, rk4 to its
     # fourth order
-    teeth, mass, inertia = 20, 1.0, 3.0
-    position, radius = raw.polygon(teeth, PITCH)
-    position *= 1.0 + 1e-4 / radius
-    velocity = np.random.default_rng(0).normal(scale=0.2, size=(teeth, 2))
-    sprocket = {"teeth": teeth, "stiffness": 2e8, "clearance": 1e-4, "inertia": inertia, "speed": 4.0}
-    sprocket |= {"restitution": 0.5, "friction": 0.3, "effective_mass": 0.5}
-    packed = raw.chain(
-        position, velocity, mass=mass, pitch=PITCH, stiffness=5e7, damping=500.0, sprockets=[sprocket], step=2e-6,
-        steps=20_000, integrator=integrator,
-    )  # fmt: skip
-    before = mass * (position[:, 0] * velocity[:, 1] - position[:, 1] * velocity[:, 0]).sum() + inertia * 4.0
+    contact = {"friction": mu, "effective_mass": 0.5}
+    packed = raw.struck_sprocket(step=2e-6, steps=20_000, integrator=integrator, **contact)
+    before = raw.momenta(packed.rows(0)[:4], packed.bodies[0])[2]
     engine, _ = raw.run(packed)
-    x, y, vx, vy = raw.state(engine)
-    after = mass * (x * vy - y * vx).sum() + inertia * engine.state.bodies.numpy()[0]["speed"]
+    after = raw.momenta(raw.state(engine), engine.state.bodies.numpy()[0])[2]
     sums = engine.sums()["contact"][0]
-    assert sums["impacts"] > 10 and sums["friction"] > 0.01 * sums["dissipated"] > 0.0
+    assert sums["impacts"] > 10 and sums["dissipated"] > 0.0
+    assert sums["friction"] > 0.01 * sums["dissipated"] if mu else sums["friction"] == 0.0
     assert after == pytest.approx(before, rel=1e-12 if integrator == "leapfrog" else 1e-7)
 
 
@@ -137,7 +129,7 @@ def arc_ratio(mu):
         viscous=300.0, load_ramp=0.5,
     )  # fmt: skip
     drive = drive.with_values({"contact.sprocket.friction": mu} if mu else {})
-    trajectory = simulate(drive, record=Record(rate=200.0), device="cpu")[0]
+    trajectory = simulate(drive, record=Record(rate=200.0))[0]
     phi = np.pi / 2 - half_seat - np.pi / teeth
     tension = trajectory.tension[-20:].mean(axis=0)
     force = trajectory.sprocket_force[-20:].mean(axis=0)
@@ -145,9 +137,12 @@ def arc_ratio(mu):
     loaded = np.flatnonzero(on_driver & (force > 0.02 * force.max()))
     before, after = tension[loaded - 1], tension[loaded]
     low, high = np.minimum(before, after), np.maximum(before, after)
-    return np.median((low / high)[high > 0.2 * tension.max()]), phi, 2 * np.pi / teeth
+    ratios = (low / high)[high > 0.2 * tension.max()]
+    assert len(ratios) >= 2
+    return np.median(ratios), phi, 2 * np.pi / teeth
 
 
+@pytest.mark.usefixtures("device")
 @pytest.mark.parametrize("mu", [0.0, 0.1])
 def test_friction_turns_the_pressure_angle_of_a_seated_arc(mu):
     # T_{i+1} / T_i = sin(phi') / sin(phi' + 2 pi / z): the contact force leans against the sliding by atan(mu), and

@@ -14,7 +14,7 @@ from warpchain.kernels.structs import Pose
 KERNELS = sorted((Path(__file__).resolve().parents[2] / "kernels").rglob("*.py"))
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.array[wp.float64]):
     i = wp.tid()
     s, c = sine_cosine(angle[i])
@@ -22,7 +22,7 @@ def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.arr
     cosine[i] = c
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(enable_backward=False)
 def turn(start: wp.float64, angle: wp.array[wp.float64], out: wp.array[wp.vec2d]):
     i = wp.tid()
     turned = swung(faced(Pose(), wp.cos(start), wp.sin(start)), angle[i])

@@ -116,18 +116,8 @@ def test_a_kicked_drive_swings_as_its_modes(name, chosen):
 
 def test_a_slide_on_oil_swings_as_its_modes():
     """As above: the sprocket of `engine` that tensions the chain, on its slide with a plunger of oil 80 mm^2/s."""
-    element = {
-        "name": "element",
-        "on": "tensioner",
-        "at": [0.038317, 0.18],
-        "direction": [-1.0, 0.0],
-        "kind": "hydraulic",
-        "spring": {"stiffness": 3500.0, "preload": 90.0},
-        "plunger": {"diameter": 0.016, "mass": 0.033, "gap": 5e-5, "length": 0.007, "eccentricity": 0.9},
-        "chamber": {"volume": 1e-6},
-        "valve": {"ball_radius": 0.003, "seat_diameter": 0.0014, "lift": 0.001, "stiffness": 75.0, "preload": 0.075},
-        "oil": {"viscosity": 8e-5, "supply": 3e5},
-    }
+    place = {"name": "element", "on": "tensioner", "at": [0.038317, 0.18], "direction": [-1.0, 0.0]}
+    element = timing().tensioners[0].model_dump() | place
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
     drive = load_drive(drive_path("engine")).with_values({"tensioners": [element], **elastic})
     found = system(drive)

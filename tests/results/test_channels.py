@@ -53,6 +53,7 @@ np.savez("was.npz", **one.channels())
 """
 
 
+@pytest.mark.long
 def test_the_recipe_of_a_channel(tmp_path):
     changes = recipe("A new channel")
     assert [path for path, _, _ in changes] == ["warpchain/results/channels.py", "kernels/frames.py"]

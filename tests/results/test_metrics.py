@@ -37,6 +37,7 @@ def drives():
     return [*(load_drive(drive_path(name)) for name in example_names()), moving, two_sprockets(settle="false")]
 
 
+@pytest.mark.long
 def test_the_recipe_of_a_metric(tmp_path):
     changes = recipe("A new metric")
     paths = ["warpchain/results/metric_columns.py", "kernels/structs.py", "kernels/sums.py"]
