@@ -7,11 +7,20 @@ m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch
 is left out. The energy is
 
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
-        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ]  +  sum over arms A,         (a)
+        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 + P_s - q_s(theta_s) . g ]
+        + sum over arms A,                                                                                     (a)
 
-A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), with l_i the
-unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts are those of
-`kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), P_s that of
+tensioners on a slider, with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a
+mount's preload, q_s the arm of a balance wheel that hangs still. Links with a play s store nothing within it. Contacts
+are those of `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+
+Stretching by m f^2 L is what links of no length and of stiffness -m f^2 would do beside the chain's own, so that a
+running chain stands as one of
+
+    k' = k - m f^2,    l' = l k / k',    s' = s k / k'                                                    (b)
+
+does at rest: its strands keep their tension, of which m f^2 p bends it around the sprockets.
 """
 
 from __future__ import annotations
@@ -23,11 +32,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arm_balance import StillArm
+from warpchain.assembly.arm_balance import StillArm, StillTensioner
 from warpchain.assembly.guided import profile_at
 from warpchain.drive.face_profile import direction
-from warpchain.drive.mounts import moving_mass, unit
-from warpchain.drive.oil import static_force
+from warpchain.drive.mounts import moving_mass, unit, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
@@ -76,25 +84,46 @@ class Potential:
         drive: the drive.
         frequency: f, links a second [Hz].
         moments: (S,) load moments M_s, against forward rotation [N m].
+        hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
     """
 
-    def __init__(self, drive: Drive, frequency: float, moments: Array) -> None:
+    def __init__(self, drive: Drive, frequency: float, moments: Array, hanging: bool = False) -> None:
         chain, sprockets = drive.chain, drive.sprockets
         self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
         self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
         self.first_arm = 2 * self.rollers + 3 * self.sprockets
         self.size = self.first_arm + len(self.arms)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
-        self.natural = chain.link_lengths
-        self.stiffness = np.full(chain.links, chain.stiffness)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
+        self.stiffness, self.natural, self.play = self._running_links()
         self.teeth = [drive.tooth(s) for s in range(self.sprockets)]
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.moments = np.array([w.sign for w in sprockets]) * moments
+        self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
         self.home, self.spring, self.pull = _mounts(drive, self.gravity)
+        self.tensioners = [
+            (s, StillTensioner(drive, tensioner))
+            for t, tensioner in enumerate(drive.tensioners)
+            if (s := drive.tensioner_body(t)) < self.sprockets
+        ]
+        self.wheels = np.zeros((self.sprockets, 2))  # the arms q of balance wheels at angle 0 [kg m]
+        for s, sprocket in enumerate(sprockets):
+            if hanging and sprocket.balance_wheel is not None:
+                wheel = sprocket.balance_wheel
+                self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(direction(wheel.phase))
+
+    def _running_links(self) -> tuple[Array, Array, Array]:
+        """(N,) k' [N/m], l' and s' [m] of (b)."""
+        chain = self.drive.chain
+        own = np.full(chain.links, chain.stiffness)
+        if chain.varied_links:
+            own[0::2] = chain.outer_stiffness
+        ratio = own / (own - self.push)
+        play = chain.link_play * ratio if chain.varied_links else np.zeros(chain.links)
+        return own - self.push, chain.link_lengths * ratio, play
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2), angles (S,), as views of x."""
@@ -105,7 +134,13 @@ class Potential:
         """(N,) tensions of the links [N], centrifugal part and all."""
         r, _, _ = self.split(x)
         d = np.roll(r, -1, axis=0) - r
-        return np.asarray(self.stiffness * (np.hypot(d[:, 0], d[:, 1]) - self.natural))
+        length = np.hypot(d[:, 0], d[:, 1])
+        return np.asarray(self.stiffness * self._stretch(length) + self.push * length)
+
+    def _stretch(self, length: Array) -> Array:
+        """(N,) the elastic part of what links of these lengths are longer than unloaded [m]."""
+        stretch = length - self.natural
+        return np.asarray(stretch - (self.play if self.pulled else np.clip(stretch, -self.play, self.play)))
 
     def terms(self, x: Array) -> Terms:
         """Energy, gradient and Hessian at x."""
@@ -130,12 +165,12 @@ class Potential:
         d = np.roll(r, -1, axis=0) - r
         length = np.hypot(d[:, 0], d[:, 1])
         u = d / length[:, None]
-        stretch = length - self.natural
-        force = self.stiffness * stretch - self.push * length
-        terms.energy += float(np.sum(0.5 * self.stiffness * stretch**2 - 0.5 * self.push * length**2))
+        stretch = self._stretch(length)
+        force = self.stiffness * stretch
+        terms.energy += float(np.sum(0.5 * force * stretch))
         pull = force[:, None] * u
         terms.gradient[: 2 * n] += (np.roll(pull, 1, axis=0) - pull).ravel()
-        block = _along_across(u, self.stiffness - self.push, force / length)
+        block = _along_across(u, np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0), force / length)
         i = np.arange(n)
         j = (i + 1) % n
         where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
@@ -293,6 +328,18 @@ class Potential:
         terms.gradient[n : n + s] += (self.spring * off - self.pull).ravel()
         at = np.arange(n, n + s)[:, None]
         terms.add_blocks(at, self.spring.reshape(-1, 1, 1))
+        cosine, sine = np.cos(angles), np.sin(angles)
+        q = np.stack([cosine, sine], axis=1) * self.wheels[:, :1]
+        q += np.stack([-sine, cosine], axis=1) * self.wheels[:, 1:]
+        terms.energy -= float(np.sum(q @ self.gravity))
+        terms.gradient[n + s : self.first_arm] -= q[:, 0] * self.gravity[1] - q[:, 1] * self.gravity[0]
+        terms.add_blocks(np.arange(n + s, self.first_arm)[:, None], (q @ self.gravity).reshape(-1, 1, 1))
+        for of, tensioner in self.tensioners:
+            way, place = np.asarray(tensioner.unit_direction), n + 2 * of + np.arange(2)
+            extension = float((centers[of] - self.drive.sprockets[of].center) @ way)
+            terms.energy += tensioner.energy(extension)
+            terms.gradient[place] -= tensioner.force(extension) * way
+            terms.add_blocks(place[None], tensioner.stiffness(extension) * np.outer(way, way)[None])
 
 
 def _along_across(u: Array, along: Array, across: Array) -> Array:
@@ -327,10 +374,4 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
         elif isinstance(mount, SliderMount):
             spring[s] = mount.stiffness
             pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
-    for tensioner in drive.tensioners:
-        for s, sprocket in enumerate(drive.sprockets):
-            if sprocket.name == tensioner.on and isinstance(sprocket.mount, SliderMount):
-                along = np.asarray(tensioner.unit_direction)
-                pull[s] += static_force(tensioner) * along
-                spring[s] += tensioner.spring_stiffness * float(along @ unit(sprocket.mount.direction)) ** 2
     return home, spring, pull
