@@ -171,9 +171,13 @@ def equilibrium(drive: Drive, speed: float, assembly: Assembly, near: Array | No
     if (potential.push >= 0.1 * (potential.stiffness + potential.push)).any():
         raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potential, assembly, moments)
-    found, residual = solver.settle(near, _FINEST) if near is not None else (None, math.inf)
-    if not residual <= _ENOUGH:
-        found, residual = solver.begin(_assembled(potential, assembly), assembly)
+    found, residual = _assembled(potential, assembly), math.inf
+    if near is not None:
+        near, residual = solver.settle(near, _FINEST)
+    if near is not None and residual <= _ENOUGH:
+        found = near
+    else:
+        found, residual = solver.begin(found, assembly)
         if residual <= _ACCURACY:
             found, residual = solver.settle(found, _FINEST)
     if math.isinf(residual):

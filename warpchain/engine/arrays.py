@@ -309,3 +309,33 @@ def empty_tallies(packed: Any, device: str) -> structs.Tallies:
     for name, count in lengths(packed.drives, "tallies").items():
         setattr(tallies, name, wp.zeros(count, dtype=array_type("tallies", name, packed.real), device=device))
     return tallies
+
+
+class Uploaded:
+    """An engine's arrays that change as its variants run, by the groups and names of `TABLE`."""
+
+    packed: Any
+
+    def held(self) -> dict[str, Any]:
+        """The structs that hold them, by group."""
+        raise NotImplementedError
+
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        """A copy of an array, as the CPU has it."""
+        raise NotImplementedError
+
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return self.fetch("state", "rollers")
+
+    def bodies(self) -> NDArray[Any]:
+        """Copy of the bodies' states, as in `Packed.bodies`."""
+        return self.fetch("state", "bodies")
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
+        return self.fetch("state", "progress")
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name as in `kernels.structs.Sums`."""
+        return {name: self.fetch("sums", name) for name in TABLE["sums"]}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine import start_warp
-from warpchain.engine.arrays import TABLE, starts
+from warpchain.engine.arrays import TABLE, Uploaded, starts
 from warpchain.engine.device_choice import Choice, quickest
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -38,7 +38,9 @@ class Engine(Protocol):
     def bodies(self) -> NDArray[Any]: ...
     def progress(self) -> NDArray[Any]: ...
     def sums(self) -> dict[str, NDArray[Any]]: ...
-    def single_engines(self) -> list[tuple[Any, int]]: ...
+    def held(self) -> dict[str, Any]: ...
+    def fetch(self, group: str, name: str) -> NDArray[Any]: ...
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None: ...
     def frame_buffer(self, values: int) -> Buffer: ...
     def close(self) -> None: ...
 
@@ -221,7 +223,7 @@ class SeveralBuffers:
         return self.joined
 
 
-class SeveralEngines:
+class SeveralEngines(Uploaded):
     """An ensemble cut into parts, each on an engine of its own; the variants' results are those of one engine."""
 
     def __init__(
@@ -260,30 +262,38 @@ class SeveralEngines:
         """The state of each variant's relaxation."""
         return np.concatenate([engine.settling() for engine in self.engines])
 
-    def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return np.concatenate([engine.rollers() for engine in self.engines])
-
-    def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `Packed.bodies`."""
-        return np.concatenate([engine.bodies() for engine in self.engines])
-
     def progress(self) -> NDArray[Any]:
-        """(variants,) `structs.Progress`."""
+        """(variants,) `structs.Progress`, which each engine has at hand."""
         return np.concatenate([engine.progress() for engine in self.engines])
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name."""
         each = [engine.sums() for engine in self.engines]
-        for sums, part in zip(each, self.parts, strict=True):
-            ends = {kind: int(first[-1]) for kind, first in starts(part.drives).items()}
-            for name, row in TABLE["sums"].items():
-                sums[name] = sums[name][: row.width * ends[row.kind]]  # without the row of an array that is empty
-        return {name: np.concatenate([sums[name] for sums in each]) for name in TABLE["sums"]}
+        return {name: self._joined([sums[name] for sums in each], "sums", name) for name in TABLE["sums"]}
 
-    def single_engines(self) -> list[tuple[Any, int]]:
-        """The engines that this one is made of, with the number of each one's first variant."""
-        return [(engine, a) for engine, (a, _) in zip(self.engines, self.cuts, strict=True)]
+    def held(self) -> dict[str, Any]:
+        """The structs of the first part, by group."""
+        return self.engines[0].held()
+
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        """A copy of an array, as the CPU has it."""
+        return self._joined([engine.fetch(group, name) for engine in self.engines], group, name)
+
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        """Sets an array, as `fetch` gives it."""
+        for engine, mine in zip(self.engines, np.split(values, np.cumsum(self._counts(group, name))[:-1]), strict=True):
+            if len(mine):
+                engine.put(group, name, mine)
+
+    def _counts(self, group: str, name: str) -> list[int]:
+        """How many values of an array each part has, without the row of one that is empty."""
+        row = TABLE[group][name]
+        return [row.width * int(starts(part.drives)[row.kind][-1]) for part in self.parts]
+
+    def _joined(self, each: Sequence[NDArray[Any]], group: str, name: str) -> NDArray[Any]:
+        """The parts' values of an array, one after the other."""
+        counts = self._counts(group, name)
+        return np.concatenate([values[:count] for values, count in zip(each, counts, strict=True)])
 
     def frame_buffer(self, values: int) -> SeveralBuffers:
         """A buffer for a launch's frames, each part's on its own device."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine.arrays import (
     TABLE,
+    Uploaded,
     assign_rows,
     empty_sums,
     empty_tallies,
@@ -150,7 +151,7 @@ class FrameBuffer:
         return self.host.numpy()
 
 
-class GpuEngine(GpuKernels):
+class GpuEngine(GpuKernels, Uploaded):
     """Steps an ensemble on one GPU.
 
     Args:
@@ -255,11 +256,6 @@ class GpuEngine(GpuKernels):
 
         return [self._pool.submit(work)]
 
-    def _read(self, array: wp.array, group: str, name: str) -> NDArray[Any]:
-        """A copy of a device array, as the CPU has it, by the engine's own stream."""
-        with wp.ScopedStream(self.stream, sync_enter=False):
-            return rows_of(array, group, name, self.packed.real)
-
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
@@ -284,14 +280,6 @@ class GpuEngine(GpuKernels):
         """The state of each variant's relaxation after the last launch."""
         return self._settling_now
 
-    def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return self.fetch("state", "rollers")
-
-    def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `Packed.bodies`."""
-        return self.fetch("state", "bodies")
-
     def progress(self) -> NDArray[Any]:
         """(variants,) `structs.Progress` after the last launch."""
         return self._progress
@@ -307,20 +295,15 @@ class GpuEngine(GpuKernels):
             wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECTING)
             return {name: rows_of(getattr(sums, name), "sums", name, self.packed.real) for name in TABLE["sums"]}
 
-    def single_engines(self) -> list[tuple[GpuEngine, int]]:
-        """The engines that this one is made of, with the number of each one's first variant."""
-        return [(self, 0)]
-
     def held(self) -> dict[str, Any]:
-        """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
     def fetch(self, group: str, name: str) -> NDArray[Any]:
-        """A copy of an array of these structs, as the CPU has it."""
-        return self._read(getattr(self.held()[group], name), group, name)
+        with wp.ScopedStream(self.stream, sync_enter=False):
+            return rows_of(getattr(self.held()[group], name), group, name, self.packed.real)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array of these structs, from values as the CPU has them."""
+        """Sets an array, as `fetch` gives it."""
         with wp.ScopedStream(self.stream):
             assign_rows(getattr(self.held()[group], name), values)
         wp.synchronize_stream(self.stream)
