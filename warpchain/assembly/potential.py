@@ -240,25 +240,21 @@ class Potential:
         outward = np.where(tip, (self.radius[s] + xi) / distance, outward)
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
-    def _profile(self, x: Array, g: int, terms: Terms) -> None:
-        """A curved or carried guide: piece by piece, `warpchain.drive.face_profile` (a)."""
+    def _guide(self, x: Array, g: int, terms: Terms) -> None:
+        """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
         arm = self.drive.arm_of(g)
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
         for piece in profile_at(self.drive, g, x[self.first_arm :].tolist()).pieces:
-            t = np.array(direction(piece.heading))
-            n, k = np.array([-t[1], t[0]]), piece.curvature
-            u, w = (r - piece.start) @ t, (r - piece.start) @ n
-            height = 2.0 * w - k * (u * u + w * w)
-            root = np.sqrt(np.maximum(1.0 - k * height, 1e-12))
-            pen = offset - height / (1.0 + root)
-            s = u if k == 0.0 else np.arctan2(k * u, 1.0 - k * w) / k
+            (u, w, s, height, root), k = piece.rise(r), piece.curvature
+            pen = offset - height
             hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
             if not len(hit):
                 continue
-            normal = ((1.0 - k * w) / root)[hit, None] * n - (k * u / root)[hit, None] * t
+            t, root = np.array(direction(piece.heading)), np.maximum(root[hit, None], 1e-6)
+            normal = (1.0 - k * w[hit, None]) / root * [-t[1], t[0]] - k * u[hit, None] / root * t
             stiffness = self.softness * self.guide_stiffness[g]
-            force, block = _contact(terms, pen[hit], normal, k / root[hit], stiffness, law.exponent)
+            force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
             at = np.stack([2 * hit, 2 * hit + 1], axis=1)
             slope = -force[:, None] * normal
             np.add.at(terms.gradient, at, slope)
@@ -286,35 +282,6 @@ class Potential:
         blocks[:, :2, 2] = blocks[:, 2, :2] = left - np.einsum("mij,mj->mi", block, turn)
         blocks[:, 2, 2] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
         terms.add_blocks(np.concatenate([at, place], axis=1), blocks)
-
-    def _guide(self, x: Array, g: int, terms: Terms) -> None:
-        if not self.drive.guides[g].straight or self.drive.guides[g].arm is not None:
-            self._profile(x, g, terms)
-            return
-        r, _, _ = self.split(x)
-        guide, roller_radius = self.drive.guides[g], self.drive.chain.roller_radius
-        start, end = np.asarray(guide.bar.start, dtype=float), np.asarray(guide.bar.end, dtype=float)
-        length = float(np.hypot(*(end - start)))
-        t = (end - start) / length
-        n = np.array([-t[1], t[0]])
-        along, across = (r - start) @ t, (r - start) @ n
-        beyond = np.minimum(along, 0.0) + np.maximum(along - length, 0.0)
-        height = across + guide.bar.end_radius
-        reach = np.hypot(beyond, height)
-        pen = np.where(beyond == 0.0, roller_radius - across, roller_radius + guide.bar.end_radius - reach)
-        hit = np.flatnonzero((pen > 0.0) & (height > 0.0) & (across < roller_radius))
-        if not len(hit):
-            return
-        end_on = beyond[hit] != 0.0
-        safe = np.where(end_on, reach[hit], 1.0)
-        normal = np.where(end_on, beyond[hit] / safe, 0.0)[:, None] * t
-        normal = normal + np.where(end_on, height[hit] / safe, 1.0)[:, None] * n
-        bend = np.where(end_on, -1.0 / safe, 0.0)
-        law = self.drive.guide_contact(g)
-        force, block = _contact(terms, pen[hit], normal, bend, self.softness * self.guide_stiffness[g], law.exponent)
-        at = np.stack([2 * hit, 2 * hit + 1], axis=1)
-        np.add.at(terms.gradient, at, -force[:, None] * normal)
-        terms.add_blocks(at, block)
 
     def _constant(self, x: Array, terms: Terms) -> None:
         r, centers, angles = self.split(x)
