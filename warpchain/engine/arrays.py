@@ -7,10 +7,12 @@ here, a new array its row.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -311,18 +313,57 @@ def empty_tallies(packed: Any, device: str) -> structs.Tallies:
     return tallies
 
 
-class Uploaded:
-    """An engine's arrays that change as its variants run, by the groups and names of `TABLE`."""
+class Buffer(Protocol):
+    """Frames of one launch."""
+
+    def numpy(self) -> NDArray[np.floating]:
+        """The frames, in the host's memory."""
+        ...
+
+
+class Engine(ABC):
+    """An engine that steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one (`devices`).
+
+    Its arrays that change as variants run have the groups and names of `TABLE`.
+    """
 
     packed: Any
 
-    def held(self) -> dict[str, Any]:
-        """The structs that hold them, by group."""
-        raise NotImplementedError
+    @abstractmethod
+    def advance(self, steps: int, frames: Any) -> list[Future[None]]:
+        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
 
+    @abstractmethod
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
+
+    @abstractmethod
+    def settle(self, steps: int) -> list[Future[None]]:
+        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
+
+    @abstractmethod
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation."""
+
+    @abstractmethod
+    def frame_buffer(self, values: int) -> Buffer:
+        """A buffer for a launch's frames."""
+
+    @abstractmethod
+    def held(self) -> dict[str, Any]:
+        """The structs that change, by group."""
+
+    @abstractmethod
     def fetch(self, group: str, name: str) -> NDArray[Any]:
         """A copy of an array, as the CPU has it."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        """Sets an array, as `fetch` gives it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends it, after what it is doing."""
 
     def rollers(self) -> NDArray[np.floating]:
         """Copy of the rollers' rows, as in `Packed.rollers`."""

@@ -21,11 +21,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.engine.arrays import TABLE, starts
-from warpchain.engine.devices import Engine
+from warpchain.engine.arrays import TABLE, Engine, starts
 from warpchain.engine.outcomes import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -36,7 +36,7 @@ from warpchain.version import installed
 
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
-FORMAT = 1
+FORMAT = 2
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
@@ -268,23 +268,9 @@ def _places(packed: Packed) -> dict[tuple[str, str], NDArray[np.int64]]:
 
 
 def _bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """A variant's part of all arrays, zeros where structs hold nothing."""
-    parts = []
-    for name, values in arrays.items():
-        held = np.ascontiguousarray(values[places[name][v] : places[name][v + 1]])
-        raw = held.view(np.uint8).reshape(len(held), held.itemsize).copy()
-        raw[:, _unused(held.dtype)] = 0
-        parts.append(raw.tobytes())
-    return b"".join(parts)
-
-
-def _unused(kind: np.dtype[Any]) -> NDArray[np.bool_]:
-    """(itemsize,) which bytes of a struct are of none of its fields."""
-    unused = np.full(kind.itemsize, kind.names is not None)
-    for name in kind.names or ():
-        inner, at = kind[name], int(kind.fields[name][1])  # type: ignore[index]
-        unused[at : at + inner.itemsize] = np.tile(_unused(inner.base), inner.itemsize // inner.base.itemsize)
-    return unused
+    """A variant's part of all arrays, without the gaps between the fields of structs."""
+    parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
+    return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
 
 def _set(
@@ -302,8 +288,9 @@ def _set(
     sums, at = takes_sums(kept, schedule), 0
     for name, values in arrays.items():
         place = slice(places[name][v], places[name][v + 1])
-        size = values[place].nbytes
-        held = np.frombuffer(kept.data[at : at + size], dtype=values.dtype)
+        kind = repack_fields(values.dtype, recurse=True)
+        size = (place.stop - place.start) * kind.itemsize
+        held = np.frombuffer(kept.data[at : at + size], dtype=kind)
         at += size
         if name[0] == "state" or (sums and not name[1].endswith("_notes")):
             values[place] = held

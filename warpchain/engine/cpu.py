@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import Uploaded, empty_sums, upload_ensemble, upload_state
+from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
@@ -35,7 +35,7 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
 
 
-class CpuEngine(Uploaded):
+class CpuEngine(Engine):
     """Steps an ensemble on the CPU.
 
     Args:
@@ -82,19 +82,15 @@ class CpuEngine(Uploaded):
         return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
 
     def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
         return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")
 
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
         return self._launch("relax", [self.ensemble, self.state, self._settling], [steps])
 
     def settling(self) -> NDArray[Any]:
-        """The state of each variant's relaxation."""
         return np.array(self._settling.numpy(), copy=True)
 
     def held(self) -> dict[str, Any]:
@@ -104,15 +100,12 @@ class CpuEngine(Uploaded):
         return np.array(getattr(self.held()[group], name).numpy(), copy=True)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array, as `fetch` gives it."""
         getattr(self.held()[group], name).numpy()[: len(values)] = values
 
     def frame_buffer(self, values: int) -> wp.array:
-        """A buffer for a launch's frames."""
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
 
     def close(self) -> None:
-        """Ends the threads, after what they are doing."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine.arrays import (
     TABLE,
-    Uploaded,
+    Engine,
     assign_rows,
     empty_sums,
     empty_tallies,
@@ -105,18 +105,13 @@ def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
 
 def refusal(packed: Packed, first: int = 0) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
-    found = _refused(packed)
-    return None if found is None else f'variant {first + found[0]}: {found[1]}; use device="cpu"'
-
-
-def _refused(packed: Packed) -> tuple[Any, str] | None:
-    """A variant that a GPU cannot run, and why."""
     drives = packed.drives
-    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
-        return v, f"chain.links = {drives['rollers'][v]}: a GPU takes up to {MOST_LINKS}"
-    partners = drives["sprockets"] + drives["guides"]
-    for v in np.flatnonzero(partners > MOST_PARTNERS):
-        return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
+    for count, most, words in (
+        (drives["rollers"], MOST_LINKS, "chain.links = {}"),
+        (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),
+    ):
+        for v in np.flatnonzero(count > most):
+            return f'variant {first + v}: {words.format(count[v])}: a GPU takes up to {most}; use device="cpu"'
     return None
 
 
@@ -151,7 +146,7 @@ class FrameBuffer:
         return self.host.numpy()
 
 
-class GpuEngine(GpuKernels, Uploaded):
+class GpuEngine(GpuKernels, Engine):
     """Steps an ensemble on one GPU.
 
     Args:
@@ -229,7 +224,6 @@ class GpuEngine(GpuKernels, Uploaded):
         return lanes
 
     def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
         self._load(*self._names)
 
         def work() -> None:
@@ -257,13 +251,11 @@ class GpuEngine(GpuKernels, Uploaded):
         return [self._pool.submit(work)]
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
             self._settling_now = settling.copy()
 
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
         self._load("relax")
 
         def work() -> None:
@@ -277,11 +269,9 @@ class GpuEngine(GpuKernels, Uploaded):
         return [self._pool.submit(work)]
 
     def settling(self) -> NDArray[Any]:
-        """The state of each variant's relaxation after the last launch."""
         return self._settling_now
 
     def progress(self) -> NDArray[Any]:
-        """(variants,) `structs.Progress` after the last launch."""
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
@@ -303,18 +293,15 @@ class GpuEngine(GpuKernels, Uploaded):
             return rows_of(getattr(self.held()[group], name), group, name, self.packed.real)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array, as `fetch` gives it."""
         with wp.ScopedStream(self.stream):
             assign_rows(getattr(self.held()[group], name), values)
         wp.synchronize_stream(self.stream)
         self._progress = self.fetch("state", "progress")
 
     def frame_buffer(self, values: int) -> FrameBuffer:
-        """A buffer for a launch's frames."""
         with _memory_named(self.device, self.packed):
             return FrameBuffer(values, self.packed.real, self.device)
 
     def close(self) -> None:
-        """Waits for what is under way."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         wp.synchronize_device(self.device)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
-from warpchain.engine.arrays import KINDS, TABLE, starts
-from warpchain.engine.devices import Engine
+from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
 from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
