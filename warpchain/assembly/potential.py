@@ -66,6 +66,31 @@ class Terms:
         self.columns.append(np.tile(where, (1, b)).ravel())
         self.values.append(blocks.ravel())
 
+    def add_contacts(self, at: NDArray[np.int64], slope: Array, block: Array, rho: Array | None) -> None:
+        """Adds the gradient and the Hessian of M rollers that press on a body.
+
+        Args:
+            at: (M, b) the unknowns: the roller's place; the body's center, if it moves; the body's angle, if it turns.
+            slope: (M, 2) dE/dr [N], r the roller's place.
+            block: (M, 2, 2) its derivatives [N/m].
+            rho: (M, 2) from the point about which the body turns to the roller [m]; None where it stands.
+        """
+        moves = np.zeros((len(at), 2, at.shape[1]))  # of the roller against the body, by the unknowns
+        moves[:, :, :2] = np.eye(2)
+        if at.shape[1] > 3:
+            moves[:, :, 2:4] = -np.eye(2)
+        if rho is not None:
+            moves[:, 0, -1], moves[:, 1, -1] = rho[:, 1], -rho[:, 0]
+        blocks = np.einsum("mki,mkl,mlj->mij", moves, block, moves)
+        if rho is not None:
+            left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+            mixed = np.einsum("mki,mk->mi", moves[:, :, :-1], left)
+            blocks[:, :-1, -1] += mixed
+            blocks[:, -1, :-1] += mixed
+            blocks[:, -1, -1] -= np.einsum("mi,mi->m", rho, slope)
+        np.add.at(self.gradient, at, np.einsum("mki,mk->mi", moves, slope))
+        self.add_blocks(at, blocks)
+
     def hessian(self, column: NDArray[np.int64], weight: Array, count: int) -> csc_matrix:
         """The Hessian by `count` free coordinates y, dx_i = weight_i dy_column(i); weight 0 is what stays."""
         from scipy.sparse import coo_matrix
@@ -196,25 +221,10 @@ class Potential:
         near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
         normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
         force, block = _contact(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
-        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
-        slope = -force[:, None] * normal  # dE/dr
-        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
-        m = len(near)
-        base, at = 2 * self.rollers, np.empty((m, 5), dtype=np.int64)
-        at[:, 0], at[:, 1] = 2 * near, 2 * near + 1
-        at[:, 2], at[:, 3], at[:, 4] = base + 2 * s, base + 2 * s + 1, base + 2 * self.sprockets + s
-        whole = np.empty((m, 5))
-        whole[:, :2], whole[:, 2:4] = slope, -slope
-        whole[:, 4] = -np.einsum("ij,ij->i", turn, slope)
-        np.add.at(terms.gradient, at, whole)
-        blocks = np.empty((m, 5, 5))
-        blocks[:, :2, :2] = blocks[:, 2:4, 2:4] = block
-        blocks[:, :2, 2:4] = blocks[:, 2:4, :2] = -block
-        mixed = -np.einsum("mij,mj->mi", block, turn) + left
-        blocks[:, :2, 4] = blocks[:, 4, :2] = mixed
-        blocks[:, 2:4, 4] = blocks[:, 4, 2:4] = -mixed
-        blocks[:, 4, 4] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
-        terms.add_blocks(at, blocks)
+        base, center = 2 * self.rollers, np.full(len(near), 2 * (self.rollers + s))
+        angle_at = np.full(len(near), base + 2 * self.sprockets + s)
+        at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)
+        terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _gap(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
         """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
@@ -255,33 +265,11 @@ class Potential:
             normal = (1.0 - k * w[hit, None]) / root * [-t[1], t[0]] - k * u[hit, None] / root * t
             stiffness = self.softness * self.guide_stiffness[g]
             force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
-            at = np.stack([2 * hit, 2 * hit + 1], axis=1)
-            slope = -force[:, None] * normal
-            np.add.at(terms.gradient, at, slope)
-            if arm is None:
-                terms.add_blocks(at, block)
-            else:
-                self._carried(terms, arm, at, r[hit], slope, block)
-
-    def _carried(
-        self, terms: Terms, a: int, at: NDArray[np.int64], r: Array, slope: Array, block: Array
-    ) -> None:  # fmt: skip
-        """Adds contacts with a guide of arm a, by its angle too: they turn with it about its pivot.
-
-        Args:
-            at: (M, 2) the rollers' unknowns.
-            r, slope, block: (M, 2) their centers [m], (M, 2) dE/dr [N] and (M, 2, 2) its derivatives [N/m].
-        """
-        rho = r - np.asarray(self.drive.arms[a].pivot)
-        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
-        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
-        place = np.full((len(r), 1), self.first_arm + a)
-        np.add.at(terms.gradient, place, -np.einsum("ij,ij->i", turn, slope)[:, None])
-        blocks = np.empty((len(r), 3, 3))
-        blocks[:, :2, :2] = block
-        blocks[:, :2, 2] = blocks[:, 2, :2] = left - np.einsum("mij,mj->mi", block, turn)
-        blocks[:, 2, 2] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
-        terms.add_blocks(np.concatenate([at, place], axis=1), blocks)
+            at, rho = np.stack([2 * hit, 2 * hit + 1], axis=1), None
+            if arm is not None:
+                rho = r[hit] - np.asarray(self.drive.arms[arm].pivot)
+                at = np.column_stack([at, np.full(len(hit), self.first_arm + arm)])
+            terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _constant(self, x: Array, terms: Terms) -> None:
         r, centers, angles = self.split(x)

@@ -103,10 +103,8 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
     for sprocket in drive.sprockets:
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
-            nothing = np.full(len(drive.sprockets), math.nan)
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
-            centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-            return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
+            return _unknown(drive, assembly, frequency, words)
     return _steady(drive, assembly, frequency, load_moments(drive, speed))
 
 
@@ -119,11 +117,15 @@ def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets)))
 
 
+def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
+    nothing = np.full(len(drive.sprockets), math.nan)
+    centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
+    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, failure)
+
+
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     if drive.chain.links > MOST:
-        nothing, words = np.full(len(drive.sprockets), math.nan), f"not sought for a chain of more than {MOST} links"
-        centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-        return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
+        return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
     solver, x = _Solver(potential, assembly, moments), _assembled(potential, assembly)
     means: list[tuple[Array, ...]] = []
@@ -274,7 +276,7 @@ class _Solver:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
-        slope, curvature = self._slope(terms), self._curvature(terms)
+        slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
@@ -285,7 +287,7 @@ class _Solver:
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
-                slope, curvature = self._slope(terms), self._curvature(terms)
+                slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
             else:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
@@ -293,10 +295,6 @@ class _Solver:
     def _slope(self, terms: Terms) -> Array:
         """Gradient by the free coordinates."""
         return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
-
-    def _curvature(self, terms: Terms) -> csc_matrix:
-        """Hessian by the free coordinates."""
-        return terms.hessian(self.column, self.weight, self.count)
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
         from scipy.sparse.linalg import splu
