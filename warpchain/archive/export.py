@@ -67,15 +67,6 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     return path
 
 
-def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes one variant's trajectory to the .npz file `output`: `export`.
-
-    Raises:
-        ArchiveError, SimulationError: as `export`.
-    """
-    return export(archive, output, variant)
-
-
 def flat(trajectory: Trajectory) -> pa.Table:
     """A table with a column for every number of a frame, named CHANNEL.INDEX or CHANNEL.NAME, with .x or .y behind
     it for vectors; fields' metadata have the `unit`."""
