@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import warpchain
 from warpchain import ArchiveOptions, Record, files, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
-from warpchain.archive.export import export_npz
+from warpchain.archive.export import export
 from warpchain.archive.file_set import cut_files
 from warpchain.archive.mcap_write import McapFile
 from warpchain.errors import ArchiveError, DriveError
@@ -184,12 +184,12 @@ def test_two_exports_to_one_target_at_once(run, tmp_path, monkeypatch):
 
     def slow(file, **arrays):
         with pytest.raises(ArchiveError) as caught:
-            export_npz(archive, target)
+            export(archive, target)
         said.append(str(caught.value))
         plain(file, **arrays)
 
     monkeypatch.setattr(np, "savez_compressed", slow)
-    export_npz(archive, target)
+    export(archive, target)
     who = f"process {os.getpid()} on {socket.gethostname()} is writing it, since "
     assert said[0].startswith(f"{target}: cannot be written ({who}")
     with np.load(target) as held:

@@ -33,9 +33,9 @@ class Lines:
         if now - self.printed >= EVERY:
             self.printed = now
             gone, done = now - self.begun, self.n - self.initial
-            left = f"{_clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
+            left = f"{clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
             share = 100.0 * self.n / self.total if self.total else 100.0
-            line = f"{self.name}: {share:.0f} % of {self.total:.4g} {self.unit}, {_clock(gone)} gone, {left}"
+            line = f"{self.name}: {share:.0f} % of {self.total:.4g} {self.unit}, {clock(gone)} gone, {left}"
             print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
@@ -52,7 +52,8 @@ EVERY = 10.0
 """Seconds between lines of progress."""
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Seconds as hours, minutes and seconds."""
     whole = max(0, round(seconds))
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 

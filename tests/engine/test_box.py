@@ -10,9 +10,9 @@ from drives import two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
+from warpchain.assembly.bounds import ESCAPE_PITCHES, escape
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
-from warpchain.engine.fill import ESCAPE_PITCHES, escape
 from warpchain.engine.outcomes import causes_of
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import settle

@@ -148,9 +148,6 @@ class Blocks:
         )
         self.sums, self.tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
 
-    def single_engines(self):
-        return [(self, 0)]
-
     def held(self):
         return {"state": self.state, "sums": self.sums, "tallies": self.tallies}
 

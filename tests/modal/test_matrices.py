@@ -9,10 +9,9 @@ from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import oil_stiffness, static_pressure
 from warpchain.engine.probe import Probe
-from warpchain.engine.static_equilibrium import standing
 from warpchain.modal.eigenmodes import eigenpairs
 from warpchain.modal.matrices import SPEED, colors, coordinates, damping, leakage, stiffness, travelling
-from warpchain.modal.system import conductances, system
+from warpchain.modal.system import conductances, standing, system
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
 LENGTH = PITCH + TENSION / STIFFNESS
@@ -120,7 +119,7 @@ def test_structure_changes_nothing(mount):
             "sprockets.driven.balance_wheel": {"mass": 0.5, "radius": 0.1, "phase": 0.4},
         }
     )
-    packed = standing(drive)
+    packed, _ = standing(drive)
     probe = Probe(packed)
     try:
         base = probe.start()

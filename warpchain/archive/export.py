@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError, WarpchainError
 from warpchain.files import refusals, whole_file
+from warpchain.results.arrow_tables import export_table, unit_table
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 from warpchain.version import installed
 
@@ -28,20 +29,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
     """
     from warpchain.archive.writer import read_archive
 
-    path = Path(output)
-    if path.suffix not in (".csv", ".parquet"):
-        raise ArchiveError(f"{path}: metrics are written as .csv or .parquet")
-    table = read_archive(archive).metrics
-    with refusals(path, ArchiveError), whole_file(path) as file:
-        if path.suffix == ".csv":
-            from pyarrow import csv
-
-            csv.write_csv(table, file)
-        else:
-            from pyarrow import parquet
-
-            parquet.write_table(table, file)
-    return path
+    return export_table(read_archive(archive).metrics, output, ArchiveError)
 
 
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
@@ -79,22 +67,13 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     return path
 
 
-def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes one variant's trajectory to the .npz file `output`: `export`.
-
-    Raises:
-        ArchiveError, SimulationError: as `export`.
-    """
-    return export(archive, output, variant)
-
-
 def flat(trajectory: Trajectory) -> pa.Table:
     """A table with a column for every number of a frame, named CHANNEL.INDEX or CHANNEL.NAME, with .x or .y behind
     it for vectors; fields' metadata have the `unit`."""
     import pyarrow as pa
 
-    values: list[NDArray[np.floating]] = [trajectory.time]
-    names, units = ["time"], [UNITS["time"]]
+    columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
+    units = {"time": UNITS["time"]}
     drive = trajectory.drive
     named = {
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
@@ -105,18 +84,13 @@ def flat(trajectory: Trajectory) -> pa.Table:
         of = named.get(CHANNEL[channel].per) or [str(i) for i in range(array.shape[1])]
         for i, part in enumerate(of):
             if array.ndim == 2:
-                names.append(f"{channel}.{part}")
-                values.append(array[:, i])
+                parts = {f"{channel}.{part}": array[:, i]}
             else:
-                names += [f"{channel}.{part}.{axis}" for axis in AXES]
-                values += [array[:, i, k] for k in range(len(AXES))]
-        units += [UNITS[channel]] * (len(names) - len(units))
-    fields = [
-        pa.field(name, pa.from_numpy_dtype(column.dtype), metadata={"unit": unit})
-        for name, column, unit in zip(names, values, units, strict=True)
-    ]
-    arrays = [pa.array(np.ascontiguousarray(column)) for column in values]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"warpchain": installed()}))
+                parts = {f"{channel}.{part}.{axis}": array[:, i, k] for k, axis in enumerate(AXES)}
+            columns |= parts
+            units |= dict.fromkeys(parts, UNITS[channel])
+    arrays = {name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()}
+    return unit_table(arrays, units).replace_schema_metadata({"warpchain": installed()})
 
 
 def _npz(file: IO[bytes], trajectory: Trajectory) -> None:

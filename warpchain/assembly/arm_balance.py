@@ -20,7 +20,7 @@ import numpy as np
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
 from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.face_profile import direction
-from warpchain.drive.oil import static_force
+from warpchain.drive.oil import bottom_place, static_force
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -49,6 +49,34 @@ def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
     return drive.chain.mean_stiffness * path.pitch * largest(strain, 0.0)
 
 
+class StillTensioner:
+    """The push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber.
+
+    Args:
+        drive: one, or a stack, whose forces are (V,).
+        tensioner: of it.
+    """
+
+    def __init__(self, drive: Drive, tensioner: Tensioner) -> None:
+        self.at, self.unit_direction = tensioner.at, tensioner.unit_direction
+        self.push, self.spring = static_force(tensioner), tensioner.spring_stiffness  # the push at the drawing [N]
+        self.bottom, self.stop = bottom_place(tensioner), drive.chain.stiffness
+
+    def force(self, x: Any) -> Any:
+        """At an extension [m], along its direction [N]."""
+        return largest(self.push - self.spring * x, 0.0) + self.stop * largest(self.bottom - x, 0.0)
+
+    def energy(self, x: float) -> float:
+        """Of which the force is minus the derivative [J]."""
+        reach = min(x, self.push / self.spring) if self.spring > 0.0 else x  # from where on it does not push
+        found = 0.5 * self.spring * reach**2 - self.push * reach if self.push > 0.0 or self.spring > 0.0 else 0.0
+        return found + 0.5 * self.stop * max(self.bottom - x, 0.0) ** 2
+
+    def stiffness(self, x: float) -> float:
+        """Minus the derivative of the force [N/m]."""
+        return (self.spring if self.push > self.spring * x else 0.0) + (self.stop if x < self.bottom else 0.0)
+
+
 class StillArm:
     """The moments on an arm at rest beside the chain's: springs, weight, stops and tensioners.
 
@@ -61,8 +89,7 @@ class StillArm:
         arm = drive.arms[a]
         self.arm = arm
         self.gravity = drive.run.gravity
-        self.tensioners = [t for t in drive.tensioners if t.on == arm.name]
-        self.pushes = [static_force(t) for t in self.tensioners]  # at the drawing [N]
+        self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 
     def moment(self, angle: Any) -> Any:
@@ -73,10 +100,9 @@ class StillArm:
         found = (
             arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
         )
-        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+        for tensioner in self.tensioners:
             lever, _ = self._levers(tensioner, angle)
-            force = largest(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
-            found = found + lever * force
+            found = found + lever * tensioner.force(self.extension(tensioner, angle))
         return found
 
     def energy(self, angle: float) -> float:
@@ -86,11 +112,7 @@ class StillArm:
         gx, gy = self.gravity
         found = -arm.mass * (x * gx + y * gy) + 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2
         found += 0.5 * self.stop * self.over(angle) ** 2
-        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
-            k, extended = tensioner.spring_stiffness, self.extension(tensioner, angle)
-            extended = min(extended, push / k) if k > 0.0 else extended  # from where on it does not push
-            found -= push * extended - 0.5 * k * extended**2 if push > 0.0 or k > 0.0 else 0.0
-        return found
+        return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
         """Minus the derivative of the moment by the angle [N m/rad]."""
@@ -98,10 +120,10 @@ class StillArm:
         x, y = self._turned(arm.center, angle)
         gx, gy = self.gravity
         found = arm.mass * (x * gx + y * gy) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
-        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+        for tensioner in self.tensioners:
             lever, change = self._levers(tensioner, angle)
-            force = push - tensioner.spring_stiffness * self.extension(tensioner, angle)
-            found += tensioner.spring_stiffness * lever**2 - force * change if force > 0.0 else 0.0
+            extended = self.extension(tensioner, angle)
+            found += tensioner.stiffness(extended) * lever**2 - tensioner.force(extended) * change
         return found
 
     def over(self, angle: Any) -> Any:
@@ -109,13 +131,13 @@ class StillArm:
         low, high = self.arm.stops_rad
         return largest(angle - high, 0.0) - largest(low - angle, 0.0)
 
-    def extension(self, tensioner: Tensioner, angle: Any) -> Any:
+    def extension(self, tensioner: Tensioner | StillTensioner, angle: Any) -> Any:
         """Of one of its tensioners [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
-    def _levers(self, tensioner: Tensioner, angle: Any) -> tuple[Any, Any]:
+    def _levers(self, tensioner: StillTensioner, angle: Any) -> tuple[Any, Any]:
         """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)

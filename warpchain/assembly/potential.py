@@ -7,11 +7,20 @@ m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch
 is left out. The energy is
 
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
-        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ]  +  sum over arms A,         (a)
+        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 + P_s - q_s(theta_s) . g ]
+        + sum over arms A,                                                                                     (a)
 
-A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), with l_i the
-unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts are those of
-`kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), P_s that of
+tensioners on a slider, with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a
+mount's preload, q_s the arm of a balance wheel that hangs still. Links with a play s store nothing within it. Contacts
+are those of `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+
+Stretching by m f^2 L is what links of no length and of stiffness -m f^2 would do beside the chain's own, so that a
+running chain stands as one of
+
+    k' = k - m f^2,    l' = l k / k',    s' = s k / k'                                                    (b)
+
+does at rest: its strands keep their tension, of which m f^2 p bends it around the sprockets.
 """
 
 from __future__ import annotations
@@ -23,11 +32,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arm_balance import StillArm
+from warpchain.assembly.arm_balance import StillArm, StillTensioner
 from warpchain.assembly.guided import profile_at
 from warpchain.drive.face_profile import direction
-from warpchain.drive.mounts import moving_mass, unit
-from warpchain.drive.oil import static_force
+from warpchain.drive.mounts import moving_mass, unit, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
@@ -58,6 +66,31 @@ class Terms:
         self.columns.append(np.tile(where, (1, b)).ravel())
         self.values.append(blocks.ravel())
 
+    def add_contacts(self, at: NDArray[np.int64], slope: Array, block: Array, rho: Array | None) -> None:
+        """Adds the gradient and the Hessian of M rollers that press on a body.
+
+        Args:
+            at: (M, b) the unknowns: the roller's place; the body's center, if it moves; the body's angle, if it turns.
+            slope: (M, 2) dE/dr [N], r the roller's place.
+            block: (M, 2, 2) its derivatives [N/m].
+            rho: (M, 2) from the point about which the body turns to the roller [m]; None where it stands.
+        """
+        moves = np.zeros((len(at), 2, at.shape[1]))  # of the roller against the body, by the unknowns
+        moves[:, :, :2] = np.eye(2)
+        if at.shape[1] > 3:
+            moves[:, :, 2:4] = -np.eye(2)
+        if rho is not None:
+            moves[:, 0, -1], moves[:, 1, -1] = rho[:, 1], -rho[:, 0]
+        blocks = np.einsum("mki,mkl,mlj->mij", moves, block, moves)
+        if rho is not None:
+            left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+            mixed = np.einsum("mki,mk->mi", moves[:, :, :-1], left)
+            blocks[:, :-1, -1] += mixed
+            blocks[:, -1, :-1] += mixed
+            blocks[:, -1, -1] -= np.einsum("mi,mi->m", rho, slope)
+        np.add.at(self.gradient, at, np.einsum("mki,mk->mi", moves, slope))
+        self.add_blocks(at, blocks)
+
     def hessian(self, column: NDArray[np.int64], weight: Array, count: int) -> csc_matrix:
         """The Hessian by `count` free coordinates y, dx_i = weight_i dy_column(i); weight 0 is what stays."""
         from scipy.sparse import coo_matrix
@@ -76,25 +109,46 @@ class Potential:
         drive: the drive.
         frequency: f, links a second [Hz].
         moments: (S,) load moments M_s, against forward rotation [N m].
+        hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
     """
 
-    def __init__(self, drive: Drive, frequency: float, moments: Array) -> None:
+    def __init__(self, drive: Drive, frequency: float, moments: Array, hanging: bool = False) -> None:
         chain, sprockets = drive.chain, drive.sprockets
         self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
         self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
         self.first_arm = 2 * self.rollers + 3 * self.sprockets
         self.size = self.first_arm + len(self.arms)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
-        self.natural = chain.link_lengths
-        self.stiffness = np.full(chain.links, chain.stiffness)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
+        self.stiffness, self.natural, self.play = self._running_links()
         self.teeth = [drive.tooth(s) for s in range(self.sprockets)]
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.moments = np.array([w.sign for w in sprockets]) * moments
+        self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
         self.home, self.spring, self.pull = _mounts(drive, self.gravity)
+        self.tensioners = [
+            (s, StillTensioner(drive, tensioner))
+            for t, tensioner in enumerate(drive.tensioners)
+            if (s := drive.tensioner_body(t)) < self.sprockets
+        ]
+        self.wheels = np.zeros((self.sprockets, 2))  # the arms q of balance wheels at angle 0 [kg m]
+        for s, sprocket in enumerate(sprockets):
+            if hanging and sprocket.balance_wheel is not None:
+                wheel = sprocket.balance_wheel
+                self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(direction(wheel.phase))
+
+    def _running_links(self) -> tuple[Array, Array, Array]:
+        """(N,) k' [N/m], l' and s' [m] of (b)."""
+        chain = self.drive.chain
+        own = np.full(chain.links, chain.stiffness)
+        if chain.varied_links:
+            own[0::2] = chain.outer_stiffness
+        ratio = own / (own - self.push)
+        play = chain.link_play * ratio if chain.varied_links else np.zeros(chain.links)
+        return own - self.push, chain.link_lengths * ratio, play
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2), angles (S,), as views of x."""
@@ -105,7 +159,13 @@ class Potential:
         """(N,) tensions of the links [N], centrifugal part and all."""
         r, _, _ = self.split(x)
         d = np.roll(r, -1, axis=0) - r
-        return np.asarray(self.stiffness * (np.hypot(d[:, 0], d[:, 1]) - self.natural))
+        length = np.hypot(d[:, 0], d[:, 1])
+        return np.asarray(self.stiffness * self._stretch(length) + self.push * length)
+
+    def _stretch(self, length: Array) -> Array:
+        """(N,) the elastic part of what links of these lengths are longer than unloaded [m]."""
+        stretch = length - self.natural
+        return np.asarray(stretch - (self.play if self.pulled else np.clip(stretch, -self.play, self.play)))
 
     def terms(self, x: Array) -> Terms:
         """Energy, gradient and Hessian at x."""
@@ -130,12 +190,12 @@ class Potential:
         d = np.roll(r, -1, axis=0) - r
         length = np.hypot(d[:, 0], d[:, 1])
         u = d / length[:, None]
-        stretch = length - self.natural
-        force = self.stiffness * stretch - self.push * length
-        terms.energy += float(np.sum(0.5 * self.stiffness * stretch**2 - 0.5 * self.push * length**2))
+        stretch = self._stretch(length)
+        force = self.stiffness * stretch
+        terms.energy += float(np.sum(0.5 * force * stretch))
         pull = force[:, None] * u
         terms.gradient[: 2 * n] += (np.roll(pull, 1, axis=0) - pull).ravel()
-        block = _along_across(u, self.stiffness - self.push, force / length)
+        block = _along_across(u, np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0), force / length)
         i = np.arange(n)
         j = (i + 1) % n
         where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
@@ -161,25 +221,10 @@ class Potential:
         near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
         normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
         force, block = _contact(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
-        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
-        slope = -force[:, None] * normal  # dE/dr
-        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
-        m = len(near)
-        base, at = 2 * self.rollers, np.empty((m, 5), dtype=np.int64)
-        at[:, 0], at[:, 1] = 2 * near, 2 * near + 1
-        at[:, 2], at[:, 3], at[:, 4] = base + 2 * s, base + 2 * s + 1, base + 2 * self.sprockets + s
-        whole = np.empty((m, 5))
-        whole[:, :2], whole[:, 2:4] = slope, -slope
-        whole[:, 4] = -np.einsum("ij,ij->i", turn, slope)
-        np.add.at(terms.gradient, at, whole)
-        blocks = np.empty((m, 5, 5))
-        blocks[:, :2, :2] = blocks[:, 2:4, 2:4] = block
-        blocks[:, :2, 2:4] = blocks[:, 2:4, :2] = -block
-        mixed = -np.einsum("mij,mj->mi", block, turn) + left
-        blocks[:, :2, 4] = blocks[:, 4, :2] = mixed
-        blocks[:, 2:4, 4] = blocks[:, 4, 2:4] = -mixed
-        blocks[:, 4, 4] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
-        terms.add_blocks(at, blocks)
+        base, center = 2 * self.rollers, np.full(len(near), 2 * (self.rollers + s))
+        angle_at = np.full(len(near), base + 2 * self.sprockets + s)
+        at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)
+        terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _gap(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
         """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
@@ -205,81 +250,26 @@ class Potential:
         outward = np.where(tip, (self.radius[s] + xi) / distance, outward)
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
-    def _profile(self, x: Array, g: int, terms: Terms) -> None:
-        """A curved or carried guide: piece by piece, `warpchain.drive.face_profile` (a)."""
+    def _guide(self, x: Array, g: int, terms: Terms) -> None:
+        """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
         arm = self.drive.arm_of(g)
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
         for piece in profile_at(self.drive, g, x[self.first_arm :].tolist()).pieces:
-            t = np.array(direction(piece.heading))
-            n, k = np.array([-t[1], t[0]]), piece.curvature
-            u, w = (r - piece.start) @ t, (r - piece.start) @ n
-            height = 2.0 * w - k * (u * u + w * w)
-            root = np.sqrt(np.maximum(1.0 - k * height, 1e-12))
-            pen = offset - height / (1.0 + root)
-            s = u if k == 0.0 else np.arctan2(k * u, 1.0 - k * w) / k
+            (u, w, s, height, root), k = piece.rise(r), piece.curvature
+            pen = offset - height
             hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
             if not len(hit):
                 continue
-            normal = ((1.0 - k * w) / root)[hit, None] * n - (k * u / root)[hit, None] * t
+            t, root = np.array(direction(piece.heading)), np.maximum(root[hit, None], 1e-6)
+            normal = (1.0 - k * w[hit, None]) / root * [-t[1], t[0]] - k * u[hit, None] / root * t
             stiffness = self.softness * self.guide_stiffness[g]
-            force, block = _contact(terms, pen[hit], normal, k / root[hit], stiffness, law.exponent)
-            at = np.stack([2 * hit, 2 * hit + 1], axis=1)
-            slope = -force[:, None] * normal
-            np.add.at(terms.gradient, at, slope)
-            if arm is None:
-                terms.add_blocks(at, block)
-            else:
-                self._carried(terms, arm, at, r[hit], slope, block)
-
-    def _carried(
-        self, terms: Terms, a: int, at: NDArray[np.int64], r: Array, slope: Array, block: Array
-    ) -> None:  # fmt: skip
-        """Adds contacts with a guide of arm a, by its angle too: they turn with it about its pivot.
-
-        Args:
-            at: (M, 2) the rollers' unknowns.
-            r, slope, block: (M, 2) their centers [m], (M, 2) dE/dr [N] and (M, 2, 2) its derivatives [N/m].
-        """
-        rho = r - np.asarray(self.drive.arms[a].pivot)
-        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
-        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
-        place = np.full((len(r), 1), self.first_arm + a)
-        np.add.at(terms.gradient, place, -np.einsum("ij,ij->i", turn, slope)[:, None])
-        blocks = np.empty((len(r), 3, 3))
-        blocks[:, :2, :2] = block
-        blocks[:, :2, 2] = blocks[:, 2, :2] = left - np.einsum("mij,mj->mi", block, turn)
-        blocks[:, 2, 2] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
-        terms.add_blocks(np.concatenate([at, place], axis=1), blocks)
-
-    def _guide(self, x: Array, g: int, terms: Terms) -> None:
-        if not self.drive.guides[g].straight or self.drive.guides[g].arm is not None:
-            self._profile(x, g, terms)
-            return
-        r, _, _ = self.split(x)
-        guide, roller_radius = self.drive.guides[g], self.drive.chain.roller_radius
-        start, end = np.asarray(guide.bar.start, dtype=float), np.asarray(guide.bar.end, dtype=float)
-        length = float(np.hypot(*(end - start)))
-        t = (end - start) / length
-        n = np.array([-t[1], t[0]])
-        along, across = (r - start) @ t, (r - start) @ n
-        beyond = np.minimum(along, 0.0) + np.maximum(along - length, 0.0)
-        height = across + guide.bar.end_radius
-        reach = np.hypot(beyond, height)
-        pen = np.where(beyond == 0.0, roller_radius - across, roller_radius + guide.bar.end_radius - reach)
-        hit = np.flatnonzero((pen > 0.0) & (height > 0.0) & (across < roller_radius))
-        if not len(hit):
-            return
-        end_on = beyond[hit] != 0.0
-        safe = np.where(end_on, reach[hit], 1.0)
-        normal = np.where(end_on, beyond[hit] / safe, 0.0)[:, None] * t
-        normal = normal + np.where(end_on, height[hit] / safe, 1.0)[:, None] * n
-        bend = np.where(end_on, -1.0 / safe, 0.0)
-        law = self.drive.guide_contact(g)
-        force, block = _contact(terms, pen[hit], normal, bend, self.softness * self.guide_stiffness[g], law.exponent)
-        at = np.stack([2 * hit, 2 * hit + 1], axis=1)
-        np.add.at(terms.gradient, at, -force[:, None] * normal)
-        terms.add_blocks(at, block)
+            force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
+            at, rho = np.stack([2 * hit, 2 * hit + 1], axis=1), None
+            if arm is not None:
+                rho = r[hit] - np.asarray(self.drive.arms[arm].pivot)
+                at = np.column_stack([at, np.full(len(hit), self.first_arm + arm)])
+            terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _constant(self, x: Array, terms: Terms) -> None:
         r, centers, angles = self.split(x)
@@ -293,6 +283,18 @@ class Potential:
         terms.gradient[n : n + s] += (self.spring * off - self.pull).ravel()
         at = np.arange(n, n + s)[:, None]
         terms.add_blocks(at, self.spring.reshape(-1, 1, 1))
+        cosine, sine = np.cos(angles), np.sin(angles)
+        q = np.stack([cosine, sine], axis=1) * self.wheels[:, :1]
+        q += np.stack([-sine, cosine], axis=1) * self.wheels[:, 1:]
+        terms.energy -= float(np.sum(q @ self.gravity))
+        terms.gradient[n + s : self.first_arm] -= q[:, 0] * self.gravity[1] - q[:, 1] * self.gravity[0]
+        terms.add_blocks(np.arange(n + s, self.first_arm)[:, None], (q @ self.gravity).reshape(-1, 1, 1))
+        for of, tensioner in self.tensioners:
+            way, place = np.asarray(tensioner.unit_direction), n + 2 * of + np.arange(2)
+            extension = float((centers[of] - self.drive.sprockets[of].center) @ way)
+            terms.energy += tensioner.energy(extension)
+            terms.gradient[place] -= tensioner.force(extension) * way
+            terms.add_blocks(place[None], tensioner.stiffness(extension) * np.outer(way, way)[None])
 
 
 def _along_across(u: Array, along: Array, across: Array) -> Array:
@@ -327,10 +329,4 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
         elif isinstance(mount, SliderMount):
             spring[s] = mount.stiffness
             pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
-    for tensioner in drive.tensioners:
-        for s, sprocket in enumerate(drive.sprockets):
-            if sprocket.name == tensioner.on and isinstance(sprocket.mount, SliderMount):
-                along = np.asarray(tensioner.unit_direction)
-                pull[s] += static_force(tensioner) * along
-                spring[s] += tensioner.spring_stiffness * float(along @ unit(sprocket.mount.direction)) ** 2
     return home, spring, pull

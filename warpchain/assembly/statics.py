@@ -4,7 +4,7 @@ What a run shows in the mean, vibration and friction aside: loads at speed, cent
 springs of mounts, rollers on seats and flanks where the load puts them, guide-bars. The driver is led through one tooth
 pitch in equal steps and the states are averaged, since the polygon of the chain moves tensions within a pitch. Each
 state minimizes the energy of `warpchain.assembly.potential`, by Newton's method with a shift of the Hessian that grows
-where the energy would rise (Levenberg, Marquardt).
+where the energy would rise (Levenberg, Marquardt). Modes are those of small motion about such a state (`equilibrium`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from warpchain.assembly.potential import Potential, Terms
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
 from warpchain.drive.sprocket import ElasticMount, SliderMount
+from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -42,6 +43,7 @@ wider than their rollers, hard ones, let a chain creep only."""
 _ITERATIONS = 400
 _ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
 _ENOUGH = 1e-6  # of it, where a search ends
+_FINEST = 1e-11  # of it, for small motion about the state
 _SAME = 1e-6  # relative: speeds of prescribed sprockets that count as one
 _ON = 0.02  # of a pitch off the pitch circle: a roller that turns with the sprocket
 _FARTHEST = 0.1  # of a pitch: the longest step, well within a tooth gap
@@ -101,10 +103,8 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
     for sprocket in drive.sprockets:
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
-            nothing = np.full(len(drive.sprockets), math.nan)
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
-            centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-            return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
+            return _unknown(drive, assembly, frequency, words)
     return _steady(drive, assembly, frequency, load_moments(drive, speed))
 
 
@@ -117,14 +117,17 @@ def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets)))
 
 
+def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
+    nothing = np.full(len(drive.sprockets), math.nan)
+    centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
+    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, failure)
+
+
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     if drive.chain.links > MOST:
-        nothing, words = np.full(len(drive.sprockets), math.nan), f"not sought for a chain of more than {MOST} links"
-        centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-        return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
+        return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
-    solver = _Solver(potential, assembly, moments)
-    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle, assembly.arm_angle])
+    solver, x = _Solver(potential, assembly, moments), _assembled(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
     for phase in range(PHASES):
@@ -141,6 +144,52 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
             break
     tension, displacement, center, arm_angle = (np.mean(values, axis=0) for values in zip(*means, strict=True))
     return Steady(tension, potential.push * drive.chain.pitch, displacement, center, arm_angle, failure)
+
+
+def _assembled(potential: Potential, assembly: Assembly) -> Array:
+    """The coordinates of a chain as it was laid around its sprockets."""
+    parts = assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle, assembly.arm_angle
+    return np.concatenate(parts)
+
+
+def passing_rate(drive: Drive, speed: float) -> float:
+    """Rollers that pass a point in a second, the tooth frequency [Hz], at the driver's angular speed [rad/s]."""
+    return speed * drive.sprockets[drive.driver].teeth / math.tau
+
+
+def equilibrium(drive: Drive, speed: float, assembly: Assembly, near: Array | None = None) -> tuple[Potential, Array]:
+    """The potential of a drive whose balance wheels hang still, and the coordinates at which it is least.
+
+    Args:
+        speed: of the driver [rad/s], at which loads are taken and the chain runs.
+        assembly: of the drive.
+        near: where the drive stands at a speed nearby.
+
+    Raises:
+        SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
+    """
+    moments = load_moments(drive, speed)
+    potential = Potential(drive, passing_rate(drive, speed), moments, hanging=True)
+    if (potential.push >= 0.1 * (potential.stiffness + potential.push)).any():
+        raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
+    solver = _Solver(potential, assembly, moments)
+    found, residual = _assembled(potential, assembly), math.inf
+    if near is not None:
+        near, residual = solver.settle(near, _FINEST)
+    if near is not None and residual <= _ENOUGH:
+        found = near
+    else:
+        found, residual = solver.begin(found, assembly)
+        if residual <= _ACCURACY:
+            found, residual = solver.settle(found, _FINEST)
+    if math.isinf(residual):
+        raise SimulationError("the drive does not settle under its loads: the chain leaves its sprockets")
+    if not residual <= _ACCURACY:
+        raise SimulationError(
+            f"the drive does not settle under its loads: after {_ITERATIONS} steps the largest net force is still "
+            f"{residual:.1e} of the largest force at work (wanted {_ACCURACY:g})"
+        )
+    return potential, found
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:
@@ -196,7 +245,8 @@ class _Solver:
             chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
             float(np.max(np.abs(moments) / potential.radius)),
             float(np.abs(potential.pull).max()),
-            *(push for arm in potential.arms for push in arm.pushes),
+            *(tensioner.push for arm in potential.arms for tensioner in arm.tensioners),
+            *(tensioner.push for _, tensioner in potential.tensioners),
             chain.mass * float(np.hypot(*potential.gravity)) * 10.0,
             1e-9 * chain.stiffness * chain.pitch,
         )
@@ -207,6 +257,10 @@ class _Solver:
         found, residual = x, math.inf
         for softer in (_SOFTER, ()):
             found = x
+            if self.potential.play.any():
+                self.potential.pulled = True
+                found, _ = self.settle(found, 10.0 * _ENOUGH)
+                self.potential.pulled = False
             for softness in softer:
                 self.potential.softness = softness
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
@@ -222,7 +276,7 @@ class _Solver:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
-        slope, curvature = self._slope(terms), self._curvature(terms)
+        slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
@@ -233,7 +287,7 @@ class _Solver:
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
-                slope, curvature = self._slope(terms), self._curvature(terms)
+                slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
             else:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
@@ -241,10 +295,6 @@ class _Solver:
     def _slope(self, terms: Terms) -> Array:
         """Gradient by the free coordinates."""
         return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
-
-    def _curvature(self, terms: Terms) -> csc_matrix:
-        """Hessian by the free coordinates."""
-        return terms.hessian(self.column, self.weight, self.count)
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
         from scipy.sparse.linalg import splu

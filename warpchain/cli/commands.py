@@ -9,6 +9,7 @@ from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
+    from warpchain.engine.device_choice import Speed
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
@@ -61,7 +62,7 @@ def chains(_: argparse.Namespace) -> int:
 
 def devices(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
-    from warpchain.engine.device_choice import lines, measured
+    from warpchain.engine.device_choice import machine, measured, processor, store, stored
     from warpchain.engine.devices import usable_gpus
     from warpchain.engine.simulation import available_cores
 
@@ -70,9 +71,29 @@ def devices(arguments: argparse.Namespace) -> int:
     if arguments.calibrate:
         for precision in ("float64", "float32"):
             measured(gpus, precision, cores)
-    for line in lines(gpus, cores):
-        print(line)
+    print(f"cpu: {processor()}, {cores} cores")
+    for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True):
+        print(f"{gpu}: {name}")
+    if not gpus:
+        print("no NVIDIA GPU that Warp can use: runs take the CPU")
+    known = stored(gpus)
+    for name, speed in sorted(known.items()):
+        print(f"{name}, measured: {_speed_line(speed, name.startswith('cpu'))}")
+    if known:
+        print(f"stored in {store()}")
+    else:
+        print("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
     return DONE
+
+
+def _speed_line(speed: Speed, of_cpu: bool) -> str:
+    """The numbers of a device at a precision."""
+    about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
+    if of_cpu:
+        about += f" a core, {speed.cores:.3g} times that on all"
+    else:
+        about += f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
+    return about + (f", {speed.compiling:.2g} s to compile kernels" if speed.compiling else "")
 
 
 def fit(arguments: argparse.Namespace) -> int:

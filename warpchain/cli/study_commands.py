@@ -14,6 +14,7 @@ from warpchain.cli.arguments import add_command, add_options, part, wanted_preci
 from warpchain.cli.commands import DONE, UNFINISHED
 from warpchain.errors import StudyError
 from warpchain.files import read_text
+from warpchain.progress import clock
 
 if TYPE_CHECKING:
     from warpchain.study.results import Results
@@ -178,8 +179,7 @@ def _print_status(outcome: Any) -> int:
         on, anew = outcome.went_on
         print(f"of longer runs, {on} went on from where the ones before stood, {anew} began anew")
     if outcome.left and outcome.rate is not None:
-        seconds = round(outcome.left / outcome.rate)
-        left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+        left = clock(outcome.left / outcome.rate)
         print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")
     if outcome.table is not None:
         print(f"table: {outcome.table}")

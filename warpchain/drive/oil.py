@@ -67,12 +67,6 @@ def oil_stiffness(tensioner: Tensioner, pressure: float | None = None, x: float 
     return modulus * power(tensioner.area, 2) / (chamber.volume + tensioner.area * x)
 
 
-def relaxation_time(tensioner: Tensioner, pressure: float) -> float:
-    """V / (E G) [s], in which a closed chamber's pressure leaks away."""
-    assert tensioner.chamber is not None
-    return tensioner.chamber.volume / (bulk_modulus(tensioner, pressure) * tensioner.leak_conductance)
-
-
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:
     """Q_cv [m^3/s] that the check valve lets into a chamber of an absolute pressure [Pa]; see the kernels' law."""
     oil, valve = tensioner.oil, tensioner.valve

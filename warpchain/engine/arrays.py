@@ -7,10 +7,12 @@ here, a new array its row.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -309,3 +311,72 @@ def empty_tallies(packed: Any, device: str) -> structs.Tallies:
     for name, count in lengths(packed.drives, "tallies").items():
         setattr(tallies, name, wp.zeros(count, dtype=array_type("tallies", name, packed.real), device=device))
     return tallies
+
+
+class Buffer(Protocol):
+    """Frames of one launch."""
+
+    def numpy(self) -> NDArray[np.floating]:
+        """The frames, in the host's memory."""
+        ...
+
+
+class Engine(ABC):
+    """An engine that steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one (`devices`).
+
+    Its arrays that change as variants run have the groups and names of `TABLE`.
+    """
+
+    packed: Any
+
+    @abstractmethod
+    def advance(self, steps: int, frames: Any) -> list[Future[None]]:
+        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
+
+    @abstractmethod
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
+
+    @abstractmethod
+    def settle(self, steps: int) -> list[Future[None]]:
+        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
+
+    @abstractmethod
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation."""
+
+    @abstractmethod
+    def frame_buffer(self, values: int) -> Buffer:
+        """A buffer for a launch's frames."""
+
+    @abstractmethod
+    def held(self) -> dict[str, Any]:
+        """The structs that change, by group."""
+
+    @abstractmethod
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        """A copy of an array, as the CPU has it."""
+
+    @abstractmethod
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        """Sets an array, as `fetch` gives it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends it, after what it is doing."""
+
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return self.fetch("state", "rollers")
+
+    def bodies(self) -> NDArray[Any]:
+        """Copy of the bodies' states, as in `Packed.bodies`."""
+        return self.fetch("state", "bodies")
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
+        return self.fetch("state", "progress")
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name as in `kernels.structs.Sums`."""
+        return {name: self.fetch("sums", name) for name in TABLE["sums"]}

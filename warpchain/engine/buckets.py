@@ -139,7 +139,7 @@ def counted_led(packed: Packed) -> NDArray[np.integer]:
 
 
 def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
-    """What the variants' kernels differ in, (variants,) each."""
+    """The properties of variants that decide their kernels, (variants,) each."""
     drives = packed.drives
     varied = packed.links["varied_links"] > 0
     return {

@@ -21,10 +21,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.engine.arrays import TABLE, starts
+from warpchain.engine.arrays import TABLE, Engine, starts
 from warpchain.engine.outcomes import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -35,7 +36,7 @@ from warpchain.version import installed
 
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
-FORMAT = 1
+FORMAT = 2
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
@@ -218,37 +219,29 @@ class Keeper:
             ends = {"low": row["low"][v].tolist(), "high": row["high"][v].tolist()}
             self._ends[v] = {**ends, "left": float(left[v]), "settled": held}
 
-    def restore(self, engine: Any) -> None:
+    def restore(self, engine: Engine) -> None:
         """Sets an engine's variants where their states were."""
-        for part, first in engine.single_engines():
-            arrays = _fetched(part)
-            places, changed = _places(part.packed), False
-            for v in range(part.packed.variants):
-                kept = self.begin[first + v]
-                if kept is not None:
-                    _set(arrays, places, v, kept, self._schedules[first + v])
-                    changed = True
-            if changed:
-                for name, values in arrays.items():
-                    part.put(*name, values)
+        if not any(self.begin):
+            return
+        arrays, places = _fetched(engine), _places(engine.packed)
+        for v, kept in enumerate(self.begin):
+            if kept is not None:
+                _set(arrays, places, v, kept, self._schedules[v])
+        for name, values in arrays.items():
+            engine.put(*name, values)
 
     def most(self, progress: NDArray[Any], steps: int) -> int:
         """Steps of a launch, `steps` at most, so that it ends where a variant is to be kept."""
         ahead = (self._stops - progress["step"])[(progress["diverged"] == 0) & (self._stops > progress["step"])]
         return int(min(steps, ahead.min(initial=steps)))
 
-    def take(self, engine: Any, progress: NDArray[Any]) -> None:
+    def take(self, engine: Engine, progress: NDArray[Any]) -> None:
         """Keeps the variants that have come to their steps."""
         due = (self._stops > 0) & (progress["step"] == self._stops) & (progress["diverged"] == 0)
-        if not due.any():
-            return
-        for part, first in engine.single_engines():
-            mine = np.flatnonzero(due[first : first + part.packed.variants])
-            if len(mine):
-                arrays = _fetched(part)
-                places = _places(part.packed)
-                for v in mine.tolist():
-                    self._kept[first + v] = self._of(first + v, _bytes(arrays, places, v))
+        if due.any():
+            arrays, places = _fetched(engine), _places(engine.packed)
+            for v in np.flatnonzero(due).tolist():
+                self._kept[v] = self._of(v, _bytes(arrays, places, v))
 
     def _of(self, v: int, data: bytes) -> Kept:
         schedule = self._schedules[v]
@@ -257,7 +250,7 @@ class Keeper:
         return Kept({**_facts(self._drives[v], schedule, self._run), **more}, data)
 
 
-def _fetched(engine: Any) -> dict[tuple[str, str], NDArray[Any]]:
+def _fetched(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
     """Copies of an engine's arrays that are kept, by group and name, in the order of a state's bytes."""
     return {
         (group, name): engine.fetch(group, name)
@@ -275,23 +268,9 @@ def _places(packed: Packed) -> dict[tuple[str, str], NDArray[np.int64]]:
 
 
 def _bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """A variant's part of all arrays, zeros where structs hold nothing."""
-    parts = []
-    for name, values in arrays.items():
-        held = np.ascontiguousarray(values[places[name][v] : places[name][v + 1]])
-        raw = held.view(np.uint8).reshape(len(held), held.itemsize).copy()
-        raw[:, _unused(held.dtype)] = 0
-        parts.append(raw.tobytes())
-    return b"".join(parts)
-
-
-def _unused(kind: np.dtype[Any]) -> NDArray[np.bool_]:
-    """(itemsize,) which bytes of a struct are of none of its fields."""
-    unused = np.full(kind.itemsize, kind.names is not None)
-    for name in kind.names or ():
-        inner, at = kind[name], int(kind.fields[name][1])  # type: ignore[index]
-        unused[at : at + inner.itemsize] = np.tile(_unused(inner.base), inner.itemsize // inner.base.itemsize)
-    return unused
+    """A variant's part of all arrays, without the gaps between the fields of structs."""
+    parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
+    return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
 
 def _set(
@@ -309,8 +288,9 @@ def _set(
     sums, at = takes_sums(kept, schedule), 0
     for name, values in arrays.items():
         place = slice(places[name][v], places[name][v + 1])
-        size = values[place].nbytes
-        held = np.frombuffer(kept.data[at : at + size], dtype=values.dtype)
+        kind = repack_fields(values.dtype, recurse=True)
+        size = (place.stop - place.start) * kind.itemsize
+        held = np.frombuffer(kept.data[at : at + size], dtype=kind)
         at += size
         if name[0] == "state" or (sums and not name[1].endswith("_notes")):
             values[place] = held

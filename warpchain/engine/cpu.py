@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import TABLE, empty_sums, upload_ensemble, upload_state
+from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
@@ -35,7 +35,7 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
 
 
-class CpuEngine:
+class CpuEngine(Engine):
     """Steps an ensemble on the CPU.
 
     Args:
@@ -82,59 +82,30 @@ class CpuEngine:
         return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
 
     def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
         return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")
 
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
         return self._launch("relax", [self.ensemble, self.state, self._settling], [steps])
 
     def settling(self) -> NDArray[Any]:
-        """The state of each variant's relaxation."""
         return np.array(self._settling.numpy(), copy=True)
 
-    def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return self.fetch("state", "rollers")
-
-    def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `Packed.bodies`."""
-        return self.fetch("state", "bodies")
-
-    def progress(self) -> NDArray[Any]:
-        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
-        return self.fetch("state", "progress")
-
-    def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.structs.Sums`."""
-        return {name: self.fetch("sums", name) for name in TABLE["sums"]}
-
-    def single_engines(self) -> list[tuple[CpuEngine, int]]:
-        """The engines that this one is made of, with the number of each one's first variant."""
-        return [(self, 0)]
-
     def held(self) -> dict[str, Any]:
-        """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.cpu_sums}
 
     def fetch(self, group: str, name: str) -> NDArray[Any]:
-        """A copy of an array of these structs."""
         return np.array(getattr(self.held()[group], name).numpy(), copy=True)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array of these structs."""
-        getattr(self.held()[group], name).numpy()[...] = values
+        getattr(self.held()[group], name).numpy()[: len(values)] = values
 
     def frame_buffer(self, values: int) -> wp.array:
-        """A buffer for a launch's frames."""
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
 
     def close(self) -> None:
-        """Ends the threads, after what they are doing."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 

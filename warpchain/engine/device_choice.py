@@ -166,15 +166,18 @@ def uncompiled(device: str, packed: Packed, precision: str) -> bool:
 
     Those that take steps are looked at; settling's is compiled beside them.
     """
+    return not all(in_cache(module, device, threads) for module, threads in modules_of(device, packed, precision))
+
+
+def modules_of(device: str, packed: Packed, precision: str) -> list[tuple[Any, int]]:
+    """The modules of the kernels that take steps on a device, and their threads a block."""
     if device == "cpu":
         from warpchain.engine.cpu import kernel_of
 
-        modules = [(kernel_of("advance", packed, precision).module, 1)]
-    else:
-        from warpchain.engine.buckets import GpuKernels
+        return [(kernel_of("advance", packed, precision).module, 1)]
+    from warpchain.engine.buckets import GpuKernels
 
-        modules = GpuKernels(replace(packed, precision=precision), device).modules()
-    return not all(in_cache(module, device, threads) for module, threads in modules)
+    return GpuKernels(replace(packed, precision=precision), device).modules()
 
 
 def in_cache(module: Any, device: str, threads: int) -> bool:
@@ -213,7 +216,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
     start_warp()
     names = [wp.get_device(gpu).name for gpu in gpus]
     return {
-        "cpu": _processor(),
+        "cpu": processor(),
         "cores": os.cpu_count(),
         "gpus": names,
         "warpchain": installed(),
@@ -221,7 +224,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
+def processor() -> str:
     """The processor's name."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
@@ -299,19 +302,12 @@ def _compile_seconds(device: str, precision: str) -> float:
     """Seconds to compile the kernel of one variant; where it is in the cache, those of the device's class."""
     import warp as wp
 
-    from warpchain.engine.cpu import kernel_of
-
     packed = _sample(precision, 1)
     if not uncompiled(device, packed, precision):
         return class_speed(device, precision, 1).compiling
     begin = time.perf_counter()
-    if device == "cpu":
-        wp.load_module(kernel_of("advance", packed, precision).module, device=device, block_dim=1)
-    else:
-        from warpchain.engine.buckets import GpuKernels
-
-        for module, threads in GpuKernels(packed, device).modules():
-            wp.load_module(module, device=device, block_dim=threads)
+    for module, threads in modules_of(device, packed, precision):
+        wp.load_module(module, device=device, block_dim=threads)
     return time.perf_counter() - begin
 
 
@@ -364,25 +360,3 @@ def _sample(precision: str, variants: int) -> Packed:
     drive = load_drive(drive_path("industrial"))
     schedule = Schedule(resolve_step(drive), MOST_STEPS, MOST_STEPS, MOST_STEPS, 0)
     return pack([drive], [schedule]).at_precision(precision).taken([0] * variants)
-
-
-def lines(gpus: Sequence[str], cores: int) -> list[str]:
-    """This machine's devices and their speeds, in lines."""
-    known = stored(gpus)
-    shown = [f"cpu: {_processor()}, {cores} cores"]
-    if gpus:
-        shown += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
-    else:
-        shown.append("no NVIDIA GPU that Warp can use: runs take the CPU")
-    for name, speed in sorted(known.items()):
-        about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
-        more = f" a core, {speed.cores:.3g} times that on all" if name.startswith("cpu") else ""
-        if not more:
-            more = f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
-        more += f", {speed.compiling:.2g} s to compile kernels" if speed.compiling else ""
-        shown.append(f"{name}, measured: {about}{more}")
-    if not known:
-        shown.append("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
-    else:
-        shown.append(f"stored in {store()}")
-    return shown

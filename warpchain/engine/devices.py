@@ -5,42 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine import start_warp
-from warpchain.engine.arrays import TABLE, starts
-from warpchain.engine.device_choice import Choice, quickest
+from warpchain.engine.arrays import TABLE, Engine, starts
+from warpchain.engine.device_choice import Choice, modules_of, quickest
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
-
-
-class Buffer(Protocol):
-    """Frames of one launch."""
-
-    def numpy(self) -> NDArray[np.floating]:
-        """The frames, in the host's memory."""
-        ...
-
-
-class Engine(Protocol):
-    """An engine that steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one."""
-
-    packed: Packed
-
-    def advance(self, steps: int, frames: Any) -> list[Future[None]]: ...
-    def start_settling(self, settling: NDArray[Any]) -> None: ...
-    def settle(self, steps: int) -> list[Future[None]]: ...
-    def settling(self) -> NDArray[Any]: ...
-    def rollers(self) -> NDArray[np.floating]: ...
-    def bodies(self) -> NDArray[Any]: ...
-    def progress(self) -> NDArray[Any]: ...
-    def sums(self) -> dict[str, NDArray[Any]]: ...
-    def single_engines(self) -> list[tuple[Any, int]]: ...
-    def frame_buffer(self, values: int) -> Buffer: ...
-    def close(self) -> None: ...
 
 
 def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
@@ -53,14 +27,14 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
         return ("cpu",)
     if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
         raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one), or None')
-    names = _gpus()
-    if device is None and not names:
+    names, usable = _gpus(), usable_gpus()
+    if device is None and not usable:
         return ("cpu",)
     from warpchain.engine.gpu import OLDEST, refusal
 
     reason = refusal(packed)
     if device is None:
-        return usable_gpus() if reason is None and usable_gpus() else ("cpu",)
+        return usable if reason is None else ("cpu",)
     if not names:
         raise SimulationError(
             f"device = {device!r}: no NVIDIA GPU with a driver is here (see nvidia-smi); install the driver, "
@@ -159,11 +133,9 @@ def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[
         return
     import warp as wp
 
-    from warpchain.engine.cpu import kernel_of
-
-    kernel = kernel_of("advance", packed, precision)
+    ((module, threads),) = modules_of("cpu", packed, precision)
     with ThreadPoolExecutor(1) as pool:
-        loaded = pool.submit(wp.load_module, kernel.module, device="cpu", block_dim=1)
+        loaded = pool.submit(wp.load_module, module, device="cpu", block_dim=threads)
         yield
         loaded.result()
 
@@ -221,7 +193,7 @@ class SeveralBuffers:
         return self.joined
 
 
-class SeveralEngines:
+class SeveralEngines(Engine):
     """An ensemble cut into parts, each on an engine of its own; the variants' results are those of one engine."""
 
     def __init__(
@@ -243,50 +215,49 @@ class SeveralEngines:
                 future.result()  # raises
 
     def advance(self, steps: int, frames: SeveralBuffers) -> list[Future[None]]:
-        """Starts `steps` steps on all engines."""
         pairs = zip(self.engines, frames.buffers, strict=True)
         return [future for engine, buffer in pairs for future in engine.advance(steps, buffer)]
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Hands each engine its variants' relaxation."""
         for engine, (a, b) in zip(self.engines, self.cuts, strict=True):
             engine.start_settling(settling[a:b])
 
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation on all engines."""
         return [future for engine in self.engines for future in engine.settle(steps)]
 
     def settling(self) -> NDArray[Any]:
-        """The state of each variant's relaxation."""
         return np.concatenate([engine.settling() for engine in self.engines])
 
-    def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return np.concatenate([engine.rollers() for engine in self.engines])
-
-    def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `Packed.bodies`."""
-        return np.concatenate([engine.bodies() for engine in self.engines])
-
     def progress(self) -> NDArray[Any]:
-        """(variants,) `structs.Progress`."""
         return np.concatenate([engine.progress() for engine in self.engines])
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name."""
         each = [engine.sums() for engine in self.engines]
-        for sums, part in zip(each, self.parts, strict=True):
-            ends = {kind: int(first[-1]) for kind, first in starts(part.drives).items()}
-            for name, row in TABLE["sums"].items():
-                sums[name] = sums[name][: row.width * ends[row.kind]]  # without the row of an array that is empty
-        return {name: np.concatenate([sums[name] for sums in each]) for name in TABLE["sums"]}
+        return {name: self._joined([sums[name] for sums in each], "sums", name) for name in TABLE["sums"]}
 
-    def single_engines(self) -> list[tuple[Any, int]]:
-        """The engines that this one is made of, with the number of each one's first variant."""
-        return [(engine, a) for engine, (a, _) in zip(self.engines, self.cuts, strict=True)]
+    def held(self) -> dict[str, Any]:
+        return self.engines[0].held()
+
+    def fetch(self, group: str, name: str) -> NDArray[Any]:
+        return self._joined([engine.fetch(group, name) for engine in self.engines], group, name)
+
+    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
+        for engine, mine in zip(self.engines, np.split(values, np.cumsum(self._counts(group, name))[:-1]), strict=True):
+            if len(mine):
+                engine.put(group, name, mine)
+
+    def _counts(self, group: str, name: str) -> list[int]:
+        """Number of values of an array in each part, without the row of one that is empty."""
+        row = TABLE[group][name]
+        return [row.width * int(starts(part.drives)[row.kind][-1]) for part in self.parts]
+
+    def _joined(self, each: Sequence[NDArray[Any]], group: str, name: str) -> NDArray[Any]:
+        """The parts' values of an array, one after the other."""
+        counts = self._counts(group, name)
+        return np.concatenate([values[:count] for values, count in zip(each, counts, strict=True)])
 
     def frame_buffer(self, values: int) -> SeveralBuffers:
-        """A buffer for a launch's frames, each part's on its own device."""
         firsts = [values if first is None else first for first in self.firsts]
         ends = [*firsts[1:], values]
         buffers = [
@@ -295,6 +266,5 @@ class SeveralEngines:
         return SeveralBuffers(buffers, firsts, values, self.packed.rollers.dtype)
 
     def close(self) -> None:
-        """Ends all engines."""
         for engine in self.engines:
             engine.close()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.path import MAX_STRAIN
+from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.batch_math import along, joined, largest, power, where
@@ -38,9 +38,6 @@ from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
-ESCAPE_PITCHES = 10.0
-"""A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
-
 SLIDING_STOP = 0.5
 """beta: the part of a sliding speed that friction stops in a step at most."""
 
@@ -226,21 +223,6 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
     widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
-
-
-def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """The farthest that a roller may go from its place with its chain still on its sprockets [m]; of a stack (V,).
-
-    A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
-    at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at
-    assembly, and what their links may be stretched by: `MAX_STRAIN`, as no drive is assembled with more. Long strands
-    sag by their own weight that far, wherever they are slack or not.
-    """
-    chord = assembly.path.strand_end - assembly.path.strand_start
-    chords = np.hypot(chord[..., 0], chord[..., 1])
-    spare = chords.sum(axis=-1) * ((1.0 + MAX_STRAIN) / (1.0 + np.minimum(assembly.strain, 0.0)) - 1.0)
-    off = 0.5 * np.sqrt(spare * (2.0 * chords.max(axis=-1) + spare))
-    return np.maximum(ESCAPE_PITCHES * drive.chain.pitch, off)
 
 
 def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:

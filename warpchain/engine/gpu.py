@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine.arrays import (
     TABLE,
+    Engine,
     assign_rows,
     empty_sums,
     empty_tallies,
@@ -104,18 +105,13 @@ def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
 
 def refusal(packed: Packed, first: int = 0) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
-    found = _refused(packed)
-    return None if found is None else f'variant {first + found[0]}: {found[1]}; use device="cpu"'
-
-
-def _refused(packed: Packed) -> tuple[Any, str] | None:
-    """A variant that a GPU cannot run, and why."""
     drives = packed.drives
-    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
-        return v, f"chain.links = {drives['rollers'][v]}: a GPU takes up to {MOST_LINKS}"
-    partners = drives["sprockets"] + drives["guides"]
-    for v in np.flatnonzero(partners > MOST_PARTNERS):
-        return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
+    for count, most, words in (
+        (drives["rollers"], MOST_LINKS, "chain.links = {}"),
+        (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),
+    ):
+        for v in np.flatnonzero(count > most):
+            return f'variant {first + v}: {words.format(count[v])}: a GPU takes up to {most}; use device="cpu"'
     return None
 
 
@@ -150,7 +146,7 @@ class FrameBuffer:
         return self.host.numpy()
 
 
-class GpuEngine(GpuKernels):
+class GpuEngine(GpuKernels, Engine):
     """Steps an ensemble on one GPU.
 
     Args:
@@ -228,7 +224,6 @@ class GpuEngine(GpuKernels):
         return lanes
 
     def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
         self._load(*self._names)
 
         def work() -> None:
@@ -255,19 +250,12 @@ class GpuEngine(GpuKernels):
 
         return [self._pool.submit(work)]
 
-    def _read(self, array: wp.array, group: str, name: str) -> NDArray[Any]:
-        """A copy of a device array, as the CPU has it, by the engine's own stream."""
-        with wp.ScopedStream(self.stream, sync_enter=False):
-            return rows_of(array, group, name, self.packed.real)
-
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
             self._settling_now = settling.copy()
 
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
         self._load("relax")
 
         def work() -> None:
@@ -281,19 +269,9 @@ class GpuEngine(GpuKernels):
         return [self._pool.submit(work)]
 
     def settling(self) -> NDArray[Any]:
-        """The state of each variant's relaxation after the last launch."""
         return self._settling_now
 
-    def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `Packed.rollers`."""
-        return self.fetch("state", "rollers")
-
-    def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `Packed.bodies`."""
-        return self.fetch("state", "bodies")
-
     def progress(self) -> NDArray[Any]:
-        """(variants,) `structs.Progress` after the last launch."""
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
@@ -307,31 +285,23 @@ class GpuEngine(GpuKernels):
             wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECTING)
             return {name: rows_of(getattr(sums, name), "sums", name, self.packed.real) for name in TABLE["sums"]}
 
-    def single_engines(self) -> list[tuple[GpuEngine, int]]:
-        """The engines that this one is made of, with the number of each one's first variant."""
-        return [(self, 0)]
-
     def held(self) -> dict[str, Any]:
-        """The structs that change as variants run, by the groups of `arrays.TABLE`."""
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
     def fetch(self, group: str, name: str) -> NDArray[Any]:
-        """A copy of an array of these structs, as the CPU has it."""
-        return self._read(getattr(self.held()[group], name), group, name)
+        with wp.ScopedStream(self.stream, sync_enter=False):
+            return rows_of(getattr(self.held()[group], name), group, name, self.packed.real)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array of these structs, from values as the CPU has them."""
         with wp.ScopedStream(self.stream):
             assign_rows(getattr(self.held()[group], name), values)
         wp.synchronize_stream(self.stream)
         self._progress = self.fetch("state", "progress")
 
     def frame_buffer(self, values: int) -> FrameBuffer:
-        """A buffer for a launch's frames."""
         with _memory_named(self.device, self.packed):
             return FrameBuffer(values, self.packed.real, self.device)
 
     def close(self) -> None:
-        """Waits for what is under way."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         wp.synchronize_device(self.device)

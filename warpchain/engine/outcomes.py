@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
-from warpchain.engine.devices import Engine
-from warpchain.engine.packed import Packed, coordinates
+from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
+from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
-from warpchain.kernels.statistics import BATCHES, BINS, NOTES, STEP, ZERO
+from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
 from warpchain.kernels.sums import WATCH_EVERY
 
 Rows = Mapping[str, NDArray[Any]]
@@ -51,41 +51,26 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     Returns:
         "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm"
         (V, A), "tensioner" (V, T), a row a variant;
-        "batches", the same fields but for contacts and slips batch by batch along a last axis, and how long each
-        batch is (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no
-        strand (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
+        "batches", those of which notes were taken batch by batch along a last axis, and how long each batch is
+        (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no strand
+        (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
     """
-    drives = packed.drives[variants]
-    sprockets, guides = int(drives["sprockets"][0]), int(drives["guides"][0])
-    first = drives["first_sprocket"][:, None].astype(np.int64)
-    sprocket = first + np.arange(sprockets)
-    arms, tensioners = int(drives["arms"][0]), int(drives["tensioners"][0])
-    arm = drives["first_arm"][:, None].astype(np.int64) + np.arange(arms)
-    tensioner = drives["first_tensioner"][:, None].astype(np.int64) + np.arange(tensioners)
-    partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
-    histograms = (first + variants[:, None]) + np.arange(sprockets + 1)
-    watched = watched_time(drives)
-    contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
-    contact["impulse"] *= watched[:, None]
-    batches = split_batches(sums, variants, sprocket)
-    of_batches = watched_in_batches(drives)
+    drives, first = packed.drives[variants], starts(packed.drives)
+    found = {}
+    for name, row in TABLE["sums"].items():
+        begin, count = first[row.kind][variants], int(KINDS[row.kind].count(drives)[0])
+        values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
+        found[name] = values[begin if row.kind == "variant" else spread(begin, count)]
+    noted = [name for name in found if f"{name}_notes" in found]
+    batches = {name: batch_sums(found[f"{name}_notes"], found[name]) for name in noted}
+    watched, of_batches = watched_time(drives), watched_in_batches(drives)
+    found["contact"]["impulse"] *= watched[:, None]
     for name in WATCHED:
-        of_all, of_each = turned[name], batches["sprocket"][name]
+        of_all, of_each = found["sprocket"][name], batches["sprocket"][name]
         of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
         of_each *= of_batches.reshape(len(drives), 1, -1, *[1] * (of_each.ndim - 3))
-    counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
-    return {
-        "chain": sums["chain"][variants],
-        "strand": sums["strand"][sprocket],
-        "sprocket": turned,
-        "mount": sums["mount"][sprocket],
-        "contact": contact,
-        "slip": sums["slip"][sprocket],
-        "arm": sums["arm"][arm],
-        "tensioner": sums["tensioner"][tensioner],
-        "batches": (batches, batch_durations(drives)),
-        "tension": (counts, tension_edges(drives["tension_scale"])),
-    }
+    tension = found["tension_counts"], tension_edges(drives["tension_scale"])
+    return found | {"batches": (batches, batch_durations(drives)), "tension": tension}
 
 
 def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int) -> NDArray[np.int64]:
@@ -144,21 +129,6 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
             whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)
             found[name] = np.diff(whole, axis=axis)
     return found
-
-
-def split_batches(
-    sums: Mapping[str, Any], variants: NDArray[np.integer], sprocket: NDArray[np.integer]
-) -> dict[str, Rows]:
-    """Batches of V variants with S sprockets each: "chain" (V, batches), "strand", "sprocket", "mount" (V, S, batches).
-
-    Args:
-        sums: of the whole ensemble, by name.
-        variants: (V,) their numbers.
-        sprocket: (V, S) the numbers of their sprockets.
-    """
-    places = {"chain": variants, "strand": sprocket, "sprocket": sprocket, "mount": sprocket}
-    notes = {name: sums[f"{name}_notes"].reshape(-1, int(NOTES)) for name in places}
-    return {name: batch_sums(notes[name][at], sums[name][at]) for name, at in places.items()}
 
 
 def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:

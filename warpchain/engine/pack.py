@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.assembly.assemble_batch import Assemblies, assemble_all
+from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
-from warpchain.drive.batch_math import power
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
-from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     RowList,
@@ -53,12 +52,6 @@ from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.results.schedule import Schedule, schedule_columns
-
-SHARE = 0.1
-"""Scale of the bins over the working tension."""
-
-LEAST = 1e-6
-"""Least working tension, over what stretches a link by its own length."""
 
 
 def pack(
@@ -186,35 +179,6 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 fill_guide(row, drive, g, effective_mass)
             with _rows(packed.guide_sliding, mine) as row:
                 fill_sliding(row, guide_rubbing(drive, g), effective_mass)
-
-
-def _moment(load: Load, speed: float) -> float:
-    """Most that a load asks for at an angular velocity, harmonics aside [N m]."""
-    table = 0.0 if load.table is None else load.table.factor * float(np.abs(load.table.torque).max())
-    return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
-
-
-def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
-
-    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
-
-    Args:
-        drive: one, or a stack, and
-        assembly: its states, (V, ...) of a stack.
-    """
-    chain = drive.chain
-    speed = drive.chain_speed
-    stretched = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
-    tension = stretched + chain.mass / chain.pitch * power(speed, 2)
-    for s, sprocket in enumerate(drive.sprockets):
-        radius = drive.pitch_radius(s)
-        if sprocket.load is not None:
-            tension = tension + _moment(sprocket.load, speed / radius) / radius
-        if isinstance(sprocket.mount, ElasticMount | SliderMount):
-            preload = sprocket.mount.preload
-            tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))
-    return SHARE * np.maximum(tension, LEAST * chain.stiffness * chain.pitch)
 
 
 def tensioner_bodies(packed: Packed) -> NDArray[np.int64]:

@@ -113,13 +113,9 @@ class Packed(Arrays):
         arrays["seat"][:] = -1
         return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
 
-    def with_arrays(self, **arrays: NDArray[Any]) -> Packed:
-        """The ensemble with other arrays of these names; it shares the rest."""
-        return replace(self, **arrays)  # type: ignore[arg-type]
-
     def copy(self) -> Packed:
         """The ensemble with arrays of its own."""
-        return self.with_arrays(**{name: getattr(self, name).copy() for name in PACKED})
+        return replace(self, **{name: getattr(self, name).copy() for name in PACKED})
 
     @property
     def real(self) -> type:
@@ -214,9 +210,7 @@ class Packed(Arrays):
             if row.kind:
                 chosen = values.reshape(-1, row.width)[places[row.kind]]
                 arrays[name] = chosen.reshape(-1) if len(chosen) else values[: row.width]
-        made = self.with_arrays(**arrays | {"drives": numbered(drives)})
-        made.assemblies = assemblies
-        return made
+        return replace(self, **arrays | {"drives": numbered(drives)}, assemblies=assemblies)
 
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; the low parts of positions take what these lose.
@@ -227,13 +221,11 @@ class Packed(Arrays):
         real = real_of(precision)
         if precision == self.precision:
             return self
-        other = self.with_arrays(
-            **{
-                name: getattr(self, name).astype(dtype_of(array_type(*place, real)), copy=False)
-                for name, place in PACKED.items()
-            }
-        )
-        other.precision = precision
+        arrays = {
+            name: getattr(self, name).astype(dtype_of(array_type(*place, real)), copy=False)
+            for name, place in PACKED.items()
+        }
+        other = replace(self, **arrays, precision=precision)
         bars = other.guides
         bars["slack"] = 1e-6 * (bars["length"] + 2.0 * (bars["end_radius"] + bars["roller_radius"]))
         for _, first, count in self.alike():

@@ -61,7 +61,7 @@ class Probe:
     """Accelerations of one drive's rollers and bodies in given states.
 
     Args:
-        packed: one variant that stands, in float64, as from `standing.standing`.
+        packed: one variant that stands, in float64, as from `modal.system.standing`.
         workers: CPU threads.
     """
 
@@ -94,13 +94,6 @@ class Probe:
         position = np.ascontiguousarray(rows[0:2].T)
         oil = self.base.oil["content"][: self.tensioners]
         return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None], oil[None])
-
-    def packed(self, states: States) -> Packed:
-        """The variant in the first of the states, at rest."""
-        still = self.base.copy()
-        still.rows(0)[0:2] = states.position[0].T
-        still.bodies["center"], still.bodies["angle"] = states.bodies[0, :, :2], states.bodies[0, :, 2]
-        return still
 
     def body(self, b: int, angle: float) -> BodyRow:
         """The free directions of body `b` and its inertia at an angle [rad]."""

@@ -48,11 +48,7 @@ class Recording:
 
 
 def _beside_statistics(packed: Packed, memory: int) -> int:
-    """The part of a budget that an ensemble's sums and statistics leave [bytes].
-
-    Raises:
-        SimulationError: nothing.
-    """
+    """The part of a budget that an ensemble's sums and statistics leave [bytes]; a SimulationError below 0."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)

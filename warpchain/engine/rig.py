@@ -19,6 +19,7 @@ from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead
 from warpchain.kernels.structs import Tensioner
+from warpchain.results.arrow_tables import unit_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -217,9 +218,4 @@ def _sample_table(one: Shake, values: NDArray[np.float64]) -> pa.Table:
 def _table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
     import pyarrow as pa
 
-    arrays = [pa.array(np.ascontiguousarray(columns[name])) for name in units]
-    fields = [
-        pa.field(name, array.type, metadata={"unit": unit})
-        for (name, unit), array in zip(units.items(), arrays, strict=True)
-    ]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    return unit_table({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.bounds import escape
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.batch_math import largest, power, table_of, where
 from warpchain.engine.devices import engine_on
-from warpchain.engine.fill import FORMS, escape, widen_box
+from warpchain.engine.fill import FORMS, widen_box
 from warpchain.engine.pack import lay_to_rest, springs
 from warpchain.engine.packed import Packed, coordinates, spread, store, taken
 from warpchain.kernels import relaxation

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked
-from warpchain.engine.devices import Engine, engine_on, frame_bytes, launch_steps, loading
+from warpchain.engine.arrays import Engine
+from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
 from warpchain.engine.outcomes import batch_durations, causes_of, engaged, split_sums
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
@@ -134,9 +135,14 @@ class Share:
         """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""
         drives, stacks, packed = self.members.drives, self.members.stacks, self.packed
         steps = launch_steps(how.devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
-        settling = (drives, stacks) if keeper is None else (keeper.unsettled(), None)
+        settling, of = (drives, stacks) if keeper is None else (keeper.unsettled(), None)
+
+        def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+            _await(futures, stop, lambda: report("settling", *done()))
+            return not stop.asked
+
         with loading(how.devices, packed, how.precision):
-            settled = _settle(packed, settling, how, steps, report, stop)
+            settled = settle(packed, settling, how.devices, how.cores, steps, settle_on, of)
         left = net_force(packed, settled["residual"])
         perturb(packed, drives)
         if keeper is not None:
@@ -186,23 +192,6 @@ def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) ->
     for future in futures:
         if not future.cancelled():
             future.result()
-
-
-def _settle(
-    packed: Packed,
-    drives: tuple[Sequence[Drive], Sequence[Stack] | None],
-    how: How,
-    steps: int,
-    report: Report,
-    stop: Stop,
-) -> NDArray[Any]:
-    """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
-
-    def run(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
-        _await(futures, stop, lambda: report("settling", *done()))
-        return not stop.asked
-
-    return settle(packed, drives[0], how.devices, how.cores, steps, run, drives[1])
 
 
 def _march(

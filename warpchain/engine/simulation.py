@@ -138,7 +138,9 @@ def simulate(
     if len(parts) == 1:
         _warn(LayoutWarning, layout_line(share.layouts))
     how = How(devices, precision, cores)
-    info = replace(_run_info(devices, precision, schedules), choice=why)
+    created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    common = schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None
+    info = RunInfo(installed(), ",".join(devices), precision, created=created, step=common, choice=why)
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None if states is None else Keeper(states, chosen, schedules, kind)
     begin = time.monotonic()
@@ -258,17 +260,6 @@ def look_every(longest: int, window: int) -> int:
     from warpchain.kernels.statistics import BATCHES
 
     return longest if window >= int(BATCHES) * OF_A_BATCH * longest else LOOK_EVERY
-
-
-def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:
-    """The facts of a run that begins now."""
-    return RunInfo(
-        version=installed(),
-        device=",".join(devices),
-        precision=precision,
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
-    )
 
 
 def _warn(kind: type[Warning], line: str | None) -> None:

@@ -2,7 +2,7 @@ r"""Modes of a drive: frequency, damping ratio, what takes part in each, and its
 
     (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
 
-K the stiffness, that of a running chain with the bending that its running takes off (`engine.static_equilibrium`, (a)),
+K the stiffness, that of a running chain with the bending that its running takes off (`assembly.potential`, (b)),
 C the damping, and G what makes strands travel: a roller that hangs at a place of its own moves on to the next f times a
 second, so its acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the
 tension, m_l the mass of a length and v the speed the whole is a travelling string's m_l w'' + 2 v m_l D1 w' - (T - m_l
@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.drive import Drive
-from warpchain.engine.static_equilibrium import passing_rate
 from warpchain.errors import SimulationError
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import VALVES, System, system, tension_of
+from warpchain.modal.system import VALVES, System, system
 from warpchain.modal.tensioner_modes import plungers, stand
 
 WHOLE = 120
@@ -229,7 +228,7 @@ def modes_of(found: System, count: int) -> Modes:
         lost=pushed.lost,
         position=found.state.position[0],
         placed=found.state.bodies[0],
-        tension=tension_of(found.packed, found.state, passing_rate(found.drive, found.speed)),
+        tension=found.tension,
         zeros=int(zero.sum() + 1) // 2,
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),

@@ -1,8 +1,7 @@
 """Small motion of a drive about the state in which it rests or steadily runs: the state, and its matrices.
 
-Relaxation leaves a millionth of the chain's tension unbalanced, which moves slack strands by micrometers. Each step
-goes as far along K^-1 F as lowers the energy: to where the forces no longer work along it. A state in which contacts
-are about to open or close has no stiffness of its own, and steps there lead back and forth; the best one is taken.
+The state is that of `warpchain.assembly.statics`, where the potential of all steady forces is least. It is packed
+without what hangs on time, and the kernels' forces about it give the matrices.
 """
 
 from __future__ import annotations
@@ -12,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from warpchain.assembly import Assembly
+from warpchain.assembly.statics import equilibrium, load_moments, passing_rate
 from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
-from warpchain.engine.pack import lay_to_rest, springs
+from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
-from warpchain.engine.static_equilibrium import TOLERANCE, beginning, link_tension, passing_rate, released
 from warpchain.modal.matrices import Array, Coordinates, coordinates, damping, stiffness, strokes, travelling
+from warpchain.results.schedule import Schedule
 
 
 @dataclass(frozen=True)
@@ -68,42 +67,6 @@ def layout(assembly: Assembly, touching: NDArray[np.bool_]) -> Layout:
     return Layout(arc, strand, (arc < 0) | (np.roll(arc, -1) < 0))
 
 
-STEPS = 8
-SHARES = 0.5 ** np.arange(8.0)
-"""Of a step, tried at once."""
-FAINT = 1e-10
-"""Of the tension of a link: forces below this are rounding."""
-
-
-def balanced(
-    probe: Probe, at: Coordinates, state: States, pitch: float, tension: float
-) -> tuple[States, sp.csc_array, float]:
-    """The equilibrium nearest to a relaxed state, K there, and its largest force, of the tension.
-
-    Args:
-        state: one copy.
-        tension: of a link, for comparison [N].
-    """
-    force = at.forces(probe, state)[0]
-    best, least = state, float(np.abs(force).max())
-    for _ in range(STEPS):
-        if least < FAINT * tension:
-            break
-        try:
-            step = splu(stiffness(probe, at, state, pitch)).solve(force)
-        except RuntimeError:  # a motion that nothing restores
-            break
-        new = at.forces(probe, at.moved(state, SHARES[:, None] * step))
-        along = np.abs(new @ step) < 0.9 * abs(float(force @ step))
-        if not along.any():
-            break
-        k = int(np.argmax(along))
-        state, force = at.moved(state, SHARES[k] * step[None]), new[k]
-        if np.abs(force).max() < least:
-            best, least = state, float(np.abs(force).max())
-    return best, stiffness(probe, at, best, pitch), least / tension
-
-
 @dataclass(frozen=True)
 class System:
     """Small motion of a drive about a state: its matrices, and that state.
@@ -111,6 +74,7 @@ class System:
     Attributes:
         packed: the drive in that state.
         state: that state, one copy.
+        tension: (N,) of the links there [N].
         extension: (T,) of the tensioners there [m].
         valve: how check valves are taken, "shut" or "open".
         at: its free coordinates.
@@ -123,6 +87,7 @@ class System:
     speed: float
     packed: Packed
     state: States
+    tension: Array
     extension: Array
     valve: str
     at: Coordinates
@@ -153,6 +118,55 @@ def conductances(drive: Drive, valve: str) -> Array:
     return np.array(found)
 
 
+def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> tuple[Packed, Array]:
+    """A drive in static equilibrium under the means of its loads, in float64, and the tensions of its links (N,) [N].
+
+    Prescribed motions stand, loads have their mean, nothing rubs, and tensioners are at rest. Links are those of
+    `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
+    the sprockets too.
+
+    Args:
+        speed: of the driver [rad/s], at which loads are taken and by which the chain's steady running counts.
+        start: the drive as it stands at a speed nearby.
+
+    Raises:
+        DriveError: a chain that does not fit.
+        SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
+    """
+    still = pack([drive], [Schedule(1.0, 1, 2, 2, 0)])
+    sprockets, near = len(drive.sprockets), None
+    if start is not None:
+        centers, angles = start.bodies["center"][:sprockets], start.bodies["angle"]
+        near = np.concatenate([start.rows(0)[0:2].T.ravel(), centers.ravel(), angles])
+    potential, x = equilibrium(drive, speed, still.assemblies[0], near)
+    position, centers, _ = potential.split(x)
+    for name in ("joints", "tooth_sliding", "guide_sliding"):
+        setattr(still, name, np.zeros_like(getattr(still, name)))
+    still.rows(0)[:] = 0.0
+    still.rows(0)[0:2] = position.T
+    still.seat[:] = -1
+    still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
+    still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets :]
+    still.bodies["center"][:sprockets] = centers
+    still.lengths = potential.natural
+    still.links["play"] = potential.play[0]
+    still.chains["stiffness"] -= potential.push
+    still.links["outer_stiffness"] -= np.where(still.links["varied_links"] == 1, potential.push, 0.0)
+    still.guides["deepest_entry"] = np.inf
+    still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
+    for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
+        still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
+    still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
+    moments = load_moments(drive, speed)
+    for s, sprocket in enumerate(drive.sprockets):
+        if sprocket.prescribed is None and sprocket.load is not None:
+            turning = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
+            load = sprocket.load
+            still.motions[s]["load"] = (moments[s], load.viscous + 2.0 * load.quadratic * turning, 0.0)
+    lay_to_rest(still)
+    return still, potential.tensions(x)
+
+
 def system(drive: Drive, speed: float = 0.0, start: Packed | None = None, valve: str = "shut") -> System:
     """Small motion of a drive at a speed of its driver [rad/s].
 
@@ -164,55 +178,16 @@ def system(drive: Drive, speed: float = 0.0, start: Packed | None = None, valve:
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
-    if start is not None:
-        near, unrest = _about(beginning(drive, speed, start), drive, speed, valve)
-        if unrest < TOLERANCE:
-            return near
-    return _about(released(beginning(drive, speed, start), drive), drive, speed, valve)[0]
-
-
-def _about(packed: Packed, drive: Drive, speed: float, valve: str) -> tuple[System, float]:
-    """Small motion about the equilibrium near a packed state, and its largest force, of the tension."""
-    if drive.tensioners:
-        packed, unrest = _still(packed, drive)
+    packed, tension = standing(drive, speed, start)
     probe = Probe(packed)
     try:
         state = probe.start()
         at = coordinates(probe, state)
-        if drive.tensioners:
-            own = stiffness(probe, at, state, drive.chain.pitch)
-        else:
-            pull = float(np.abs(tension_of(packed, state)).max())
-            state, own, unrest = balanced(probe, at, state, drive.chain.pitch, pull)
+        own = stiffness(probe, at, state, drive.chain.pitch)
         places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
         travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
         drag = damping(probe, at, state, conductances(drive, valve) if len(at.chambers) else None)
         x, _ = strokes(probe, state)
-        still = probe.packed(state)
-        return System(drive, speed, still, state, x, valve, at, places, at.masses, drag, own, travel), unrest
+        return System(drive, speed, packed, state, tension, x, valve, at, places, at.masses, drag, own, travel)
     finally:
         probe.close()
-
-
-def _still(packed: Packed, drive: Drive) -> tuple[Packed, float]:
-    """The standing state near a packed one as `balanced` finds it with tensioners that push with what they push with at
-    rest, however long that takes their oil, and how far from standing it is; there tensioners are laid to rest."""
-    probe = Probe(packed.with_arrays(tensioners=springs(packed.tensioners)))
-    try:
-        state = probe.start()
-        pull = float(np.abs(tension_of(packed, state)).max())
-        state, _, unrest = balanced(probe, coordinates(probe, state), state, drive.chain.pitch, pull)
-        still = probe.packed(state).with_arrays(
-            drives=packed.drives, tensioners=packed.tensioners, oil=packed.oil.copy()
-        )
-    finally:
-        probe.close()
-    lay_to_rest(still)
-    return still, unrest
-
-
-def tension_of(packed: Packed, state: States, rate: float = 0.0) -> Array:
-    """(N,) of the links [N]: what stretches them, and of a running chain what bends it around the sprockets too."""
-    place = state.position[0]
-    length = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
-    return link_tension(packed, place) + float(packed.chains["mass"][0]) * rate**2 * length

@@ -1,15 +1,17 @@
-"""Trajectories as tables and labelled arrays: pyarrow, xarray."""
+"""Trajectories as tables and labelled arrays (pyarrow, xarray), and tables as files."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.errors import WarpchainError
+from warpchain.errors import StudyError, WarpchainError
+from warpchain.files import refusals, whole_file
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 
 if TYPE_CHECKING:
@@ -27,14 +29,21 @@ def to_arrow(time: Array, channels: Mapping[str, Array]) -> pa.Table:
     """
     import pyarrow as pa
 
-    columns, fields = [], []
+    columns = {}
     for name, values in {"time": time, **channels}.items():
         column: Any = pa.array(np.ascontiguousarray(values).reshape(-1))
         for size in reversed(values.shape[1:]):
             column = pa.FixedSizeListArray.from_arrays(column, size)
-        columns.append(column)
-        fields.append(pa.field(name, column.type, metadata={"unit": UNITS[name]}))
-    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+        columns[name] = column
+    return unit_table(columns, UNITS)
+
+
+def unit_table(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
+    """Columns as a table, each field's metadata with its `unit`."""
+    import pyarrow as pa
+
+    fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
+    return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
 
 def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
@@ -69,3 +78,24 @@ def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
     at = table.column_names.index(name)
     field = table.schema.field(at)
     return table.set_column(at, field, pa.array(values, field.type))
+
+
+def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
+    """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
+
+    Raises:
+        error: another ending, or a folder or disk that refuses.
+    """
+    target = Path(path)
+    if target.suffix not in (".parquet", ".csv"):
+        raise error(f"{target}: allowed endings are .parquet and .csv")
+    with refusals(target, error), whole_file(target) as file:
+        if target.suffix == ".csv":
+            from pyarrow import csv
+
+            csv.write_csv(table, file)
+        else:
+            from pyarrow import parquet
+
+            parquet.write_table(table, file)
+    return target

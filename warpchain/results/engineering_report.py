@@ -56,8 +56,7 @@ def windowed(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"{int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 are needed")
-    held = {name: values[inside] for name, values in trajectory.channels().items()}
-    return Trajectory(trajectory.drive, trajectory.time[inside], **held)
+    return trajectory.at(inside)
 
 
 class HandedIn:

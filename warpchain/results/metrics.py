@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.batch import LARGEST, Stack
+from warpchain.results.arrow_tables import unit_table
 from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
 from warpchain.results.judgement import Limits, judge
 from warpchain.results.metric_columns import (
@@ -343,11 +344,5 @@ def _column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Ar
 
 def _table(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
     """Columns, and where they are null, as a table."""
-    import pyarrow as pa
-
-    arrays = [_column(_kind(name), values, mask) for name, (values, mask) in columns.items()]
-    fields = [
-        pa.field(name, array.type, metadata={"unit": unit_of(name)})
-        for name, array in zip(columns, arrays, strict=True)
-    ]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    arrays = {name: _column(_kind(name), values, mask) for name, (values, mask) in columns.items()}
+    return unit_table(arrays, {name: unit_of(name) for name in columns})

@@ -72,13 +72,10 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
     Raises:
         SimulationError: fewer than three frames in the window.
     """
-    held = trajectory.channels()
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
-    part = Trajectory(trajectory.drive, trajectory.time[inside], **{n: v[inside] for n, v in held.items()})
-    before = trajectory.time <= end + 1e-12
-    whole = Trajectory(trajectory.drive, trajectory.time[before], **{n: v[before] for n, v in held.items()})
+    part, whole = trajectory.at(inside), trajectory.at(trajectory.time <= end + 1e-12)
     drive, d = trajectory.drive, trajectory.drive.driver
     row: Row = {}
     if part.sprocket_angle is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +139,11 @@ class Trajectory:
         """The recorded channels by name, without time."""
         held = {name: getattr(self, name) for name in NAMES}
         return {name: values for name, values in held.items() if values is not None}
+
+    def at(self, frames: slice | NDArray[Any]) -> Trajectory:
+        """The trajectory at some of its frames."""
+        held = {name: values[frames] for name, values in self.channels().items()}
+        return Trajectory(self.drive, self.time[frames], **held)
 
     def to_arrow(self) -> pa.Table:
         """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""

@@ -23,6 +23,7 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError, WarpchainError
+from warpchain.progress import clock
 from warpchain.results.judgement import common_reasons
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
@@ -275,9 +276,8 @@ def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[st
     cost = plan.cost
     how = "measured here" if cost.measured else "assumed"
     besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""
-    lines.append(
-        f"cost: {cost.work:.3g} roller-steps at {cost.rate:.3g} a second ({how}){besides}: {_clock(cost.seconds)}"
-    )
+    length = f"{cost.seconds:.2g} s" if cost.seconds < 10.0 else clock(cost.seconds)
+    lines.append(f"cost: {cost.work:.3g} roller-steps at {cost.rate:.3g} a second ({how}){besides}: {length}")
     if plan.recorded:
         lines.append(f"recorded: {plan.recorded} rows")
     if plan.relative_precision is None:
@@ -306,10 +306,3 @@ def _wanted_line(plan: Plan, metric: str, half: float) -> str:
         return line
     length = found.window_for(half, plan.window, plan.copies)
     return f"{line}, or {plan.copies} and a window of {length:.3g} s (the earlier one had {plan.window:.3g} s)"
-
-
-def _clock(seconds: float) -> str:
-    if seconds < 10.0:
-        return f"{seconds:.2g} s"
-    whole = round(seconds)
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.errors import StudyError, WarpchainError
-from warpchain.files import refusals, whole_file
+from warpchain.errors import StudyError
+from warpchain.results.arrow_tables import export_table as export_table
 from warpchain.results.metric_columns import RUN, SETTLING
 from warpchain.results.replicate_metrics import COUNT, ERROR, ROLE_OF_ERRORS
 from warpchain.results.statuses import common_reasons
@@ -271,24 +271,3 @@ def read_results(
 
 def _with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:
     return tuple(field.name for field in table.schema if (field.metadata or {}).get(b"role") == role)
-
-
-def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
-    """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
-
-    Raises:
-        error: another ending, or a folder or disk that refuses.
-    """
-    target = Path(path)
-    if target.suffix not in (".parquet", ".csv"):
-        raise error(f"{target}: allowed endings are .parquet and .csv")
-    with refusals(target, error), whole_file(target) as file:
-        if target.suffix == ".csv":
-            from pyarrow import csv
-
-            csv.write_csv(table, file)
-        else:
-            from pyarrow import parquet
-
-            parquet.write_table(table, file)
-    return target

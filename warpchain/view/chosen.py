@@ -65,8 +65,7 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
 
 def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
     """The trajectory at some of its frames."""
-    held = {name: values[frames] for name, values in trajectory.channels().items()}
-    return Trajectory(trajectory.drive, trajectory.time[frames], **held)
+    return trajectory.at(frames)
 
 
 def to_compare(
