@@ -82,13 +82,13 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request, monkeypatch):
     """Each device in turn as the one that `simulate` takes where none is named; what a GPU cannot run is skipped."""
-    from warpchain.engine import buckets, devices
+    from warpchain.engine import devices, gpu
 
     chosen = devices.chosen_devices
 
     def forced(wanted, packed):
-        if wanted is None and request.param == "cuda" and buckets.refusal(packed) is not None:
-            pytest.skip(str(buckets.refusal(packed)))
+        if wanted is None and request.param == "cuda" and gpu.refusal(packed) is not None:
+            pytest.skip(str(gpu.refusal(packed)))
         return chosen(wanted or request.param, packed)
 
     monkeypatch.setattr(devices, "chosen_devices", forced)

@@ -107,6 +107,7 @@ def main() -> None:
     """Reads what is asked from standard input and prints what is found, after checking whose package this is."""
     asked = json.load(sys.stdin)
     wp.config.log_level = wp.LOG_ERROR
+    wp.init()
     package = Path(str(warpchain.__file__)).resolve()
     if not package.is_relative_to(Path(asked["tree"]).resolve()):
         raise SystemExit(f"{package} is not of {asked['tree']}")
