@@ -40,14 +40,14 @@ MOST = max(len(scheme.weights) for scheme in SCHEMES.values())
 COUNTS = wp.constant(wp.types.vector(len(INTEGRATORS), wp.int32)(1, *(len(of.weights) for of in SCHEMES.values())))
 
 
-def _table(rows: Any, part: int, otherwise: float) -> Any:
+def _table(rows: Any, part: int, otherwise: int) -> Any:
     """Numerators or denominators of the schemes' fractions, a row each; none for leapfrog."""
-    full = [[0.0] * MOST, *([row[part] for row in of] + [otherwise] * (MOST - len(of)) for of in rows)]
-    return wp.constant(wp.types.matrix((len(full), MOST), wp.float64)(full))
+    full = [[0] * MOST, *([row[part] for row in of] + [otherwise] * (MOST - len(of)) for of in rows)]
+    return wp.constant(wp.types.matrix((len(full), MOST), wp.int32)(full))
 
 
-WEIGHT, WEIGHT_OVER = (_table([of.weights for of in SCHEMES.values()], part, 1.0) for part in (0, 1))
-REACH, REACH_OVER = (_table([of.reaches for of in SCHEMES.values()], part, 1.0) for part in (0, 1))
+WEIGHT, WEIGHT_OVER = (_table([of.weights for of in SCHEMES.values()], part, 1) for part in (0, 1))
+REACH, REACH_OVER = (_table([of.reaches for of in SCHEMES.values()], part, 1) for part in (0, 1))
 
 
 @wp.func
