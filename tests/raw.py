@@ -189,6 +189,15 @@ def momenta(rollers, body, own=0.0):
     return np.array([vx.sum() + own * ux, vy.sum() + own * uy, spin])
 
 
+class Frames(CpuEngine):
+    """A CPU engine that stands for a GPU's: its frame buffers know their length."""
+
+    def frame_buffer(self, values):
+        buffer = super().frame_buffer(values)
+        buffer.values = values
+        return buffer
+
+
 def stepped(packed, *launches, values=0, workers=1):
     """The engine after launches of so many steps each, and its frame buffer of so many values."""
     engine = CpuEngine(packed, workers)
@@ -236,4 +245,4 @@ def state(engine):
     return rows[:4] + np.concatenate([rows[4:], 0 * rows[4:]])
 
 
-__all__ = ["chain", "momenta", "polygon", "run", "settling", "state", "stepped", "struck_sprocket", "wp"]
+__all__ = ["Frames", "chain", "momenta", "polygon", "run", "settling", "state", "stepped", "struck_sprocket", "wp"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from drives import two_sprockets
+from raw import Frames
 
 from warpchain import Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
@@ -74,7 +75,7 @@ def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
     whole = run_to_the_end(CpuEngine(packed, 1), values)
     packed, values = packed_with_frames(drives)
     parts = [("cpu", a, b) for a, b in pairwise(cuts)]
-    several = SeveralEngines(packed, parts, lambda part, name: CpuFrames(part, 1))
+    several = SeveralEngines(packed, parts, lambda part, name: Frames(part, 1))
     cut = run_to_the_end(several, values)
     np.testing.assert_array_equal(whole[0], cut[0])
     np.testing.assert_array_equal(whole[1], cut[1])
@@ -83,17 +84,8 @@ def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
     np.testing.assert_array_equal(whole[3], cut[3])
 
 
-class CpuFrames(CpuEngine):
-    """A CPU engine whose frame buffers know their length, as a GPU's do."""
-
-    def frame_buffer(self, values):
-        buffer = super().frame_buffer(values)
-        buffer.values = values
-        return buffer
-
-
 def test_gpus_share_the_work_evenly(monkeypatch):
-    monkeypatch.setattr("warpchain.engine.gpu.GpuEngine", lambda part, name: CpuFrames(part, 1))
+    monkeypatch.setattr("warpchain.engine.gpu.GpuEngine", lambda part, name: Frames(part, 1))
 
     def variants_of_each(packed, count):
         engine = engine_on([f"cuda:{k}" for k in range(count)], packed, 1)
@@ -335,6 +327,7 @@ SCRIPT = """
 import sys
 sys.path.insert(0, "tests")
 from drives import two_sprockets
+from raw import Frames
 from warpchain import simulate
 print(simulate(two_sprockets(duration=0.0005, settle="false")).metrics["status"].to_pylist())
 """
@@ -355,6 +348,7 @@ LOADED = """
 import sys
 sys.path.insert(0, "tests")
 from drives import two_sprockets
+from raw import Frames
 from warpchain import simulate
 simulate(two_sprockets(duration=0.0005, settle="false"))
 print([name for name in ("pandas", "scipy", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])

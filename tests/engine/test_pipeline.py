@@ -11,27 +11,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from drives import MARINE, two_sprockets
+from raw import Frames
 
 from warpchain import Record, load_drive, read_archive, simulate
 from warpchain.drive.batch import stacks_of
 from warpchain.engine import devices, gpu, pipeline, share
 from warpchain.engine.arrays import sums_bytes
-from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.share import Members
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 
 NONE = Record("none")
-
-
-class Frames(CpuEngine):
-    """A CPU engine that stands for a GPU's: its frame buffers know their length."""
-
-    def frame_buffer(self, values):
-        buffer = super().frame_buffer(values)
-        buffer.values = values
-        return buffer
 
 
 @pytest.fixture

@@ -69,16 +69,32 @@ def sprocket():
     return gap
 
 
-def curve(radial, lateral):
-    """Model of the offset curve, in plain numpy."""
+RE = 0.12 * 2 * RR * 27  # a convex flank as large as that of 25 teeth
+
+
+def convex():
+    gap = sprocket()
+    gap.flank_curvature = 1 / (RE + RR)
+    return gap
+
+
+SHAPES = {"straight": sprocket, "convex": convex}
+
+
+def curve(radial, lateral, shape):
+    """Model of the offset curve, in plain numpy; a convex flank is an arc about f, written out."""
     q = np.array([radial - R, lateral])
     xi, eta = q[0], abs(lateral)
     side = 1.0 if lateral >= 0 else -1.0
     if eta * np.cos(HALF) <= -xi * np.sin(HALF):
         pen, normal = np.hypot(*q) - CLEARANCE, -q / np.hypot(*q)
-    else:
+    elif shape == "straight":
         pen = eta * np.sin(HALF) - xi * np.cos(HALF) - CLEARANCE
         normal = np.array([np.cos(HALF), -side * np.sin(HALF)])
+    else:
+        f = (CLEARANCE + RR + RE) * np.array([-np.cos(HALF), np.sin(HALF)])  # R_seat + re = Rc + Rr + re
+        h = np.array([xi, eta]) - f
+        pen, normal = RE + RR - np.hypot(*h), h / np.hypot(*h) * [1, side]
     r = np.array([radial, lateral])
     tip = R + (P - 2 * RR) / 2 + RR - np.hypot(*r)
     if pen > 0 and tip < pen:
@@ -94,10 +110,11 @@ def scattered(seed):
     return points
 
 
-def test_tooth_gap_is_the_offset_curve():
-    points = scattered(1)
-    expected = np.array([curve(*point) for point in points])
-    np.testing.assert_allclose(launch(tooth_gaps, points, sprocket()), expected, atol=1e-14)
+@pytest.mark.parametrize(("shape", "seed", "rounding"), [("straight", 1, 1e-14), ("convex", 5, 1e-13)])
+def test_tooth_gap_is_the_offset_curve(shape, seed, rounding):
+    points = scattered(seed)
+    expected = np.array([curve(*point, shape) for point in points])
+    np.testing.assert_allclose(launch(tooth_gaps, points, SHAPES[shape]()), expected, atol=rounding)
 
 
 def test_usual_gap_is_the_tooth_gap_and_says_where():
@@ -118,7 +135,7 @@ def test_usual_gap_is_the_tooth_gap_and_says_where():
 def test_tooth_gap_penetration_is_continuous_with_slope_one(shape, seed):
     # along any line the penetration changes by at most the distance gone: |grad pen| = 1, no jump (model's reason
     # for the flank)
-    gap = sprocket() if shape == "straight" else convex()
+    gap = SHAPES[shape]()
     rng = np.random.default_rng(seed)
     start = np.stack([rng.uniform(R - P / 3, R + P / 3, 400), rng.uniform(-P / 2, P / 2, 400)], axis=1)
     ends = start + rng.normal(scale=1e-6, size=start.shape)
@@ -186,36 +203,6 @@ def test_guide_gap_is_continuous_where_flat_and_end_meet():
         points = [(edge - 1e-9, 0.01), (edge, 0.01), (edge + 1e-9, 0.01)]
         found = launch(guide_gaps, points, bar())
         assert np.ptp(found[:, 0]) < 1e-9
-
-
-RE = 0.12 * 2 * RR * 27  # a convex flank as large as that of 25 teeth
-
-
-def convex():
-    gap = sprocket()
-    gap.flank_curvature = 1 / (RE + RR)
-    return gap
-
-
-def convex_curve(radial, lateral):
-    """Model of the offset curve with a convex flank: an arc about f, written out."""
-    xi, eta, side = radial - R, abs(lateral), 1.0 if lateral >= 0 else -1.0
-    if eta * np.cos(HALF) <= -xi * np.sin(HALF):
-        return curve(radial, lateral)
-    f = (CLEARANCE + RR + RE) * np.array([-np.cos(HALF), np.sin(HALF)])  # R_seat + re = Rc + Rr + re
-    h = np.array([xi, eta]) - f
-    pen, normal = RE + RR - np.hypot(*h), h / np.hypot(*h) * [1, side]
-    r = np.array([radial, lateral])
-    tip = R + (P - 2 * RR) / 2 + RR - np.hypot(*r)
-    if pen > 0 and tip < pen:
-        pen, normal = tip, r / np.hypot(*r)
-    return np.array([pen, *normal])
-
-
-def test_convex_flank_is_the_arc_about_its_center():
-    points = scattered(5)
-    expected = np.array([convex_curve(*point) for point in points])
-    np.testing.assert_allclose(launch(tooth_gaps, points, convex()), expected, atol=1e-13)
 
 
 def test_convex_gap_is_continuous_with_its_normal():
