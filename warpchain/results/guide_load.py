@@ -52,8 +52,8 @@ def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) 
 
     A guide on an arm turns with it about its pivot; the others stay where they are.
     """
-    assert trajectory.position is not None
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    (position,) = need(trajectory, "position")
+    x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
     if arm is None or trajectory.arm_angle is None:
         return x, np.zeros(len(x))
@@ -90,12 +90,10 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     Raises:
         SimulationError: recorded without positions or guide forces.
     """
-    need(trajectory, "position", "guide_force")
-    assert trajectory.position is not None
-    assert trajectory.guide_force is not None
+    _, guide_force = need(trajectory, "position", "guide_force")
     drive = trajectory.drive
-    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
-    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
+    frame, roller = np.nonzero(guide_force > 0.0)
+    force = np.asarray(guide_force, dtype=float)[frame, roller]
     v = np.zeros((len(frame), 2))
     if trajectory.velocity is not None:
         v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]

@@ -57,13 +57,12 @@ def joint_wear(trajectory: Trajectory, pin_radius: float | None = None) -> Joint
     Raises:
         SimulationError: recorded without positions or tensions.
     """
-    need(trajectory, "position", "tension")
-    assert trajectory.position is not None
+    position, _ = need(trajectory, "position", "tension")
     chain = trajectory.drive.chain
     radius = chain.pin_radius if pin_radius is None else pin_radius
     if radius is None or len(trajectory.time) < 2:
         return None
-    across = np.roll(trajectory.position, -1, axis=1) - trajectory.position
+    across = np.roll(position, -1, axis=1) - position
     heading = np.arctan2(across[..., 1], across[..., 0])
     bend = heading - np.roll(heading, 1, axis=1)
     turned = np.abs((np.diff(bend, axis=0) + np.pi) % (2.0 * np.pi) - np.pi)

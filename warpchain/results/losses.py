@@ -69,11 +69,9 @@ def coefficient(rubbing: Rubbing, speed: Array) -> Array:
 
 def joint_rates(trajectory: Trajectory) -> Array:
     """Rate at which the links at each roller turn against each other, g (F, N) [rad/s]."""
-    need(trajectory, "position", "velocity")
-    assert trajectory.position is not None
-    assert trajectory.velocity is not None
-    across = np.roll(trajectory.position, -1, axis=1) - trajectory.position
-    relative = np.roll(trajectory.velocity, -1, axis=1) - trajectory.velocity
+    position, velocity = need(trajectory, "position", "velocity")
+    across = np.roll(position, -1, axis=1) - position
+    relative = np.roll(velocity, -1, axis=1) - velocity
     square = across[..., 0] ** 2 + across[..., 1] ** 2
     turning = (across[..., 0] * relative[..., 1] - across[..., 1] * relative[..., 0]) / square
     return np.asarray(turning - np.roll(turning, 1, axis=1), dtype=float)
@@ -81,9 +79,8 @@ def joint_rates(trajectory: Trajectory) -> Array:
 
 def joint_loads(trajectory: Trajectory) -> Array:
     """Force on each joint (F, N) [N]: the larger of its two links' tensions, whatever their sign."""
-    need(trajectory, "tension")
-    assert trajectory.tension is not None
-    size = np.abs(np.asarray(trajectory.tension, dtype=float))
+    (tension,) = need(trajectory, "tension")
+    size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
 
 
@@ -109,19 +106,16 @@ def guide_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Arra
 
 def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
     """Friction power on the teeth of sprocket s (F,) [W] (c); `near` (F, N) is `nearest_sprocket`'s."""
-    need(trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center")
-    assert trajectory.position is not None
-    assert trajectory.velocity is not None
-    assert trajectory.sprocket_force is not None
-    assert trajectory.sprocket_speed is not None
-    assert trajectory.sprocket_center is not None
-    frame, roller = np.nonzero((trajectory.sprocket_force > 0.0) & (near == s))
-    force = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
-    center = np.asarray(trajectory.sprocket_center[:, s], dtype=float)
+    position, velocity, sprocket_force, sprocket_speed, sprocket_center = need(
+        trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center"
+    )
+    frame, roller = np.nonzero((sprocket_force > 0.0) & (near == s))
+    force = np.asarray(sprocket_force, dtype=float)[frame, roller]
+    center = np.asarray(sprocket_center[:, s], dtype=float)
     moving = np.gradient(center, trajectory.time, axis=0)
-    r = np.asarray(trajectory.position, dtype=float)[frame, roller] - center[frame]
-    v = np.asarray(trajectory.velocity, dtype=float)[frame, roller] - moving[frame]
-    omega = np.asarray(trajectory.sprocket_speed, dtype=float)[frame, s]
+    r = np.asarray(position, dtype=float)[frame, roller] - center[frame]
+    v = np.asarray(velocity, dtype=float)[frame, roller] - moving[frame]
+    omega = np.asarray(sprocket_speed, dtype=float)[frame, s]
     relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])

@@ -161,9 +161,9 @@ def _even(measured: Measured) -> tuple[float, Array]:
 
 def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array, Array] | None:
     """Spectrum of the measured signal over orders of the run's driver; None where that stands still."""
-    assert trajectory.sprocket_angle is not None
+    (sprocket_angle,) = need(trajectory, "sprocket_angle")
     part = latter_half(trajectory)
-    angle = forward(trajectory.drive, trajectory.sprocket_angle[part], trajectory.drive.driver)
+    angle = forward(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
     seconds = float(trajectory.time[-1] - trajectory.time[part][0])
     turns = (angle[-1] - angle[0]) / (2.0 * np.pi)
     if turns <= 0.0 or seconds <= 0.0 or len(measured.time) < 8:

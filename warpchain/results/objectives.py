@@ -40,12 +40,11 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
     Raises:
         SimulationError: recorded without positions, sprocket centers or sprocket forces.
     """
-    need(trajectory, "position", "sprocket_center", "sprocket_force")
-    assert trajectory.sprocket_force is not None
+    _, _, sprocket_force = need(trajectory, "position", "sprocket_center", "sprocket_force")
     drive, time = trajectory.drive, trajectory.time
     length = 2.0 * math.pi * math.sqrt(drive.chain.mass / drive.sprocket_stiffness(s))
     near = nearest_sprocket(trajectory) == s
-    force = np.where(near, np.asarray(trajectory.sprocket_force, dtype=float), 0.0)
+    force = np.where(near, np.asarray(sprocket_force, dtype=float), 0.0)
     steps = 0.5 * (force[1:] + force[:-1]) * np.diff(time)[:, None]
     summed = np.vstack([np.zeros(force.shape[1]), np.cumsum(steps, axis=0)])
     impulses: list[float] = []
@@ -96,10 +95,10 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
 
 def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
     """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
-    assert part.tension is not None
+    (tension,) = need(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
-    cycles = count_links(part.tension)
-    found = damage(part.tension, woehler, cycles)
+    cycles = count_links(tension)
+    found = damage(tension, woehler, cycles)
     row = {
         "damage_per_hour_max": float(found.max()) * 3600.0 / seconds,
         "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,
@@ -109,7 +108,7 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
         turns = abs(float(part.sprocket_angle[-1, d] - part.sprocket_angle[0, d])) / (2.0 * math.pi)
         revolutions = turns * part.drive.sprockets[d].teeth / part.drive.chain.links
         if revolutions > 0.0:
-            ranges = equivalent_range(part.tension, woehler.exponent, revolutions, cycles)
+            ranges = equivalent_range(tension, woehler.exponent, revolutions, cycles)
             row["tension_equivalent_range"] = float(ranges.max())
     return row
 

@@ -32,9 +32,8 @@ BLOCK = 8.0
 
 def turns_of(trajectory: Trajectory) -> Array:
     """Revolutions of the driver in the direction of travel since the recording began (F,)."""
-    need(trajectory, "sprocket_angle")
-    assert trajectory.sprocket_angle is not None
-    angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+    (sprocket_angle,) = need(trajectory, "sprocket_angle")
+    angle = forward(trajectory.drive, sprocket_angle, trajectory.drive.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
 
 

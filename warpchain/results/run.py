@@ -158,8 +158,8 @@ class Trajectory:
         return to_xarray(self.time, self.channels(), self.drive)
 
 
-def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> None:
-    """Refuses a trajectory that lacks one of some channels.
+def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> tuple[NDArray[np.floating], ...]:
+    """Some channels of a trajectory, in the order of their names.
 
     Args:
         channels: of `CHANNELS`.
@@ -171,6 +171,7 @@ def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> N
     missing = [channel for channel in channels if getattr(trajectory, channel) is None]
     if missing:
         raise SimulationError(f"{name} was recorded without {', '.join(missing)}, which this needs")
+    return tuple(getattr(trajectory, channel) for channel in channels)
 
 
 @dataclass(frozen=True)

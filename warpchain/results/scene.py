@@ -12,7 +12,7 @@ from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.drive.tooth_shape import teeth_outline
 from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
-from warpchain.results.run import Trajectory
+from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -90,39 +90,31 @@ def turned(points: Array, pivot: tuple[float, float], angle: float) -> Array:
 def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows]:
     """Contact forces on the rollers that are above `least` [N]: those of sprockets (eq. (8) and the flank's normal),
     those of guide-bars."""
-    assert trajectory.position is not None
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
-    frame, roller = np.nonzero(trajectory.sprocket_force > least)
-    near, _ = _nearest(trajectory, frame, roller)
+    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
+    frame, roller = np.nonzero(sprocket_force > least)
+    near, _ = near_sprockets(trajectory, frame, roller)
     normals = np.zeros((len(frame), 2))
     for s in range(len(trajectory.drive.sprockets)):
         on = near == s
         normals[on] = sprocket_normals(trajectory, s, frame[on], roller[on])
-    sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
-    frame, roller = np.nonzero(trajectory.guide_force > least)
-    normals = guide_normals(trajectory, frame, roller)
-    guides = Arrows(frame, roller, normals * np.asarray(trajectory.guide_force, float)[frame, roller, None])
+    sprockets = Arrows(frame, roller, normals * np.asarray(sprocket_force, float)[frame, roller, None])
+    frame, roller = np.nonzero(guide_force > least)
+    _, normals = nearest_guides(trajectory, frame, roller)
+    guides = Arrows(frame, roller, normals * np.asarray(guide_force, float)[frame, roller, None])
     return sprockets, guides
 
 
-def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+def near_sprockets(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
     """The sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
-    assert trajectory.position is not None
-    assert trajectory.sprocket_center is not None
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    position, sprocket_center = need(trajectory, "position", "sprocket_center")
+    x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
     for s in range(len(trajectory.drive.sprockets)):
-        r = x - trajectory.sprocket_center[frame, s]
+        r = x - sprocket_center[frame, s]
         off = np.abs(np.sqrt(r[:, 0] ** 2 + r[:, 1] ** 2) - trajectory.drive.pitch_radius(s))
         closer = off < apart
         near[closer], apart[closer] = s, off[closer]
     return near, apart
-
-
-def near_sprockets(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
-    """The sprocket whose pitch circle each of K rollers (frame, roller) is nearest to (K,)."""
-    return _nearest(trajectory, frame, roller)[0]
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
@@ -137,16 +129,14 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
         (K, 2) unit vectors, or (F, N, 2) of all frames and rollers.
     """
     drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
-    assert trajectory.position is not None
-    assert trajectory.sprocket_center is not None
-    assert trajectory.sprocket_angle is not None
+    position, sprocket_center, sprocket_angle = need(trajectory, "position", "sprocket_center", "sprocket_angle")
     if frame is None:
         frame = np.arange(len(trajectory.time))[:, None]
     if roller is None:
         roller = np.arange(drive.chain.links)
     pitch_angle = 2.0 * math.pi / drive.sprockets[s].teeth
-    r = np.asarray(trajectory.position, dtype=float)[frame, roller] - trajectory.sprocket_center[frame, s]
-    turned = np.asarray(trajectory.sprocket_angle, dtype=float)[frame, s]
+    r = np.asarray(position, dtype=float)[frame, roller] - sprocket_center[frame, s]
+    turned = np.asarray(sprocket_angle, dtype=float)[frame, s]
     seat = np.rint((np.arctan2(r[..., 1], r[..., 0]) - turned) / pitch_angle) * pitch_angle + turned
     c, d = np.cos(seat), np.sin(seat)
     xi, eta = r[..., 0] * c + r[..., 1] * d - drive.pitch_radius(s), r[..., 1] * c - r[..., 0] * d
@@ -154,7 +144,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
     return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
-def _guides_under(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+def nearest_guides(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
     """The guide whose face rollers (K,) at frames (K,) are nearest to (K,), and the face's normal there (K, 2).
 
     By the height of the roller's center over the face less that at which it touches; 0 normals beyond all faces.
@@ -173,16 +163,6 @@ def _guides_under(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[
     return near, normals
 
 
-def guide_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
-    """Direction of the guides' contact force on rollers (K,) at frames (K,), as (K, 2): the normal of their faces."""
-    return _guides_under(trajectory, frame, roller)[1]
-
-
-def nearest_guide(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
-    """The guide whose face each of the rollers (K,) at frames (K,) is nearest to (K,)."""
-    return _guides_under(trajectory, frame, roller)[0]
-
-
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
     """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond its `engagement`.
 
@@ -190,20 +170,19 @@ def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> In
         rollers: only these, (N,); all if None.
     """
     drive = trajectory.drive
-    assert trajectory.position is not None
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
-    near, apart = _nearest(trajectory, frame.ravel(), roller.ravel())
+    near, apart = near_sprockets(trajectory, frame.ravel(), roller.ravel())
     band = np.array([drive.engagement(s) for s in range(len(drive.sprockets))])
     return np.where(apart < band[near], near, -1).reshape(frame.shape)
 
 
 def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
     """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
-    assert trajectory.position is not None
+    (position,) = need(trajectory, "position")
     both = []
     for arrows in pressing(trajectory):
-        vectors = np.zeros(trajectory.position.shape)
+        vectors = np.zeros(position.shape)
         vectors[arrows.frame, arrows.roller] = arrows.force
         both.append(vectors)
     return both[0], both[1]
@@ -224,14 +203,14 @@ class Passing(NamedTuple):
 
 def passing_link(trajectory: Trajectory, strand: int) -> Passing:
     """The link that passes the middle of a strand, at every frame."""
-    assert trajectory.position is not None
+    (position,) = need(trajectory, "position")
     path = assembled_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
     count = len(trajectory.time)
     link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)
     for first in range(0, count, BLOCK):
         block = slice(first, first + BLOCK)
-        _pass(trajectory.position[block], start, end, link[block], displacement[block])
+        _pass(position[block], start, end, link[block], displacement[block])
     return Passing(link, displacement)
 
 

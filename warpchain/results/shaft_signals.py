@@ -30,14 +30,13 @@ def hub_forces(trajectory: Trajectory) -> Array:
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
     """
-    need(trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center")
-    assert trajectory.sprocket_force is not None
+    _, sprocket_force, _, _ = need(trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center")
     frames, sprockets = len(trajectory.time), len(trajectory.drive.sprockets)
     near = nearest_sprocket(trajectory)
     found = np.zeros((frames, sprockets, 2))
     for s in range(sprockets):
-        frame, roller = np.nonzero((trajectory.sprocket_force > 0.0) & (near == s))
-        size = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
+        frame, roller = np.nonzero((sprocket_force > 0.0) & (near == s))
+        size = np.asarray(sprocket_force, dtype=float)[frame, roller]
         push = -size[:, None] * sprocket_normals(trajectory, s, frame, roller)
         for k in range(2):
             found[:, s, k] = np.bincount(frame, push[:, k], minlength=frames)

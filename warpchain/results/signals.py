@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import BLOCK, Passing, near_sprockets, nearest_guide, passing_link
+from warpchain.results.scene import BLOCK, Passing, near_sprockets, nearest_guides, passing_link
 
 Array = NDArray[np.float64]
 
@@ -38,9 +38,9 @@ def latter_half(trajectory: Trajectory) -> slice:
 
 def last_round(trajectory: Trajectory) -> slice:
     """Frames of the chain's last round: while as many teeth of the driver pass as the chain has links; else all."""
-    assert trajectory.sprocket_angle is not None
+    (sprocket_angle,) = need(trajectory, "sprocket_angle")
     drive = trajectory.drive
-    angle = forward(drive, trajectory.sprocket_angle, drive.driver)
+    angle = forward(drive, sprocket_angle, drive.driver)
     passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
     earlier = np.flatnonzero(passed >= drive.chain.links)
     return slice(int(earlier[-1]) if len(earlier) else 0, None)
@@ -57,9 +57,9 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None 
     Args:
         passing: which link that is, if known.
     """
-    assert trajectory.tension is not None
+    (tension,) = need(trajectory, "tension")
     link = (passing or passing_link(trajectory, strand)).link
-    values = np.asarray(trajectory.tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
+    values = np.asarray(tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
     return np.where(link >= 0, values, np.nan)
 
 
@@ -68,9 +68,9 @@ def speed_ratio(trajectory: Trajectory, s: int) -> Array:
 
     NaN where the driver stands still.
     """
-    assert trajectory.sprocket_speed is not None
+    (sprocket_speed,) = need(trajectory, "sprocket_speed")
     drive = trajectory.drive
-    own, driver = (forward(drive, trajectory.sprocket_speed, k) for k in (s, drive.driver))
+    own, driver = (forward(drive, sprocket_speed, k) for k in (s, drive.driver))
     moving = np.abs(driver) > 1e-6 * max(float(np.abs(driver).max()), 1e-300)
     gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
     return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
@@ -84,10 +84,9 @@ def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
     Raises:
         SimulationError: recorded without sprocket angles.
     """
-    need(trajectory, "sprocket_angle")
-    assert trajectory.sprocket_angle is not None
+    (sprocket_angle,) = need(trajectory, "sprocket_angle")
     drive = trajectory.drive
-    own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
+    own, driver = (forward(drive, sprocket_angle, k) for k in (s, drive.driver))
     ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
     return np.asarray(own - own[0] - ideal)
 
@@ -112,22 +111,20 @@ def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
     """
     from warpchain.assembly.frequencies import moving_frequency
 
-    need(trajectory, "sprocket_speed")
-    assert trajectory.sprocket_speed is not None
+    (sprocket_speed,) = need(trajectory, "sprocket_speed")
     drive, path, part = trajectory.drive, assembled_path(trajectory.drive), latter_half(trajectory)
     tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
-    turns = abs(float(np.mean(trajectory.sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
+    turns = abs(float(np.mean(sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
     speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
     return moving_frequency(drive, max(path.free_lengths(strand)), tension, speed)
 
 
 def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
     """Each guide-bar's force on the chain (F,) [N], and how many rollers it presses (F,)."""
-    assert trajectory.position is not None
-    assert trajectory.guide_force is not None
-    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
-    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
-    nearest = nearest_guide(trajectory, frame, roller)
+    (guide_force,) = need(trajectory, "guide_force")
+    frame, roller = np.nonzero(guide_force > 0.0)
+    force = np.asarray(guide_force, dtype=float)[frame, roller]
+    nearest, _ = nearest_guides(trajectory, frame, roller)
     found: list[tuple[Array, Array]] = []
     for g in range(len(trajectory.drive.guides)):
         mine, count = nearest == g, len(trajectory.time)
@@ -141,17 +138,15 @@ def largest_contacts(trajectory: Trajectory) -> list[Array]:
 
     A pressed roller is of the sprocket whose pitch circle, or of the guide-bar whose face, is nearest.
     """
-    assert trajectory.position is not None
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
+    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
-    frame, roller = np.nonzero(trajectory.sprocket_force > 0.0)
-    force = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
-    np.maximum.at(largest, (near_sprockets(trajectory, frame, roller), frame), force)
-    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
-    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
-    np.maximum.at(largest, (len(drive.sprockets) + nearest_guide(trajectory, frame, roller), frame), force)
+    frame, roller = np.nonzero(sprocket_force > 0.0)
+    force = np.asarray(sprocket_force, dtype=float)[frame, roller]
+    np.maximum.at(largest, (near_sprockets(trajectory, frame, roller)[0], frame), force)
+    frame, roller = np.nonzero(guide_force > 0.0)
+    force = np.asarray(guide_force, dtype=float)[frame, roller]
+    np.maximum.at(largest, (len(drive.sprockets) + nearest_guides(trajectory, frame, roller)[0], frame), force)
     return list(largest)
 
 
@@ -174,19 +169,17 @@ class ContactAngles(NamedTuple):
 
 def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     """Contact force against angle on sprocket s, of the frames of the latter half; of unpressed rollers, too."""
-    assert trajectory.position is not None
-    assert trajectory.sprocket_center is not None
-    assert trajectory.sprocket_force is not None
+    position, sprocket_center, sprocket_force = need(trajectory, "position", "sprocket_center", "sprocket_force")
     drive, part, path = trajectory.drive, latter_half(trajectory), assembled_path(trajectory.drive)
     step = 2.0 * np.pi / drive.sprockets[s].teeth
-    r = np.asarray(trajectory.position[part], dtype=float) - trajectory.sprocket_center[part, None, s]
+    r = np.asarray(position[part], dtype=float) - sprocket_center[part, None, s]
     apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
     polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
     wrap = float(path.wrap_angle[s])
     spare = 0.5 * (2.0 * np.pi - wrap)
     angle = np.mod(polar + spare, 2.0 * np.pi) - spare
     on = (apart < drive.engagement(s)) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
-    return ContactAngles(angle[on], np.asarray(trajectory.sprocket_force[part], dtype=float)[on], wrap, step)
+    return ContactAngles(angle[on], np.asarray(sprocket_force[part], dtype=float)[on], wrap, step)
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
@@ -216,9 +209,9 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
         orders and amplitudes; None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth
         pass, or where values are not finite.
     """
-    assert trajectory.sprocket_angle is not None
+    (sprocket_angle,) = need(trajectory, "sprocket_angle")
     drive, part = trajectory.drive, latter_half(trajectory)
-    turns = forward(drive, trajectory.sprocket_angle[part], drive.driver) / (2.0 * np.pi)
+    turns = forward(drive, sprocket_angle[part], drive.driver) / (2.0 * np.pi)
     if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
         return None
     if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
@@ -375,16 +368,13 @@ def seen_at(trajectory: Trajectory, at: tuple[float, float], radius: float) -> S
     Raises:
         SimulationError: recorded without positions, velocities or tensions.
     """
-    need(trajectory, "position", "velocity", "tension")
-    assert trajectory.position is not None
-    assert trajectory.velocity is not None
-    assert trajectory.tension is not None
+    position, velocity, tension = need(trajectory, "position", "velocity", "tension")
     count = len(trajectory.time)
     link, values = np.full(count, -1, dtype=np.intp), np.full((4, count), np.nan)
     place = np.asarray(at, dtype=float)
     for first in range(0, count, BLOCK):
         part = slice(first, first + BLOCK)
-        x = np.asarray(trajectory.position[part], dtype=float)
+        x = np.asarray(position[part], dtype=float)
         across = np.roll(x, -1, axis=1) - x
         square = (across**2).sum(axis=-1)
         share = np.clip(((place - x) * across).sum(axis=-1) / square, 0.0, 1.0)
@@ -395,12 +385,12 @@ def seen_at(trajectory: Trajectory, at: tuple[float, float], radius: float) -> S
         rows, nearest = rows[near], nearest[near]
         t = across[rows, nearest] / np.sqrt(square[rows, nearest])[:, None]
         left = np.stack([-t[:, 1], t[:, 0]], axis=-1)
-        v = np.asarray(trajectory.velocity[part], dtype=float)
+        v = np.asarray(velocity[part], dtype=float)
         part_of = share[rows, nearest][:, None]
         moving = (1.0 - part_of) * v[rows, nearest] + part_of * v[rows, (nearest + 1) % x.shape[1]]
         link[first + rows] = nearest
         seen = (
-            np.asarray(trajectory.tension[part], dtype=float)[rows, nearest],
+            np.asarray(tension[part], dtype=float)[rows, nearest],
             (moving * t).sum(axis=-1),
             ((foot[rows, nearest] - place) * left).sum(axis=-1),
             (moving * left).sum(axis=-1),

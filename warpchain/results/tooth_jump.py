@@ -58,13 +58,11 @@ def jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
     Raises:
         SimulationError: recorded without positions or sprocket centers.
     """
-    need(trajectory, "position", "sprocket_center")
-    assert trajectory.position is not None
-    assert trajectory.sprocket_center is not None
+    position, sprocket_center = need(trajectory, "position", "sprocket_center")
     drive, path = trajectory.drive, assembled_path(trajectory.drive)
     top = top_radius(drive, s)
     step, wrap = 2.0 * np.pi / drive.sprockets[s].teeth, float(path.wrap_angle[s])
-    r = np.asarray(trajectory.position, dtype=float) - trajectory.sprocket_center[:, None, s]
+    r = np.asarray(position, dtype=float) - sprocket_center[:, None, s]
     apart = np.hypot(r[..., 0], r[..., 1])
     polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
     from_middle = np.mod(polar - 0.5 * wrap + np.pi, 2.0 * np.pi) - np.pi

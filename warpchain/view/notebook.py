@@ -16,7 +16,7 @@ from warpchain.errors import WarpchainError
 from warpchain.results.channels import CHANNEL
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
 from warpchain.results.metric_columns import title_of, unit_of
-from warpchain.results.run import Run, Trajectory
+from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import guide_outline, tooth_outline
 from warpchain.results.units import display_unit
 from warpchain.view.palette import scale_top, tension_scale, tension_steps
@@ -51,8 +51,8 @@ def drive_svg(drive: Drive) -> str:
 def frame_svg(trajectory: Trajectory, frame: int) -> str:
     """A drive at a frame, each link in the color of its tension where that was recorded."""
     drive = trajectory.drive
-    assert trajectory.position is not None
-    x = np.asarray(trajectory.position[frame], dtype=float)
+    (position,) = need(trajectory, "position")
+    x = np.asarray(position[frame], dtype=float)
     pairs = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
     colors = [CHAIN] * len(x)
     if trajectory.tension is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.run import Trajectory
+from warpchain.results.run import Trajectory, need
 from warpchain.results.signals import latter_half
 from warpchain.results.tension_colors import full_scale, tension_color
 
@@ -122,6 +122,6 @@ def scale_top(trajectories: Iterable[Trajectory], wanted: Scale = None) -> float
 
 
 def _quantile(trajectory: Trajectory) -> float:
-    assert trajectory.tension is not None
-    part = trajectory.tension[latter_half(trajectory)]
+    (tension,) = need(trajectory, "tension")
+    part = tension[latter_half(trajectory)]
     return full_scale(part[:: max(len(part) // SAMPLES, 1)])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.run import Trajectory
+from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import (
     arm_outline,
     contact_arrows,
@@ -45,11 +45,10 @@ DOTS = 20_000
 
 def telling_roller(trajectory: Trajectory) -> int:
     """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
+    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     part = last_round(trajectory)
-    by_guides = trajectory.guide_force[part].max(axis=0)
-    return int(np.argmax(by_guides if by_guides.max() > 0.0 else trajectory.sprocket_force[part].max(axis=0)))
+    by_guides = guide_force[part].max(axis=0)
+    return int(np.argmax(by_guides if by_guides.max() > 0.0 else sprocket_force[part].max(axis=0)))
 
 
 def displacement_figure(trajectory: Trajectory) -> Figure:
@@ -92,10 +91,10 @@ def guide_figure(trajectory: Trajectory) -> Figure:
 def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
     trajectory = part_of(trajectory, last_round(trajectory))
-    assert trajectory.tension is not None
+    (tension,) = need(trajectory, "tension")
     figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
-    unit, factor = shown("N", trajectory.tension[:, link])
-    curve(axis, trajectory.time, factor * trajectory.tension[:, link], color="tab:blue")
+    unit, factor = shown("N", tension[:, link])
+    curve(axis, trajectory.time, factor * tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
     _shade(axis, trajectory, link)
     axis.set_xlabel("time [s]")
@@ -106,13 +105,12 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
 def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
     trajectory = part_of(trajectory, last_round(trajectory))
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
+    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panels(
         2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
     )
-    of_sprockets = above, trajectory.sprocket_force, "sprockets", "tab:blue"
-    for axis, forces, word, color in (of_sprockets, (below, trajectory.guide_force, "guide-bars", "tab:red")):
+    of_sprockets = above, sprocket_force, "sprockets", "tab:blue"
+    for axis, forces, word, color in (of_sprockets, (below, guide_force, "guide-bars", "tab:red")):
         unit, factor = shown("N", forces[:, roller])
         curve(axis, trajectory.time, factor * forces[:, roller], color=color)
         axis.set_ylabel(f"contact with {word} [{unit}]")
@@ -149,10 +147,9 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    assert trajectory.position is not None
-    assert trajectory.tension is not None
+    position, tension = need(trajectory, "position", "tension")
     drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
-    x = trajectory.position[f]
+    x = position[f]
     arrows, largest, reach = _arrows(trajectory, f)
     low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
     span = high - low
@@ -164,7 +161,7 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
     newton, scale = display_unit("N", top)
     links = factor * np.stack([x, np.roll(x, -1, axis=0)], axis=1)
     chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
-    chain.set_array(scale * trajectory.tension[f])
+    chain.set_array(scale * tension[f])
     axis.add_collection(chain)
     figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
@@ -189,10 +186,10 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
 
 def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
     """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
-    assert trajectory.position is not None
+    (position,) = need(trajectory, "position")
     arrows = [force[0] for force in contact_arrows(part_of(trajectory, slice(f, f + 1)))]
     largest = max(float(np.hypot(*force.T).max()) for force in arrows)
-    span = float(np.ptp(trajectory.position[f], axis=0).max())
+    span = float(np.ptp(position[f], axis=0).max())
     return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0
 
 
@@ -200,8 +197,8 @@ def _extent(trajectory: Trajectory, f: int, tips: list[Any]) -> tuple[Any, Any]:
     """Lower left and upper right corner [m] of all that the drawing of a frame shows, with room around."""
     drive = trajectory.drive
     held = [*tips, *(guide_outline(drive, g) for g in range(len(drive.guides)))]
-    assert trajectory.sprocket_center is not None
-    for s, center in enumerate(trajectory.sprocket_center[f]):
+    (sprocket_center,) = need(trajectory, "sprocket_center")
+    for s, center in enumerate(sprocket_center[f]):
         held += [center + drive.tip_radius(s) * np.array([[-1.0, -1.0], [1.0, 1.0]])]
     points = np.concatenate(held)
     points = points[np.isfinite(points).all(axis=1)]
@@ -220,18 +217,17 @@ def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> Non
     """Sprockets and guide-bars as they are at a frame, in the unit of that many to a meter."""
     from matplotlib.patheffects import withStroke
 
-    assert trajectory.sprocket_angle is not None
-    assert trajectory.sprocket_center is not None
+    sprocket_angle, sprocket_center = need(trajectory, "sprocket_angle", "sprocket_center")
     drive = trajectory.drive
     halo = [withStroke(linewidth=2.0, foreground="white")]
     for s, sprocket in enumerate(drive.sprockets):
-        c, d = np.cos(trajectory.sprocket_angle[f, s]), np.sin(trajectory.sprocket_angle[f, s])
-        outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + trajectory.sprocket_center[f, s]
+        c, d = np.cos(sprocket_angle[f, s]), np.sin(sprocket_angle[f, s])
+        outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + sprocket_center[f, s]
         outline = factor * outline
         axis.fill(*outline.T, color="0.88", zorder=0)
         axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
         middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
-        axis.annotate(sprocket.name, factor * trajectory.sprocket_center[f, s], fontsize=9, **middle)
+        axis.annotate(sprocket.name, factor * sprocket_center[f, s], fontsize=9, **middle)
     angles = np.zeros(len(drive.arms)) if trajectory.arm_angle is None else trajectory.arm_angle[f]
     for g, guide in enumerate(drive.guides):
         outline, arm = guide_outline(drive, g), drive.arm_of(g)
@@ -269,9 +265,9 @@ def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure
     Args:
         top: tension at the red end of the color scale [N]; None takes `scale_top`.
     """
-    assert trajectory.tension is not None
+    (tension,) = need(trajectory, "tension")
     figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
-    _, rows = peaks_over_time(trajectory.tension, ROWS)
+    _, rows = peaks_over_time(tension, ROWS)
     top = scale_top([trajectory]) if top is None else top
     unit, factor = display_unit("N", top)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)

@@ -15,7 +15,7 @@ from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.rotation import BLOCK, Cuts, order_cuts, rising, turns_of
-from warpchain.results.run import Run, Trajectory
+from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import amplitude_spectrum, forward, latter_half, strand_tension, transverse_frequency
 from warpchain.results.units import shown
@@ -116,8 +116,8 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
 
 def _speed(trajectory: Trajectory) -> float:
     """Mean speed of the driver over the latter half [rpm]."""
-    assert trajectory.sprocket_speed is not None
-    part = trajectory.sprocket_speed[latter_half(trajectory), trajectory.drive.driver]
+    (sprocket_speed,) = need(trajectory, "sprocket_speed")
+    part = sprocket_speed[latter_half(trajectory), trajectory.drive.driver]
     return rpm(float(abs(part.mean())))
 
 
@@ -213,12 +213,12 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
     if len(turns[part]) < 64 or np.diff(turns[part]).max() > 0.25:
         return {}
     orders = telling_orders(drive)
-    assert whole.sprocket_speed is not None
+    (sprocket_speed,) = need(whole, "sprocket_speed")
 
     def cuts(values: Array) -> Cuts:
         return order_cuts(whole.time[part], turns[part], np.nan_to_num(values[part]), orders)
 
-    speeds = {p.name: forward(drive, whole.sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
+    speeds = {p.name: forward(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
     first = cuts(next(iter(speeds.values())))
     if len(first.speed) < FEWEST or first.speed.max() < RISE * first.speed.min():
         return {}

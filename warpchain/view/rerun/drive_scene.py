@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.run import Trajectory
+from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
 from warpchain.view.chosen import part_of
 from warpchain.view.palette import Color, packed_colors, tension_steps, thing_colors
@@ -41,8 +41,8 @@ def log_drive(
     Args:
         colors: of sprockets' spokes and names and of guide-bars, by name; None takes `thing_colors`.
     """
-    assert shown.position is not None
-    x = flipped(shown.position)
+    (position,) = need(shown, "position")
+    x = flipped(position)
     colors = thing_colors(shown.drive) if colors is None else colors
     _log_chain(stream, root, shown, x, top)
     _log_sprockets(stream, root, shown, colors)
@@ -56,8 +56,8 @@ def log_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color:
     """Logs the chain as one thin line of one color, to be laid over others."""
     import rerun as rr
 
-    assert shown.position is not None
-    x = flipped(shown.position)
+    (position,) = need(shown, "position")
+    x = flipped(position)
     frames = len(x)
     line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(_closed(x)), 1, frames))
     send(stream, path, shown.time, [line])
@@ -70,15 +70,15 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     import pyarrow as pa
     import rerun as rr
 
-    assert shown.tension is not None
-    frames, links = shown.tension.shape
+    (tension,) = need(shown, "tension")
+    frames, links = tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity(root, "drive", "chain"), entity(root, "drive", "rollers")
     style = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
     stream.log(chain, style, static=True)
     stream.log(rollers, points.from_fields(radii=[shown.drive.chain.roller_radius]), static=True)
     send(stream, chain, shown.time, [Column(line.descriptor_strips(), rows(strips(_closed(x)), 1, frames))])
-    colors = pa.array(packed_colors(tension_steps(shown.tension, top)).ravel())
+    colors = pa.array(packed_colors(tension_steps(tension, top)).ravel())
     drawn = [(points.descriptor_positions(), vectors(x)), (points.descriptor_colors(), colors)]
     send(stream, rollers, shown.time, [Column(what, rows(values, links, frames)) for what, values in drawn])
 
@@ -91,8 +91,7 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
     """Outlines once, and where and how far they are turned at each frame."""
     import rerun as rr
 
-    assert shown.sprocket_angle is not None
-    assert shown.sprocket_center is not None
+    sprocket_angle, sprocket_center = need(shown, "sprocket_angle", "sprocket_center")
     for s, sprocket in enumerate(shown.drive.sprockets):
         path = entity(root, "drive", "sprockets", sprocket.name)
         spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
@@ -101,7 +100,7 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL, color], radii=[thin, 1.6 * thin]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[2.0 * thin], colors=[color])
         stream.log(entity(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
-        _turn(stream, path, shown, shown.sprocket_center[:, s], shown.sprocket_angle[:, s])
+        _turn(stream, path, shown, sprocket_center[:, s], sprocket_angle[:, s])
 
 
 def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
@@ -173,9 +172,8 @@ def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDA
     """Contact forces, only those above a hundredth of the longest arrow."""
     import rerun as rr
 
-    assert shown.sprocket_force is not None
-    assert shown.guide_force is not None
-    sample = np.concatenate([f[:: max(len(f) // 20, 1)].ravel() for f in (shown.sprocket_force, shown.guide_force)])
+    sprocket_force, guide_force = need(shown, "sprocket_force", "guide_force")
+    sample = np.concatenate([f[:: max(len(f) // 20, 1)].ravel() for f in (sprocket_force, guide_force)])
     pressed = sample[sample > 0.0]
     if not len(pressed):
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.run import Trajectory
+from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
@@ -51,13 +51,11 @@ WIDEST = 4096
 
 def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
     """Group, name and values (F,) of every curve that the recorded channels allow."""
-    assert trajectory.tension is not None
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
+    (tension,) = need(trajectory, "tension")
     drive = trajectory.drive
-    yield "tension", "largest", trajectory.tension.max(axis=1)
-    yield "tension", "mean", trajectory.tension.mean(axis=1)
-    yield "tension", "smallest", trajectory.tension.min(axis=1)
+    yield "tension", "largest", tension.max(axis=1)
+    yield "tension", "mean", tension.mean(axis=1)
+    yield "tension", "smallest", tension.min(axis=1)
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     for name, force in zip(bodies, largest_contacts(trajectory), strict=True):
         yield "contact", name, force
@@ -157,8 +155,8 @@ def log_tension_image(
 
     Each column is the largest tension of each link over its spell, so that no peak is lost.
     """
-    assert trajectory.tension is not None
-    _, peaks = peaks_over_time(trajectory.tension, min(budget, WIDEST))
+    (tension,) = need(trajectory, "tension")
+    _, peaks = peaks_over_time(tension, min(budget, WIDEST))
     packed = packed_colors(tension_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
     axes = Axis("time [s]", 0.0, float(trajectory.time[-1])), Axis("link", 0.0, float(trajectory.drive.chain.links))
