@@ -195,7 +195,8 @@ class McapFile:
         for number, index in chunk.indexes.items():
             offsets[number] = self._put(_index_bytes(number, index))
             self._counts[number] += len(index)
-        self._flush()
+        with refusals(self.path, ArchiveError):
+            self._file.stream.flush()  # to the system, so that a killed process leaves whole chunks
         self._chunks.append(
             kinds.ChunkIndex(
                 chunk_length=len(head) + len(chunk.data),
@@ -209,11 +210,6 @@ class McapFile:
                 uncompressed_size=chunk.size,
             )
         )
-
-    def _flush(self) -> None:
-        """Hands what is buffered to the system, so that a killed process leaves whole chunks."""
-        with refusals(self.path, ArchiveError):
-            self._file.stream.flush()
 
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""

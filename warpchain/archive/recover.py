@@ -147,15 +147,11 @@ def _sources(path: Path) -> list[Path]:
         raise ArchiveError(f"{path}: cannot be read (No such file or directory)")
     edition, files = max(sets.items())
     if len(sets) > 1 and not (edition and is_whole(files)):
-        raise ArchiveError(f"{path}: several runs were cut; name one of {', '.join(map(str, _one_each(sets)))}")
+        named_by = ", ".join(str(files[0]) for _, files in sorted(sets.items()))
+        raise ArchiveError(f"{path}: several runs were cut; name one of {named_by}")
     if not edition and len(files) > 1:
         raise ArchiveError(f"{path}: several runs were cut; name one of {', '.join(map(str, files))}")
     return files
-
-
-def _one_each(sets: dict[int, list[Path]]) -> list[Path]:
-    """A file of each set, by which it can be named."""
-    return [files[0] for _, files in sorted(sets.items())]
 
 
 class _Copy:

@@ -75,7 +75,8 @@ def orders(drive: Drive) -> tuple[Order, ...]:
     driver = drive.sprockets[drive.driver]
     found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]
     lengths = np.asarray(drive.chain.link_lengths)
-    if drive.chain.outer is not None or _alternate(lengths):
+    even = len(lengths) % 2 == 0
+    if drive.chain.outer is not None or (even and abs(lengths[0::2].mean() / lengths[1::2].mean() - 1.0) > SAME):
         found.append((0.5 * driver.teeth, "links of two kinds"))
     found.append((driver.teeth / drive.chain.links, "revolution of the chain"))
     for sprocket in drive.sprockets:
@@ -106,11 +107,6 @@ def _driven(drive: Drive) -> list[tuple[float, str]]:
                 own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
                 found.append((own * turns, f"{word} table of {sprocket.name}"))
     return found
-
-
-def _alternate(lengths: np.ndarray) -> bool:
-    """Whether the links' lengths alternate."""
-    return len(lengths) % 2 == 0 and abs(float(lengths[0::2].mean() / lengths[1::2].mean()) - 1.0) > SAME
 
 
 def _together(found: list[tuple[float, str]]) -> tuple[Order, ...]:

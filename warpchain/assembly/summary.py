@@ -312,11 +312,6 @@ def _strand_lines(values: dict[str, Any]) -> list[str]:
     return ["", *title, *table]
 
 
-def _millimeters(place: list[float]) -> list[float]:
-    """In mm, to the micrometer: no minus zero."""
-    return [round(1e3 * value, 3) + 0.0 for value in place]
-
-
 def _guide_lines(values: dict[str, Any]) -> list[str]:
     if not values["guides"]:
         return []
@@ -403,7 +398,7 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
                 ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
                 "-"
                 if m["working_travel"] is None
-                else "{:+.3g}, {:+.3g} mm".format(*_millimeters(m["working_travel"])),
+                else "{:+.3g}, {:+.3g} mm".format(*(round(1e3 * x, 3) + 0.0 for x in m["working_travel"])),  # no -0
                 f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
             )
             for m in values["mounts"]

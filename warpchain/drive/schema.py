@@ -333,12 +333,10 @@ class Part(BaseModel):
         if tagged is not None and isinstance(value, Mapping):
             given = value.get(str(tagged))
             text = allowed(cls, key)
-            return Problem((key, str(tagged)), given, f"missing; {text}" if given is None else text, _kind_of(given))
+            if given is None:
+                return Problem((key, str(tagged)), None, f"missing; {text}", BARE)
+            return Problem((key, str(tagged)), given, text)
         return Problem(path, value, allowed(cls, key))
-
-
-def _kind_of(value: Any) -> str:
-    return BARE if value is None else WRONG
 
 
 @cache

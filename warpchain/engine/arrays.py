@@ -248,13 +248,6 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
     return ensemble
 
 
-def _stage_rows() -> int:
-    """Rows of a roller between a step's stages; where no GPU takes it, the GPU's kernels are not loaded."""
-    from warpchain.kernels.gpu.rollers import STAGE_ROWS
-
-    return STAGE_ROWS
-
-
 def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None) -> Any:
     """The initial state (`kernels.structs.types(...).State`), copied to `device`.
 
@@ -270,9 +263,12 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
             count = counts[name] if row.where in ("", engine) else 1
             kind = array_type("state", name, packed.real, blocks)
             setattr(state, name, wp.zeros(count, dtype=kind, device=device))
-    staged = blocks and bool(packed.drives["integrator"].any())
+    stages = 0
+    if blocks and packed.drives["integrator"].any():  # else the GPU's kernels are not loaded
+        from warpchain.kernels.gpu.rollers import STAGE_ROWS
+
+        stages = STAGE_ROWS * len(packed.lengths)
     in_rows, in_parts = large or (0, 0)
-    stages = _stage_rows() * len(packed.lengths) if staged else 0
     for name, count in (("stages", stages), ("rows", in_rows), ("parts", in_parts)):
         setattr(state, name, wp.empty(max(count, 1), dtype=packed.real, device=device))
     return state

@@ -133,11 +133,6 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared)
 
 
-def counted_led(packed: Packed) -> NDArray[np.integer]:
-    """Number of bodies of each variant whose angle is prescribed, (variants,), at least 1."""
-    return np.maximum(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]), 1)
-
-
 def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
     """The properties of variants that decide their kernels, (variants,) each."""
     drives = packed.drives
@@ -148,7 +143,7 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "guides": drives["guides"],
         "arms": drives["arms"],
         "tensioners": drives["tensioners"],
-        "prescribed": counted_led(packed),
+        "prescribed": np.maximum(np.add.reduceat(packed.motions["prescribed"], drives["first_body"]), 1),
         "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "integrator": drives["integrator"],
         "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,

@@ -30,18 +30,13 @@ def piece_count(drive: Drive) -> int:
     return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if profiled(drive, g))
 
 
-def _origin(drive: Drive, g: int) -> NDArray[np.float64]:
-    """Where the coordinates of the body that carries guide g begin [m]; the same for all of a stack."""
-    arm = drive.arm_of(g)
-    return np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)
-
-
 def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
     """Fills the face of guide g of `kernels.structs.Guide`, and its pieces from `first` on among a drive's (V, pieces).
 
     Returns the number of rows used.
     """
-    profile, origin, arm = drive.profile(g), _origin(drive, g), drive.arm_of(g)
+    profile, arm = drive.profile(g), drive.arm_of(g)
+    origin = np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)  # the same for all of a stack
     row["body"] = GROUND if arm is None else len(drive.sprockets) + arm
     row["pieces"], row["first_piece"] = len(profile.pieces), first
     for i, (piece, place) in enumerate(zip(profile.pieces, profile.places, strict=True), first):

@@ -181,17 +181,11 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 fill_sliding(row, guide_rubbing(drive, g), effective_mass)
 
 
-def tensioner_bodies(packed: Packed) -> NDArray[np.int64]:
-    """(all tensioners,) which of all bodies each one pushes."""
-    counts = packed.drives["tensioners"].astype(np.int64)
-    first = np.repeat(packed.drives["first_body"].astype(np.int64), counts)
-    return first + packed.tensioners["body"][: len(first)]
-
-
 def extensions(packed: Packed) -> NDArray[np.float64]:
     """(all tensioners,) extension of each where its body stands [m]."""
-    body = packed.bodies[tensioner_bodies(packed)]
-    of = packed.tensioners[: len(body)]
+    first = np.repeat(packed.drives["first_body"].astype(np.int64), packed.drives["tensioners"])
+    of = packed.tensioners[: len(first)]
+    body = packed.bodies[first + of["body"]]
     cosine, sine = np.cos(body["angle"])[:, None], np.sin(body["angle"])[:, None]
     point = of["point"]
     arm = point * cosine + np.stack([-point[:, 1], point[:, 0]], axis=1) * sine

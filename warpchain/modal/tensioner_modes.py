@@ -97,7 +97,8 @@ def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
     kinetic = np.zeros(stroke.shape)
     for t, tensioner in enumerate(found.drive.tensioners):
         x, y, angle = np.abs(bodies[:, found.drive.tensioner_body(t)].T) ** 2
-        square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if _on_arm(found, t) else 0.0)
+        on_arm = found.drive.tensioner_body(t) >= len(found.drive.sprockets)
+        square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
         kinetic[:, t] = tensioner.plunger_mass * square
     stiff = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real[:, None]
     drag = np.einsum("ij,ij->j", vector.conj(), found.damping @ vector).real[:, None]
@@ -108,10 +109,6 @@ def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
         stored=stored / stiff,
         lost=np.where(drag > FAINT * np.sqrt(np.abs(stiff)), lost / np.where(drag == 0.0, 1.0, drag), 0.0),
     )
-
-
-def _on_arm(found: System, t: int) -> bool:
-    return found.drive.tensioner_body(t) >= len(found.drive.sprockets)
 
 
 def _tensioners(found: System) -> Any:

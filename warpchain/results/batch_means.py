@@ -98,11 +98,6 @@ def correlation(values: Array) -> Array:
     return np.clip(lagged / np.where(square > 0.0, square, np.inf), 0.0, MOST_CORRELATED)
 
 
-def _inflation(values: Array) -> Array:
-    r = correlation(values)
-    return (1.0 + r) / (1.0 - r)
-
-
 def standard_error(means: Array) -> Array:
     """(a), of means of batches along the last axis."""
     count = means.shape[-1]
@@ -117,7 +112,8 @@ def drift(means: Array) -> tuple[Array, Array]:
     square = float((place * place).sum())
     slope = (means * place).sum(axis=-1) / square  # which, unlike a product of matrices, goes row by row
     rest = means - means.mean(axis=-1, keepdims=True) - slope[..., None] * place
-    variance = (rest * rest).sum(axis=-1) / (count - 2) / square * _inflation(rest)
+    r = correlation(rest)
+    variance = (rest * rest).sum(axis=-1) / (count - 2) / square * ((1.0 + r) / (1.0 - r))
     chance = np.where(slope == 0.0, 1.0, 0.0)
     if (variance > 0.0).any():
         from scipy.special import stdtr  # here, since it takes 0.3 s

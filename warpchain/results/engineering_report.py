@@ -136,10 +136,6 @@ class HandedIn:
             return None
         return elongation_rate(self.drive, self.wear, self.wear_law.coefficient, self.area)
 
-    def strand_tensions(self) -> list[Array]:
-        """Tension in the middle of each strand (F,) [N], in the window."""
-        return [strand_tension(self.part, k) for k in range(len(self.drive.strand_names))]
-
     def metrics(self) -> dict[str, float]:
         """The metrics (`results.metric_columns.REPORTED`) that the recorded channels allow, by name."""
         return dict(self._metrics)
@@ -159,8 +155,8 @@ def _held(of: HandedIn, *channels: str) -> bool:
 def _of_strands(of: HandedIn) -> dict[str, float]:
     if not _held(of, "position", "tension"):
         return {}
-    pairs = zip(of.drive.strand_names, of.strand_tensions(), strict=True)
-    return {f"{name}.slack_time": float((values <= 0.0).mean()) for name, values in pairs}
+    names = enumerate(of.drive.strand_names)
+    return {f"{name}.slack_time": float((strand_tension(of.part, k) <= 0.0).mean()) for k, name in names}
 
 
 def _of_sprockets(of: HandedIn) -> dict[str, float]:

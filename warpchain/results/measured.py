@@ -152,13 +152,6 @@ STATISTICS: dict[str, Callable[[Array], float]] = {
 """Values that compare both signals."""
 
 
-def _even(measured: Measured) -> tuple[float, Array]:
-    """The signal at even times: their interval [s], and values."""
-    count = len(measured.time)
-    even = np.linspace(measured.time[0], measured.time[-1], count)
-    return float(even[1] - even[0]), np.interp(even, measured.time, measured.values)
-
-
 def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array, Array] | None:
     """Spectrum of the measured signal over orders of the run's driver; None where that stands still."""
     (sprocket_angle,) = need(trajectory, "sprocket_angle")
@@ -168,8 +161,9 @@ def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array,
     turns = (angle[-1] - angle[0]) / (2.0 * np.pi)
     if turns <= 0.0 or seconds <= 0.0 or len(measured.time) < 8:
         return None
-    interval, values = _even(measured)
-    return amplitude_spectrum(values, interval * turns / seconds)
+    even = np.linspace(measured.time[0], measured.time[-1], len(measured.time))
+    values = np.interp(even, measured.time, measured.values)
+    return amplitude_spectrum(values, float(even[1] - even[0]) * turns / seconds)
 
 
 def _orders(

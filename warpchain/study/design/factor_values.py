@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from warpchain.study.spec import Study
     from warpchain.study.spec.factor import Factor
 
-    pass
-
 Array = NDArray[np.float64]
 NODES = 80
 MOST_WHOLE = 100_000

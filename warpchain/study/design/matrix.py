@@ -134,7 +134,8 @@ def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int]
     assert design.count is not None  # the design's own rule
     _check_count(design.count, source)
     if before and before[0] != design.count:
-        points = _sampled(_counted(study, before[0]), count, source)
+        smaller = study.model_copy(update={"design": design.model_copy(update={"count": before[0]})})
+        points = _sampled(smaller, count, source)
         for size in (*before[1:], design.count):
             points = extended(points, size, design.seed or 0, source) if size != len(points) else points
         return points
@@ -149,10 +150,6 @@ def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return np.asarray(sampler.random(design.count), dtype=float)
-
-
-def _counted(study: Study, count: int) -> Study:
-    return study.model_copy(update={"design": study.design.model_copy(update={"count": count})})
 
 
 def extended(points: Array, count: int, seed: int, source: str | Path) -> Array:

@@ -271,7 +271,8 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
         StudyError: a design whose first rows would be others, or a folder that cannot be written.
     """
     path, number = folder.path, folder.plans
-    before = _points_before(folder)
+    files = [folder.path / plan_file("study.toml", earlier) for earlier in range(folder.plans)]
+    before = tuple(dict.fromkeys(load_study(file).design.count or 0 for file in files))  # points, at each growth
     design = make_design(study, source, before if study.design.kind == "latin-hypercube" else ())
     names = [factor.name for factor in study.factors]
     if not design.select(names).slice(0, folder.rows).equals(folder.design().select(names)):
@@ -293,21 +294,11 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
     fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
     if restart:
         for table in (folder.results, folder.path / REPLICATES):
-            _keep_as_it_is(table, table.with_name(f"{table.stem}.before-{number}.parquet"))
+            other = table.with_name(f"{table.stem}.before-{number}.parquet")  # a name that nothing writes to
+            if table.exists() and not other.exists():
+                with refusals(other, StudyError), whole_file(other) as file:
+                    file.write(table.read_bytes())
     write_text(path / plan_file("study.toml", number), dumps_study(fixed))
     write_table(path / plan_file("design.parquet", number), design)
     write_plan(path, number, {**facts, "restart": True} if restart else facts)
     return open_folder(path)
-
-
-def _keep_as_it_is(table: Path, other: Path) -> None:
-    """A copy of a table, if it is there, under a name that nothing writes to."""
-    if table.exists() and not other.exists():
-        with refusals(other, StudyError), whole_file(other) as file:
-            file.write(table.read_bytes())
-
-
-def _points_before(folder: Folder) -> tuple[int, ...]:
-    """Points of the design before each growth."""
-    files = [folder.path / plan_file("study.toml", number) for number in range(folder.plans)]
-    return tuple(dict.fromkeys(load_study(file).design.count or 0 for file in files))

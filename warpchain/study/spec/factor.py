@@ -22,6 +22,7 @@ from warpchain.drive.schema import (
     elements,
     get,
     numbers,
+    plain_sequence,
 )
 from warpchain.study.results import BOOKKEEPING
 from warpchain.study.spec.expression import RESERVED
@@ -38,10 +39,6 @@ def _check_word(value: str) -> str:
     if not _IDENTIFIER.fullmatch(value) or value in TAKEN:
         raise ValueError("not a word")
     return value
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -68,22 +65,24 @@ Word = Annotated[str, Field(strict=True), AfterValidator(_check_word), Value(NAM
 Numbers = Annotated[
     tuple[_Number, ...],
     AfterValidator(_distinct),
-    BeforeValidator(_plain),
+    BeforeValidator(plain_sequence),
     Value("must be a list of at least 2 different finite numbers"),
 ]
 Scalars = Annotated[
     tuple[_Scalar, ...],
     AfterValidator(_one_kind),
-    BeforeValidator(_plain),
+    BeforeValidator(plain_sequence),
     Value('must be a list of at least 2 different values of one kind: numbers (with "auto"), texts or true and false'),
 ]
 Texts = Annotated[
     tuple[Annotated[str, Field(strict=True, min_length=1)], ...],
-    BeforeValidator(_plain),
+    BeforeValidator(plain_sequence),
     Value("must be a list of texts that are not empty"),
 ]
 Range = Annotated[
-    tuple[_Number, _Number], BeforeValidator(_plain), Value("must be two finite numbers [low, high], low below high")
+    tuple[_Number, _Number],
+    BeforeValidator(plain_sequence),
+    Value("must be two finite numbers [low, high], low below high"),
 ]
 Distribution = Annotated[
     Literal["uniform", "log-uniform", "normal", "truncated-normal", "lognormal"],

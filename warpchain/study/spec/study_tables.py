@@ -26,9 +26,10 @@ from warpchain.drive.schema import (
     elements,
     get,
     numbers,
+    plain_sequence,
 )
 from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.study.spec.factor import Switch, Texts, _plain
+from warpchain.study.spec.factor import Switch, Texts
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
@@ -42,13 +43,13 @@ Copies = Annotated[int, Field(strict=True, ge=1, le=10_000), Value("must be an i
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
-    BeforeValidator(_plain),
+    BeforeValidator(plain_sequence),
     Value("must be a list of integers of at least 0"),
 ]
 ReplicateBy = Annotated[Literal[*WAYS, *FORMER_WAYS], Value('must be "phase" or "perturbation"')]  # type: ignore[valid-type]
 Window = Annotated[
     tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(gt=0, allow_inf_nan=False)]],
-    BeforeValidator(_plain),
+    BeforeValidator(plain_sequence),
     Value("must be two times [start, end], 0 <= start < end"),
 ]
 Wanted = Annotated[

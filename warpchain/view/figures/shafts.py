@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -129,14 +129,10 @@ def cycle_figure(found: HandedIn) -> Figure | None:
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     title = f"{count} cycle{'s' * (count > 1)}: mean, and shaded from smallest to largest"
     axes[0].set_title(title, loc="left", fontsize=9)
-    _degrees(axes[-1], driver)
+    axes[-1].set_xlim(0.0, 360.0 * CYCLE)
+    axes[-1].set_xticks(np.arange(0.0, 360.0 * CYCLE + 1.0, 90.0))
+    axes[-1].set_xlabel(f"angle of {driver} from where it began [degrees, modulo {360.0 * CYCLE:g}]")
     return figure
-
-
-def _degrees(axis: Any, driver: str) -> None:
-    axis.set_xlim(0.0, 360.0 * CYCLE)
-    axis.set_xticks(np.arange(0.0, 360.0 * CYCLE + 1.0, 90.0))
-    axis.set_xlabel(f"angle of {driver} from where it began [degrees, modulo {360.0 * CYCLE:g}]")
 
 
 def least(values: Array) -> float:

@@ -55,17 +55,14 @@ def free_port(address: str, wanted: int) -> int:
     Raises:
         SimulationError: an address that this machine does not have.
     """
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for port in (wanted, 0):
         try:
-            with socket.create_server((address, port), family=_family(address)) as probe:
+            with socket.create_server((address, port), family=family) as probe:
                 return int(probe.getsockname()[1])
         except OSError as error:
             reason = error
     raise SimulationError(f"--bind {address}: this machine cannot listen there ({reason.strerror or reason})")
-
-
-def _family(address: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in address else socket.AF_INET
 
 
 class Viewer:
