@@ -14,16 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
 from warpchain.drive.motion_table import Table
-
-if TYPE_CHECKING:
-    from warpchain.drive import Drive
 
 
 def strand_frequency(drive: Drive, links: int, tension: float) -> float:

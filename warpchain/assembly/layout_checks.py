@@ -43,7 +43,7 @@ from warpchain.drive.batch_math import along, joined
 
 if TYPE_CHECKING:
     from warpchain.assembly.taut_string import Touch
-    from warpchain.drive import Drive, Guide
+    from warpchain.drive import Guide
 
 Point = tuple[float, float]
 Strand = tuple[Point, Point]
@@ -309,9 +309,10 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
         for k, ((sx, sy), (ex, ey)) in enumerate(zip(path.strand_start, path.strand_end, strict=True)):
             first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
             ends = [(sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty]
-            if (shares := _over(first, last, length)) is not None:
+            begin, end = _within(first, last, length)
+            if first != last and begin < end:
                 # of rollers that ride on the face the center is a radius in front of it
-                gaps.append((min(ends[0] + share * (ends[1] - ends[0]) for share in shares) - radius, k))
+                gaps.append((min(ends[0] + share * (ends[1] - ends[0]) for share in (begin, end)) - radius, k))
         nearest = min(gaps, key=lambda gap: abs(gap[0]), default=None)
         if nearest is None:
             lines.append(f"guides.{guide.name}: misses the chain: no strand passes over its face; move start and end")
@@ -329,15 +330,6 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
                 "hard; move start and end back, or take a curved face"
             )
     return lines
-
-
-def _over(first: float, last: float, length: float) -> tuple[float, float] | None:
-    """Shares of a line from `first` to `last` between which it is over 0 to `length`; None where it nowhere is."""
-    if first == last:
-        return None
-    low, high = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
-    low, high = max(low, 0.0), min(high, 1.0)
-    return (low, high) if low < high else None
 
 
 def _safety(drive: Drive, tensions: Sequence[float]) -> list[str]:

@@ -41,34 +41,32 @@ class _Parser(argparse.ArgumentParser):
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
-def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
-    parser = add_command(commands, name, text, example)
+def _add(commands: Any, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
+    """Adds the command that a function does, whose name begins with the command's; returns its parser."""
+    parser = add_command(commands, run.__name__.partition("_")[0], text, example)
     parser.set_defaults(run=run)
     return parser
 
 
 def _check(commands: Any) -> None:
-    parser = _add(
-        commands, "check", do.check, "print what a drive amounts to, without running it", "warpchain check marine"
-    )
+    parser = _add(commands, do.check, "print what a drive amounts to, without running it", "warpchain check marine")
     add_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
 
 
 def _chains(commands: Any) -> None:
-    _add(commands, "chains", do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+    _add(commands, do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
 
 
 def _devices(commands: Any) -> None:
     text = "list the devices that runs can take, and how fast they were measured to be"
-    parser = _add(commands, "devices", do.devices, text, "warpchain devices --calibrate")
+    parser = _add(commands, do.devices, text, "warpchain devices --calibrate")
     parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
 
 
 def _fit(commands: Any) -> None:
     parser = _add(
         commands,
-        "fit",
         do.fit,
         "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
         "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
@@ -90,7 +88,6 @@ def _fit(commands: Any) -> None:
 def _modes(commands: Any) -> None:
     parser = _add(
         commands,
-        "modes",
         do.modes,
         "list a drive's natural frequencies, damping ratios and mode shapes",
         "warpchain modes marine --speed 0 15 -o modes.html",
@@ -119,7 +116,6 @@ def _modes(commands: Any) -> None:
 def _tensioner(commands: Any) -> None:
     parser = _add(
         commands,
-        "tensioner",
         do.tensioner,
         "impose a sine on a tensioner's plunger as a test rig does; print and draw what it does",
         "warpchain tensioner drive.toml tensioner --amplitude 2e-4 --frequency 100 -o loop.png",
@@ -158,7 +154,6 @@ def _tensioner(commands: Any) -> None:
 def _run(commands: Any) -> None:
     parser = _add(
         commands,
-        "run",
         do.run,
         "simulate a drive and write an archive",
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
@@ -204,7 +199,7 @@ def _run(commands: Any) -> None:
 
 
 def _view(commands: Any) -> None:
-    parser = _add(commands, "view", do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
+    parser = _add(commands, do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
     add_options(parser, "archive")
     parser.add_argument(
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
@@ -225,7 +220,7 @@ def _view(commands: Any) -> None:
 
 
 def _plot(commands: Any) -> None:
-    parser = _add(commands, "plot", do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
+    parser = _add(commands, do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
     add_options(parser, "archive")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
     add_options(parser, "--variant")
@@ -245,7 +240,6 @@ def _plot(commands: Any) -> None:
 def _report(commands: Any) -> None:
     parser = _add(
         commands,
-        "report",
         do.report,
         "write the engineering report of a recorded run as one HTML page",
         "warpchain report engine.mcap -o engine.html",
@@ -266,7 +260,6 @@ def _report(commands: Any) -> None:
 def _export(commands: Any) -> None:
     parser = _add(
         commands,
-        "export",
         do.export,
         "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), or its metrics",
         "warpchain export marine.mcap -o marine.csv",
@@ -282,7 +275,6 @@ def _export(commands: Any) -> None:
 def _import(commands: Any) -> None:
     parser = _add(
         commands,
-        "import",
         do.import_signal,
         "lay a measured signal (CSV) over a run: statistics, orders, figures, Rerun",
         "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
@@ -308,7 +300,6 @@ def _import(commands: Any) -> None:
 def _recover(commands: Any) -> None:
     parser = _add(
         commands,
-        "recover",
         do.recover,
         "restore an archive that was cut or damaged, up to its last whole chunk",
         "warpchain recover broken.mcap -o fixed.mcap",
@@ -322,7 +313,7 @@ def _recover(commands: Any) -> None:
 
 def _study(commands: Any) -> None:
     parser = _add(
-        commands, "study", do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
+        commands, do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
     )
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
     add_commands(studies)

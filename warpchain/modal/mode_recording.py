@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from warpchain.modal.eigenmodes import Modes
-
 FRAMES = 48
 """Of a cycle."""
 CYCLES = 4
