@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, create_model
 
 from warpchain.drive.laws import LAWS, Means
 from warpchain.drive.schema import (
@@ -196,29 +196,22 @@ class SprocketContact(ImpactLaw):
                 yield Problem(("gap",), get(node, "gap"), 'only together with profile = "iso606"')
 
 
-class GuideOverrides(Part):
+class _Overrides(Part):
     """Values of one guide-bar's contact in place of `[contact.guide]`'s; the keys are those of `GuideContact`."""
-
-    law: LawName | None = None
-    restitution: Restitution | None = None
-    restitution_means: RestitutionMeans | None = None
-    exponent: Exponent | None = None
-    impact_speed_floor: Positive | None = None
-    stiffness: Positive | None = None
-    width: Positive | None = None
-    reference_load: Positive | None = None
-    roller: Body | None = None
-    partner: Body | None = None
-    friction: NonNegative | None = None
-    static_friction: NonNegative | None = None
-    stribeck_speed: Positive | None = None
-    rolling: Switch | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from _not_both(node)
+
+
+if TYPE_CHECKING:
+    GuideOverrides = _Overrides
+else:  # none of which must be given
+    _KEYS = {key: (field.rebuild_annotation() | None, None) for key, field in GuideContact.model_fields.items()}
+    GuideOverrides = create_model("GuideOverrides", __base__=_Overrides, __module__=__name__, **_KEYS)
+    GuideOverrides.__doc__ = _Overrides.__doc__
 
 
 class Contact(Part):
