@@ -28,7 +28,6 @@ from warpchain.results.signals import (
     peaks_over_time,
 )
 from warpchain.results.units import display_unit, shown
-from warpchain.view.chosen import part_of
 from warpchain.view.figures.style import LINES, PARTS, about, arrowed, curve, key, mark_teeth, panels
 from warpchain.view.palette import scale_top, tension_colormap
 
@@ -90,7 +89,7 @@ def guide_figure(trajectory: Trajectory) -> Figure:
 
 def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
-    trajectory = part_of(trajectory, last_round(trajectory))
+    trajectory = trajectory.at(last_round(trajectory))
     (tension,) = need(trajectory, "tension")
     figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
     unit, factor = shown("N", tension[:, link])
@@ -104,7 +103,7 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
-    trajectory = part_of(trajectory, last_round(trajectory))
+    trajectory = trajectory.at(last_round(trajectory))
     sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panels(
         2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
@@ -187,7 +186,7 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
 def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
     """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
     (position,) = need(trajectory, "position")
-    arrows = [force[0] for force in contact_arrows(part_of(trajectory, slice(f, f + 1)))]
+    arrows = [force[0] for force in contact_arrows(trajectory.at(slice(f, f + 1)))]
     largest = max(float(np.hypot(*force.T).max()) for force in arrows)
     span = float(np.ptp(position[f], axis=0).max())
     return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0

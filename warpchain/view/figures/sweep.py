@@ -87,9 +87,7 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
     runs = [source if isinstance(source, Run) else read_archive(source) for source in sources]
     found = [run[variant] for run in runs for variant in run if run.ok[run.row_of(variant)]]
     for trajectory in found:
-        for channel in ("position", "tension", "sprocket_speed"):
-            if getattr(trajectory, channel) is None:
-                raise SimulationError(f"a variant was recorded without {channel}, which a sweep over speed needs")
+        need(trajectory, "position", "tension", "sprocket_speed", name="a variant for a sweep over speed")
     alike = {(t.drive.strand_names, t.drive.sprockets[t.drive.driver].teeth) for t in found}
     if len(alike) > 1:
         raise SimulationError("a sweep over speed needs variants with the same strands and teeth of the driver")

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
-from warpchain.view.chosen import part_of
 from warpchain.view.palette import Color, packed_colors, tension_steps, thing_colors
 from warpchain.view.rerun.streams import Column, entity, flipped, rows, send, strips, vectors
 
@@ -30,7 +29,7 @@ def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
     if count <= budget:
         return trajectory
     frames = np.unique(np.linspace(0, count - 1, budget).round().astype(np.intp))
-    return part_of(trajectory, frames)
+    return trajectory.at(frames)
 
 
 def log_drive(
