@@ -70,10 +70,10 @@ from ..number import (  # noqa: F401
     rounded,
     sub,
     trimmed,
-    vector,
 )
 from ..precision import at_float32
 from ..structs import Push, Tensioner, TensionerFlows, TensionerState, types
+from .guide import from_frame
 
 BLOCKS = types(wp.float32, blocks=True)
 BlockFlows = at_float32(TensionerFlows, {})
@@ -101,9 +101,7 @@ def touch_arm(body: Any, tensioner: Any):
         body: with cosine and sine of its angle.
         tensioner: with the point in the body's own frame.
     """
-    x = component(tensioner.point, 0)
-    y = component(tensioner.point, 1)
-    return vector(x * body.cosine - y * body.sine, x * body.sine + y * body.cosine)
+    return from_frame(tensioner.point, body)
 
 
 @wp.func
