@@ -97,14 +97,15 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
         body = body_now(ensemble, state, b, now.time, now.lag)
-        whole = bodies.wrench_on(ensemble, state, drive, b)
-        whole.load = load_moment_at_speed(now.time, whole.load, state.bodies[b].speed, body.speed, motion)
+        wrench = state.wrenches[b]
+        load = load_moment_at_speed(now.time, wrench.load, state.bodies[b].speed, body.speed, motion)
         if mount.active == 1:
+            whole = bodies.wrench_on(ensemble, state, drive, b)
+            whole.load = load
             off = off_home(body.center, mount)
             held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
-        moment = state.wrenches[b].moment
-        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, moment, whole.load, now.weight)
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
         if now.forces != 0:
             sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
 
