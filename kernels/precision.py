@@ -38,7 +38,7 @@ def at_float32(
         pairs: fields that float32 is too little for.
         recent: sums that every step adds to (`number.RecentSum`).
         kept: fields that stay as they are.
-        rows: fills it up to whole rows of `ROW` bytes, for arrays that `rows.struct_rows` reads.
+        rows: fills it up to whole rows of `ROW` bytes, for arrays that `native.aligned` reads.
         other: types of fields that become something else.
     """
 

@@ -27,7 +27,7 @@ class Harmonics:
 
 @wp.struct
 class Tabulated:
-    """Where a body's speed or torque table stands in the ensemble's list (see `kernels.physics.table`)."""
+    """Where a body's speed or torque table stands in the ensemble's list (see `kernels.physics.motion`)."""
 
     cells: wp.int32  # 0: no table
     first: wp.int32
@@ -42,7 +42,7 @@ class Curves:
     """The tables of the motions and loads of all bodies."""
 
     harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase)
-    tables: wp.array[wp.float64]  # five values a cell (`physics.table`)
+    tables: wp.array[wp.float64]  # five values a cell (`physics.motion`)
 
 
 @wp.struct
@@ -120,7 +120,7 @@ class Mount:
 
 @wp.struct
 class Arm:
-    """An arm that turns about a fixed pivot, its body's center; its angle is 0 as drawn (`physics.arm`)."""
+    """An arm that turns about a fixed pivot, its body's center; its angle is 0 as drawn (`physics.body`)."""
 
     pivot: wp.vec2d  # [m]
     stiffness: wp.float64  # k_t of its torsion spring [N m/rad]
@@ -377,7 +377,7 @@ class Band:
 
 @wp.struct
 class Guide:
-    """One guide and its contact law: a straight bar, eq. (21)-(23), or a profile (`physics.profile`)."""
+    """One guide and its contact law: a straight bar, eq. (21)-(23), or a profile (`physics.guide`)."""
 
     start: wp.vec2d  # a [m]; of a profile, its chord's
     direction: wp.vec2d  # t
@@ -598,7 +598,7 @@ class Sums:
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
     tension_counts: wp.array[wp.int32]  # `statistics.BINS` of each strand, then of links on none, variant by variant
-    chain_notes: wp.array[Note]  # `batches.NOTES` a variant
+    chain_notes: wp.array[Note]  # `statistics.NOTES` a variant
     strand_notes: wp.array[Note]  # the same for each sprocket
     sprocket_notes: wp.array[SprocketSums]
     mount_notes: wp.array[MountSums]

@@ -1,7 +1,7 @@
 """Which rollers can come near a partner within the next steps: only these are looked at.
 
 Every so often all rollers are held against each partner, widened by a skin. Those found are kept as runs of up to
-`contacts.GROUP` rollers one after the other, those in between included. As long as no roller and no body is faster than
+`GROUP` rollers one after the other, those in between included. As long as no roller and no body is faster than
 a limit, none of the others comes through more than 0.7 of the skin in the steps for which the runs hold, which leaves
 more than float32 rounds off. So results do not depend on runs.
 """
@@ -32,8 +32,8 @@ class Group:
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
     fresh: wp.uint64  # and has no seat, or piece, yet
-    low: wp.int32  # the first that is near, or up to `rows.LANES` - 1 before
-    high: wp.int32  # after the last that is near, by a multiple of `rows.LANES` from `low`
+    low: wp.int32  # the first that is near, or up to `native.LANES` - 1 before
+    high: wp.int32  # after the last that is near, by a multiple of `native.LANES` from `low`
 
 
 @wp.func_native("return __builtin_ctzll(bits);")

@@ -4,7 +4,7 @@ Thread i has the rollers i, i + threads, ...: one each where variants are few, a
 are many, which then waits for no other. Rollers lie in shared rows. A few threads also take a body each on.
 Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
 
-Where the code is long, several variants of a warp each lie abreast in one block. Each is worked out as by itself; but
+Where the code is long, several variants of a warp each share a block. Each is worked out as by itself; but
 now and then they wait for each other, so that code which does not fit the instruction caches is fetched once for all.
 """
 
@@ -139,7 +139,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
 def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     """The kernel for drives of a kind.
 
-    Launch it with `dim` = variants * threads and `block_dim` = threads of all variants abreast. `blocks` is how many
+    Launch it with `dim` = variants * threads and `block_dim` = threads of all its variants. `blocks` is how many
     variants the compiler is to make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as
     `frame` says (`frames.frame_writers`).
     """

@@ -20,7 +20,7 @@ from .shared_memory import view
 from .sync import sync
 
 MEETING = wp.constant(16)
-"""Steps after which variants abreast wait for each other."""
+"""Steps after which variants of a block wait for each other."""
 
 
 @cache

@@ -6,7 +6,7 @@ guide-bar `MISSED` if the roller did not come in through the face: it then feels
 keeps its seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the
 partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller,
 its opposite on the partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross
-product). Penetration and normal are those of `tooth.in_teeth`, `guide.on_guide` or `profile.on_profile`.
+product). Penetration and normal are those of `tooth.in_teeth`, `guide.on_guide` or `guide.on_profile`.
 
     misses      whether it is in a bar without having come through its face
     respond     the contact's force vector, v0, the part of it that damps, and energy

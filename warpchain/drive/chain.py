@@ -68,7 +68,7 @@ class WornLink(Part):
 
 
 class Joint(Part):
-    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.joint`).
+    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.friction`).
 
     Attributes:
         friction: mu_d [-], of pin and bush.
