@@ -22,7 +22,8 @@ from .physics import impact
 
 KNOWN = ("1.19.",)
 """Warp's versions whose modules are known to take their hash from a hasher, as here."""
-
+SAME_BINARY = ("use_precompiled_headers",)
+"""Options that leave the compiled kernel as it is; the command line sets one that calls from Python do not."""
 
 HERE = Path(__file__).parent
 IMPORT = re.compile(r"^[ \t]*from (\.+)([\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
@@ -80,7 +81,7 @@ class _Hasher(context.ModuleHasher):
 
     def __init__(self, made_of: bytes, kernels: Any, options: Any) -> None:
         self.made_of = made_of
-        super().__init__(kernels, options)
+        super().__init__(kernels, {name: of for name, of in options.items() if name not in SAME_BINARY})
 
     def hash_adjoint(self, adj: Any) -> bytes:
         """The digest, of a kernel; looking through it also tells it how many dimensions a launch has."""

@@ -22,7 +22,7 @@ def test_no_kernel_reads_or_writes_out_of_bounds():
     assert sum(line.startswith("blocks") for line in lines) >= 6
 
 
-@pytest.mark.parametrize("how", ["array", "row", "view"])
+@pytest.mark.parametrize("how", ["array", *(pytest.param(how, marks=pytest.mark.long) for how in ("row", "view"))])
 def test_what_is_out_of_bounds_ends_the_process(how):
     """The eighth value is the last of 8, and the last that is read."""
     done = checked("beyond", how)

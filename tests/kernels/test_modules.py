@@ -140,3 +140,12 @@ def test_a_change_of_a_file_tells_the_kernels_that_reach_it_apart(file, changed,
     (copied / file).write_text((copied / file).read_text() + "\n# changed\n")
     after = digests()
     assert [of for of in KERNEL_FILES if before[of] != after[of]] == changed
+
+
+def test_headers_compiled_before_make_no_other_kernel(monkeypatch):
+    # as the command line and calls from Python set it differently, and would compile each kernel twice
+    hashes = []
+    for value in (True, False):
+        monkeypatch.setattr(wp.config, "use_precompiled_headers", value)
+        hashes.append(modules._Module("kernels", b"made of this").get_module_hash(1))
+    assert hashes[0] == hashes[1]
