@@ -124,15 +124,13 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
                 place = place + 1
         return wp.min(place, wp.static(kind.parts.prescribed - 1))
 
-    @wp.func(inline=False)
-    def led_along(time: kinds.Number, motion: kinds.Motion, curves: kinds.Curves):
-        """Where a motion leads at a time [s]; a function of its own in the code, as few steps come to it."""
-        return prescribed_at(time, motion, curves)
-
     @wp.func
     def led_at(ensemble: Ensemble, shared: Shared, mine: Mine, b: int, step: int):
         """Where body b is led at a step."""
-        return led_along(counted(step, step_number(mine)), shared.motions[b], ensemble.curves)
+        motion = shared.motions[b]
+        if wp.static(kind.parts.tabulated == 0):
+            motion.drive_table.cells = 0  # so that the compiler knows
+        return prescribed_at(counted(step, step_number(mine)), motion, ensemble.curves)
 
     @wp.func
     def step_number(mine: Mine):
@@ -294,11 +292,6 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         """The same, rounded: without the work that it takes exactly."""
         return Real(now.step) * leading(step_number(mine))
 
-    @wp.func(inline=False)
-    def torque_at(x: kinds.Number, table: kinds.Tabulated, curves: kinds.Curves):
-        """The value of a table of torque [N m]; a function of its own in the code, as few drives have one."""
-        return value_at(x, table, curves.tables)
-
     @wp.func
     def load_on(ensemble: Ensemble, shared: Shared, mine: Mine, rounded: Real, time: Any, pose: Pose):
         """Moment on the thread's body [N m] of its load, or of an arm's own springs and weight.
@@ -307,9 +300,10 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         """
         motion = shared.motions[mine.body]
         tabulated = Real(0.0)
-        if motion.load_table.cells > 0:
-            x = tabulated_over(time, pose.angle, motion)
-            tabulated = torque_at(x, motion.load_table, ensemble.curves)
+        if wp.static(kind.parts.tabulated > 0):
+            if motion.load_table.cells > 0:
+                x = tabulated_over(time, pose.angle, motion)
+                tabulated = value_at(x, motion.load_table, ensemble.curves.tables)
         load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble.curves)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:

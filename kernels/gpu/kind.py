@@ -127,7 +127,7 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """The numbers of a drive's sprockets, guides, arms, tensioners and other bodies, and of prescribed angles."""
+    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated (1, else 0)."""
 
     sprockets: int
     guides: int
@@ -135,6 +135,7 @@ class Parts:
     tensioners: int = 0
     prescribed: int = 1
     others: int = 0
+    tabulated: int = 1
 
     @property
     def mounted(self) -> int:
