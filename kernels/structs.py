@@ -66,6 +66,7 @@ class Drive:
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
+    light: wp.int32  # 1: has bodies so light that contacts want their accelerations before forces (`body.solved`)
     step: wp.float64  # h [s]
     steps: wp.int32  # whole run
     window_start: wp.int32  # metrics are taken from this step
@@ -85,6 +86,7 @@ class Motion:
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     sign: wp.float64  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float64  # 1 / J, of an arm about its pivot, with what moves along [1/(kg m^2)]
+    following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expected_after`)
     speed: wp.float64  # Omega [rad/s]
     ramp_time: wp.float64  # [s]
     start_angle: wp.float64  # theta_0 [rad]
@@ -116,6 +118,7 @@ class Mount:
     gravity: wp.vec2d  # [m/s^2]
     wheel: wp.vec2d  # m_b r_b (cos psi_b, sin psi_b) [kg m]
     inertia: wp.float64  # of body and wheel; of the wheel alone if the angle is prescribed [kg m^2]
+    following: wp.float64  # part of a change of the center's acceleration that contacts expect
 
 
 @wp.struct
@@ -220,6 +223,7 @@ class Wrench:
     force: wp.vec2d  # of contacts and tensioners [N]
     moment: wp.float64  # the same, about its center, counter-clockwise [N m]
     load: wp.float64  # moment of its load, or of an arm's own springs and weight [N m]
+    yielding: wp.float64  # moment by which contacts answer an acceleration of its angle [kg m^2]
 
 
 @wp.struct
@@ -245,6 +249,8 @@ class Pose:
     angle: wp.float64  # [rad]
     exact_speed: wp.float64  # prescribed: angular velocity at the step's instant [rad/s]
     load: wp.float64  # free: load moment [N m]
+    straight: wp.vec2d  # acceleration of the center that contacts expect [m/s^2]
+    angular: wp.float64  # the same of the angle [rad/s^2]
 
 
 @wp.struct
@@ -293,7 +299,9 @@ class ContactLaw:
     exponent: wp.float64  # n
     damping: wp.float64  # hysteresis factor d [-]; with Kelvin-Voigt c [N s/m]
     speed_floor: wp.float64  # v_min [m/s]
-    most_damping: wp.float64  # m_e / h [N s/m]: more would turn the approach around in a step
+    lag: wp.float64  # h / 2, by which leapfrog's speeds are behind the forces [s]; 0 with stages
+    yielding: wp.float64  # the same over a roller's mass [s/kg]
+    most_damping: wp.float64  # with stages 2 m / h, which bounds the damper [N s/m]; 0 with leapfrog
 
 
 @wp.struct
@@ -310,7 +318,7 @@ class Sliding:
     """Friction of rollers on teeth or a guide-bar (`physics.friction`)."""
 
     rubs: wp.int32  # 1: there is friction
-    stop: wp.float64  # beta m_e / h [N s/m]
+    inertia: wp.float64  # m_e / h [kg/s]
     law: Friction
 
 
@@ -321,7 +329,7 @@ class Joint:
     rubs: wp.int32  # 1: there is friction
     pin_radius: wp.float64  # r_p [m]
     arm: wp.float64  # kappa r_p [m]
-    stop: wp.float64  # moment a sliding speed that a step can stop, 0.375 (m p^2 / 6) / (h r_p) [N s]
+    inertia: wp.float64  # 0.6 (m p^2 / 6) / h [N m s]
     law: Friction
 
 
@@ -654,6 +662,9 @@ class State:
     strands: wp.array[Strand]  # (all sprockets,)
     seat: wp.array[wp.int32]  # (contact memories,): seat, or piece of a profile, that a roller is near, else -1
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
+    contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
+    joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
+    expected: wp.array[wp.vec3d]  # (all bodies,): accelerations that contacts expect (`body.expected_after`)
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
     extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
     stages: wp.array[wp.float64]  # (10 * all rollers,) for stages on blocks, else (1,): see `block_stages`
@@ -668,10 +679,12 @@ class Memory:
 
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
+    hold: wp.array[wp.float64]  # `State.contact_hold`
     first: wp.int32  # of this partner's rollers
-    stage: wp.int32  # v0 is kept at stage 0 only, a step's start
+    stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     wanted: Now  # what is added up too
     lag: wp.float64  # how far the velocities are behind the forces [s]
+    time: wp.float64  # the forces' instant [s]
 
 
 @wp.struct
@@ -691,8 +704,11 @@ class _BlockPose:
     velocity: PairVector  # of the center [m/s]
     grid: wp.float32  # for `physics.tooth.gridded` [m]
     exact_speed: wp.float32  # prescribed: angular velocity at the step's instant [rad/s]
+    straight: wp.vec2f  # acceleration of the center that contacts expect [m/s^2]
+    angular: wp.float32  # the same of the angle [rad/s^2]
     unused_0: wp.int32
     unused_1: wp.int32
+    unused_2: wp.int32
 
 
 PAIRS = {
@@ -715,8 +731,9 @@ PAIRS = {
 def _of_rollers() -> dict[Any, Any]:
     """The structs of what is at float32 on the CPU and on blocks alike."""
     made: dict[Any, Any] = {}
-    for full in (Friction, ContactLaw, Sliding, Joint, Chain, Links, Band, Extra, Memory):
+    for full in (Friction, ContactLaw, Sliding, Joint, Chain, Links, Band, Extra):
         made[full] = at_float32(full, made)
+    made[Memory] = at_float32(Memory, made, kept=("time",))
     return made
 
 
@@ -756,7 +773,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates",))
+        made[State] = at_float32(State, made, kept=("rates",) if blocks else ("rates", "expected"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

@@ -16,6 +16,10 @@ from .rollers import rows
 from .teeth import seat_passes, teeth_passes
 
 
+FORESEEING = wp.constant(-1)
+"""In place of a stage: contacts are evaluated only to find what accelerations bodies will have."""
+
+
 @cache
 def partners(Real: type) -> SimpleNamespace:
     """The partners of one variant, where they are now, with their contact laws."""
@@ -136,6 +140,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
+        memory.hold = state.contact_hold
         memory.first = drive.first_contact
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
@@ -281,6 +286,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         group: Group,
         law: kinds.ContactLaw,
         sliding: kinds.Sliding,
+        seat: force.vec3,
         memory: Memory,
         chain: Chain,
         totals: wp.array[Totals],
@@ -291,21 +297,23 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         Returns 1 if contacts keep something else from now on. Totals stand in memory: handed on by value, they would be
         copied where ways join.
         """
+        if wp.static(plain):
+            law.most_damping = Real(0.0)  # so that the compiler knows
         measured = memory.wanted.measures != 0
         changed = int(0)
         began = int(1)
         if law.exponent == Real(1.0) and sliding.rubs == 0:
             if measured:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, True)
+                changed, began = force.press_smoothly(w, group, law, seat, memory, chain, True)
             else:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, False)
+                changed, began = force.press_smoothly(w, group, law, seat, memory, chain, False)
         else:
-            changed = force.press(w, group, law)
+            changed = force.press(w, group, law, seat, chain)
             if sliding.rubs != 0:
-                force.rub_rollers(w, group, sliding)
+                force.rub_rollers(w, group, sliding, memory)
             force.add_forces(w, group)
             if measured:
-                force.lose(w, group, sliding, memory, chain)
+                force.lose(w, group, sliding, seat, memory, chain)
         if measured:
             sums.add_measured(w, group, law, sliding, memory.wanted, totals, slot)
             if began != 0:
@@ -347,12 +355,20 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             law = of.law_of(ensemble, drive, p)
             sliding = of.sliding_of(ensemble, drive, p)
             impacts = state.totals[slot].impacts
-            changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
+            seat = force.vec3()
+            body = of.carrier_of(ensemble, drive, p)
+            if body != GROUND:
+                expected = state.expected[drive.first_body + body]
+                seat = force.vec3(Real(expected[0]), Real(expected[1]), Real(expected[2]))
+            changed = answer(w, group, law, sliding, seat, memory, chain, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep(w, group.low, group.high, p, memory)
                 else:
                     contact.keep(w, group, memory)
+            if memory.stage == FORESEEING and body != GROUND:
+                b = drive.first_body + body
+                state.wrenches[b].yielding = state.wrenches[b].yielding + force.yielding(w, group, law)
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func

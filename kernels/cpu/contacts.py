@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors
-from ..physics.contact import power_taken, pressed, reaction, rub, rub_evenly, stored
-from ..physics.impact import elastic_force
+from ..physics.contact import gained, power_taken, pressed, reaction, rub, rub_evenly, stored
+from ..physics.impact import elastic_force, force_by_growth
 from ..structs import Now, Totals, types
 from .neighbor_list import Group, is_near
 from .rollers import passes, rows
@@ -68,6 +68,15 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
         return wp.where(load_row(w, row.penetration + i) > Real(0.0) and load_row(w, row.before + i) <= Real(0.0), 1, 0)
 
     @wp.func
+    def clear_forces(w: wp.array[Real], n: int):
+        """Begins the sums of contact forces anew."""
+        i = int(0)
+        while i < n:
+            store_row(w, row.fx + i, Real(0.0))
+            store_row(w, row.fy + i, Real(0.0))
+            i = i + 1
+
+    @wp.func
     def clear_sizes(w: wp.array[Real], n: int):
         """Begins the sums of the forces' magnitudes anew."""
         i = int(0)
@@ -92,7 +101,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     """The forces of contacts whose `touch` is in the rows, with what dampers and friction take."""
     kinds = types(Real)
     Memory, Chain = kinds.Memory, kinds.Chain
-    vec2, accelerations = kinds.vec2, passes(Real, capacity).accelerations
+    vec2, vec3, acceleration = kinds.vec2, wp.types.vector(3, Real), passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
 
@@ -112,19 +121,30 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return wp.where(load_row(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
-    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
+    def gaining(w: wp.array[Real], i: int, seat: vec3, chain: Chain):
+        """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far.
+
+        `seat` has those of the partner's body, which are expected: of its center (x, y), of its angle.
+        """
+        arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
+        return gained(vec2(seat[0], seat[1]), seat[2], arm, acceleration(w, i, chain.inverse_mass, chain.gravity))
+
+    @wp.func
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, seat: vec3, chain: Chain):
         """The normal force on roller i, and what its contact keeps; 1 if that is something else than before."""
         penetration = load_row(w, row.penetration + i)
         normal_x = load_row(w, row.normal_x + i)
         normal_y = load_row(w, row.normal_y + i)
         speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
+        more = gaining(w, i, seat, chain)
+        growth = more[0] * normal_x + more[1] * normal_y
         x = Real(0.0)
         y = Real(0.0)
         size = Real(0.0)
         damper = Real(0.0)
         kept = load_row(w, row.open + i)
         if penetration > Real(0.0):
-            size, kept, damper, energy = pressed(penetration, speed, load_row(w, row.before + i), law)
+            size, kept, damper, energy = pressed(penetration, speed, growth, load_row(w, row.before + i), law)
             x = size * normal_x
             y = size * normal_y
         store_row(w, row.press_x + i, x)
@@ -144,40 +164,64 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
 
     @wp.func
-    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, seat: vec3, chain: Chain):
         """Normal forces; of a linear law in a loop of its own, which vectorizes. 1 if contacts keep something else."""
         changed = int(0)
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             while i < group.high:
-                changed = changed | press_one(w, i, law)
+                changed = changed | press_one(w, i, law, seat, chain)
                 i = i + 1
         else:
             while i < group.high:
-                changed = changed | press_one(w, i, law)
+                changed = changed | press_one(w, i, law, seat, chain)
                 i = i + 1
         return changed
 
     @wp.func
-    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory, chain: Chain):
+    def yielding(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+        """Moment by which the contacts answer an acceleration of their body's angle [kg m^2]."""
+        total = wp.float64(0.0)
+        i = group.low
+        while i < group.high:
+            penetration = load_row(w, row.penetration + i)
+            if penetration > Real(0.0):
+                lever = (
+                    load_row(w, row.arm_x + i) * load_row(w, row.normal_y + i)
+                    - load_row(w, row.arm_y + i) * load_row(w, row.normal_x + i)
+                )
+                elastic = elastic_force(penetration, law.stiffness, law.exponent)
+                size, first = load_row(w, row.size + i), load_row(w, row.kept + i)
+                total += wp.float64(lever * lever * force_by_growth(elastic, size, first, law))
+            i = i + 1
+        return total
+
+    @wp.func
+    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, seat: vec3, memory: Memory, chain: Chain):
         """Power that a force on roller i takes, as `contact.dissipated`."""
-        ax, ay = accelerations(w, i, chain.inverse_mass, chain.gravity)
-        speed_x = load_row(w, row.relative_x + i) - memory.lag * ax
-        speed_y = load_row(w, row.relative_y + i) - memory.lag * ay
+        more = gaining(w, i, seat, chain)
+        speed_x = load_row(w, row.relative_x + i) + memory.lag * more[0]
+        speed_y = load_row(w, row.relative_y + i) + memory.lag * more[1]
         return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
 
     @wp.func
-    def lose_one(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
+    def lose_one(w: wp.array[Real], i: int, seat: vec3, memory: Memory, chain: Chain):
         """Power that roller i's damper takes."""
         damper = load_row(w, row.damper + i)
         x = damper * load_row(w, row.normal_x + i)
         y = damper * load_row(w, row.normal_y + i)
-        store_row(w, row.damped + i, power_of(w, i, x, y, memory, chain))
+        store_row(w, row.damped + i, power_of(w, i, x, y, seat, memory, chain))
 
     @wp.func
     def press_smoothly(
-        w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain, measured: bool
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        seat: vec3,
+        memory: Memory,
+        chain: Chain,
+        measured: bool,
     ):
         """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
 
@@ -188,36 +232,65 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         began = int(0)
         i = group.low
         while i < group.high:
-            changed = changed | press_one(w, i, law)
+            changed = changed | press_one(w, i, law, seat, chain)
             add_force(w, i)
             if measured:
-                lose_one(w, i, memory, chain)
+                lose_one(w, i, seat, memory, chain)
                 began = began | begins(w, i)
             i = i + 1
         return changed, began
 
     @wp.func
-    def add_drag(w: wp.array[Real], i: int, drag: vec2):
-        """Adds friction to the force on roller i."""
+    def add_drag(w: wp.array[Real], i: int, drag: vec2, holds: Real):
+        """Adds friction to the force on roller i, and sets what its contact holds."""
         x = where_touching(w, i, drag[0])
         y = where_touching(w, i, drag[1])
         store_row(w, row.drag_x + i, x)
         store_row(w, row.drag_y + i, y)
         store_row(w, row.press_x + i, load_row(w, row.press_x + i) + x)
         store_row(w, row.press_y + i, load_row(w, row.press_y + i) + y)
+        store_row(w, row.hold + i, holds)
 
     @wp.func
-    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding):
+    def recall_holds(w: wp.array[Real], group: Group, memory: Memory):
+        """What the contacts have held until now; nothing of one that begins."""
+        i = group.low
+        while i < group.high:
+            held = Real(0.0)
+            if load_row(w, row.penetration + i) > Real(0.0) and load_row(w, row.before + i) > Real(0.0):
+                held = load_row(memory.hold, memory.first + i)
+            store_row(w, row.hold + i, held)
+            i = i + 1
+
+    @wp.func
+    def keep_holds(w: wp.array[Real], group: Group, memory: Memory):
+        """Sets what the contacts hold from now on."""
+        i = group.low
+        while i < group.high:
+            if load_row(w, row.penetration + i) > Real(0.0):
+                store_row(memory.hold, memory.first + i, load_row(w, row.hold + i))
+            i = i + 1
+
+    @wp.func
+    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
         """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        recall_holds(w, group, memory)
+        stretched = wp.where(memory.stage == 0, Real(1.0), Real(0.0))
         i = group.low
         if sliding.law.mu_static == sliding.law.mu_dynamic:
             while i < group.high:
-                add_drag(w, i, rub_evenly(load_row(w, row.size + i), normal_of(w, i), relative_of(w, i), sliding))
+                size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
+                drag, holds = rub_evenly(size, normal_of(w, i), relative_of(w, i), held, sliding, stretched)
+                add_drag(w, i, drag, holds)
                 i = i + 1
         else:
             while i < group.high:
-                add_drag(w, i, rub(load_row(w, row.size + i), normal_of(w, i), relative_of(w, i), sliding))
+                size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
+                drag, holds = rub(size, normal_of(w, i), relative_of(w, i), held, sliding, stretched)
+                add_drag(w, i, drag, holds)
                 i = i + 1
+        if memory.stage == 0:
+            keep_holds(w, group, memory)
 
     @wp.func
     def add_forces(w: wp.array[Real], group: Group):
@@ -228,18 +301,20 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory, chain: Chain):
+    def lose(
+        w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain
+    ):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
-            lose_one(w, i, memory, chain)
+            lose_one(w, i, seat, memory, chain)
             i = i + 1
         if sliding.rubs != 0:
             i = group.low
             while i < group.high:
                 x = load_row(w, row.drag_x + i)
                 y = load_row(w, row.drag_y + i)
-                store_row(w, row.rubbed + i, power_of(w, i, x, y, memory, chain))
+                store_row(w, row.rubbed + i, power_of(w, i, x, y, seat, memory, chain))
                 i = i + 1
 
     return SimpleNamespace(**locals())

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, whole_lanes
-from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
+from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
 from ..structs import types
 from ..sums import after, before
@@ -61,24 +61,30 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
-    def rub_joints(w: wp.array[Real], n: int, joint: Joint):
+    def rub_joint(w: wp.array[Real], i: int, mu: Real, joint: Joint, stretched: Real):
+        """The moment of the joint after link i, and what it holds; in numbers, not vectors."""
+        tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
+        tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
+        held = load_row(w, row.joint_hold + i + 1)
+        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, joint, stretched)
+        store_row(w, row.moment + i + 1, moment)
+        store_row(w, row.joint_hold + i + 1, wp.where(stretched == Real(0.0), held, holds))
+
+    @wp.func
+    def rub_joints(w: wp.array[Real], n: int, joint: Joint, stage: int):
         """The moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         store_row(w, row.tension + n, load_row(w, row.tension))
         store_row(w, row.turn + n, load_row(w, row.turn))
+        stretched = wp.where(stage == 0, Real(1.0), Real(0.0))
         mu = joint.law.mu_dynamic
         i = int(0)
         if joint.law.mu_static == mu:
             while i < whole(n):
-                tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
-                tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
-                moment = rubbing_moment(mu, tension, turn, tension_after, turn_after, joint)
-                store_row(w, row.moment + i + 1, moment)
+                rub_joint(w, i, mu, joint, stretched)
                 i = i + 1
         while i < n:
-            tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
-            tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
-            moment = joint_moment(tension, turn, tension_after, turn_after, joint)
-            store_row(w, row.moment + i + 1, moment)
+            mu = joint_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), joint)
+            rub_joint(w, i, mu, joint, stretched)
             i = i + 1
         store_row(w, row.moment, load_row(w, row.moment + n))
 

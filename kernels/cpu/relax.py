@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from ..modules import own_module
-from ..native import STATE_ROWS, accessors
+from ..native import accessors
 from ..physics.body import relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Drive, types
@@ -101,7 +101,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         memory = memory_of(state, drive)
         s = settling[variant]
         n = drive.rollers
-        part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        part.fetch(state, ensemble.lengths, w, drive.first_roller, n)
         neighbors.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
@@ -122,7 +122,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
                 part.kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s
-        part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+        part.put_back(state, w, drive.first_roller, n)
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity, plain))
     def relax(

@@ -38,6 +38,7 @@ class Rows:
     length: int  # of the link after the roller [m]
     turn: int  # of that link [rad/s]
     moment: int  # of the joint on it [N m]
+    joint_hold: int  # what that joint's bristle holds [N m]
     bend_x: int  # n / L of link i at i + 1 [1/m], then the force of its joints' couple on roller i [N]
     bend_y: int
     x0: int  # stages: the state at the step's start
@@ -75,6 +76,7 @@ class Rows:
     press_y: int
     size: int  # of the normal force [N]
     damper: int  # what of it damps [N]
+    hold: int  # what friction's bristle holds of it [N]
     drag_x: int  # friction [N]
     drag_y: int
     moment_of: int  # on the partner's body [N m]
@@ -114,24 +116,29 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     row = rows(capacity)
 
     @wp.func
-    def fetch(rollers: wp.array[Real], lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """The state's x, y, vx, vy and the links' lengths, of the variant whose rollers begin at `first`, into the
-        scratch.
+    def fetch(state: kinds.State, lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
+        """The state's x, y, vx, vy, what joints hold and the links' lengths, of the variant whose rollers begin at
+        `first`, into the scratch.
         """
         for k in range(STATE_ROWS):
             for i in range(n):
-                w[k * wp.static(capacity) + i] = rollers[STATE_ROWS * first + k * n + i]
+                w[k * wp.static(capacity) + i] = state.rollers[STATE_ROWS * first + k * n + i]
         for i in range(n):
             w[row.length + i] = lengths[first + i]
+            w[row.joint_hold + i] = state.joint_hold[first + i]
+        w[row.joint_hold + n] = state.joint_hold[first]
         for i in range(whole(n)):
             w[row.direction_of + i] = Real(-1.0)
 
     @wp.func
-    def put_back(rollers: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """The scratch's x, y, vx, vy back into the state."""
+    def put_back(state: kinds.State, w: wp.array[Real], first: int, n: int):
+        """These back into the state, lengths apart."""
         for k in range(STATE_ROWS):
             for i in range(n):
-                rollers[first + k * n + i] = w[k * wp.static(capacity) + i]
+                state.rollers[STATE_ROWS * first + k * n + i] = w[k * wp.static(capacity) + i]
+        for i in range(1, n):
+            state.joint_hold[first + i] = w[row.joint_hold + i]
+        state.joint_hold[first] = w[row.joint_hold + n]
 
     @wp.func
     def place(w: wp.array[Real], i: int):

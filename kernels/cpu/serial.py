@@ -11,7 +11,6 @@ import warp as wp
 
 from ..integrate import MOST, leapfrog_kick, stage_at, stages_of
 from ..modules import own_module
-from ..native import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, Now, Sums, types
 from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
@@ -56,7 +55,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         memory = near.memory_of(state, drive)
         progress = state.progress[variant]
         n = drive.rollers
-        part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        part.fetch(state, ensemble.lengths, w, drive.first_roller, n)
         neighbors.reset(w, drive)
         sums_of.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
@@ -73,6 +72,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 if stage != 0:
                     memory.wanted = Now()
                 at_stage = stage_at(drive.integrator, stage, now.time, drive.step)
+                memory.time = at_stage.time
                 evaluate(ensemble, state, drive, chain, links, joint, w, memory)
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
@@ -98,7 +98,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         sums_of.merge(ensemble, state, sums, variant, w)
         progress.step = step
         state.progress[variant] = progress
-        part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+        part.put_back(state, w, drive.first_roller, n)
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, plain))
     def advance(

@@ -10,20 +10,22 @@ from ..native import accessors
 from ..physics.body import (
     body_at,
     body_rates,
+    expected_after,
     heading_of,
     in_box,
     leapfrog_body,
     own_moment,
     pose_of,
+    solved,
     stage_body,
     turns_soundly,
 )
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..structs import Drive, Wrench, types
+from ..structs import Drive, Now, Wrench, types
 from ..sums import metered
-from .contact_pairs import contact_pairs, nearness, with_reaction
+from .contact_pairs import FORESEEING, contact_pairs, nearness, with_reaction
 from .contacts import contact_rows
 from .joints import joint_passes
 from .neighbor_list import neighbor_list
@@ -35,56 +37,6 @@ def arm_of(drive: Drive, b: int):
     """Which arm of all body `b` of all is; negative for other bodies."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
-
-
-@cache
-def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
-    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
-
-    For `plain` see `serial.advance_kernel`, as everywhere here.
-    """
-    kinds = types(Real)
-    link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
-    evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear_sizes = contact_rows(Real, capacity).clear_sizes
-    joints = joint_passes(Real, capacity)
-
-    @wp.func
-    def evaluate(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        links: kinds.Links,
-        joint: kinds.Joint,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
-
-        Totals have what only metrics want as far as `memory` wants it.
-        """
-        n = drive.rollers
-        see_bodies(state, drive)
-        if links.varied_links != 0 or joint.rubs != 0:
-            joints.pull_links(w, n, chain, links)
-        else:
-            link_pass(w, n, chain)
-        if joint.rubs != 0:
-            joints.rub_joints(w, n, joint)
-            joints.bend_links(w, n)
-        if memory.wanted.sizes != 0:
-            clear_sizes(w, n)
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
-        if wp.static(not plain):
-            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                tensioner = ensemble.tensioners[t]
-                pushed = state.poses[drive.first_body + tensioner.body]
-                state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
-
-    return SimpleNamespace(**locals())
 
 
 @cache
@@ -141,13 +93,13 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
         """All bodies a step after `time`."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            motion = ensemble.motions[b]
+            motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
-            state.bodies[b] = leapfrog_body(
-                time + drive.step, kick, drive.step, state.bodies[b], state.rates[b], ahead, motion, ensemble.mounts[b]
-            )
+            moved = leapfrog_body(time + drive.step, kick, drive.step, body, rates, ahead, motion, mount)
+            state.expected[b] = expected_after(state.expected[b], body, moved, rates, kick, motion, mount)
+            state.bodies[b] = moved
         if wp.static(not plain):
             flow(ensemble, state, drive)
 
@@ -188,6 +140,80 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if not (in_box(drive.low, drive.high, body.center) and turns_soundly(body.angle, body.speed)):
                 good = int(0)
         return good
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
+
+    For `plain` see `serial.advance_kernel`, as everywhere here.
+    """
+    kinds = types(Real)
+    link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
+    evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
+    clear_sizes, clear_forces = contact_rows(Real, capacity).clear_sizes, contact_rows(Real, capacity).clear_forces
+    rates_of = moving(Real, plain).rates_of
+    joints = joint_passes(Real, capacity)
+
+    @wp.func
+    def foresee(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
+        memory.stage = FORESEEING
+        memory.wanted = Now()
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
+        evaluate_all(ensemble, state, drive, chain, w, memory)
+        clear_forces(w, drive.rollers)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
+                rates = rates_of(ensemble, state, drive, b, memory.time)
+                state.expected[b] = solved(state.expected[b], rates, state.wrenches[b], ensemble.motions[b])
+
+    @wp.func
+    def evaluate(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        links: kinds.Links,
+        joint: kinds.Joint,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
+
+        Totals have what only metrics want as far as `memory` wants it.
+        """
+        n = drive.rollers
+        see_bodies(state, drive)
+        if links.varied_links != 0 or joint.rubs != 0:
+            joints.pull_links(w, n, chain, links)
+        else:
+            link_pass(w, n, chain)
+        if joint.rubs != 0:
+            joints.rub_joints(w, n, joint, memory.stage)
+            joints.bend_links(w, n)
+        if memory.wanted.sizes != 0:
+            clear_sizes(w, n)
+        if wp.static(not plain):
+            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+                tensioner = ensemble.tensioners[t]
+                pushed = state.poses[drive.first_body + tensioner.body]
+                state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
+            if drive.light != 0 and memory.lag > Real(0.0):
+                foresee(ensemble, state, drive, chain, w, memory)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
+        evaluate_all(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())
 

@@ -17,7 +17,7 @@ from typing import Any
 import warp as wp
 
 from ..native import reciprocal
-from ..number import Pair, add, leading, mul, number_of, rounded, settled, sine_cosine, sub, trimmed  # noqa: F401
+from ..number import Pair, add, difference, leading, mul, number_of, rounded, settled, sine_cosine, sub, trimmed  # noqa: F401
 from ..structs import BodyState, Pose, types
 from .motion import prescribed_acceleration, prescribed_at
 from .mount import PRESCRIBED, accelerations, holding_force, mounted_energy, prescribed_center, prescribing_power
@@ -166,6 +166,53 @@ def leapfrog_body(after: Any, kick: Any, h: Any, body: Any, rates: Any, ahead: A
         body.velocity = body.velocity + kick * wp.vector(rates[0], rates[1])
         body.center = body.center + h * body.velocity
     return body
+
+
+@wp.func
+def expected_after(expected: Any, before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
+    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2] that contacts expect in the next step.
+
+    They expect part of what it had more than was expected. Contacts' dampers answer an acceleration by a force that
+    takes, of z rollers of mass m at R, at most g = z m R^2 / J of it away again. With 1 / (1 + g) as that part, a light
+    body's acceleration settles where one equation for all its contacts would have it, and never swings; a heavy body's
+    is that of the step before.
+
+    Args:
+        expected: for this step.
+        before, after: the body at this step and the next.
+        rates: its accelerations in this step.
+        kick: as `leapfrog_kick` [s].
+        motion, mount: with the parts; what is led has gained its speeds.
+    """
+    angular = rates[2]
+    if motion.prescribed == 1:
+        angular = rounded(difference(after.speed, before.speed)) * reciprocal(kick)
+    straight = wp.vector(rates[0], rates[1])
+    if mount.moves == PRESCRIBED:
+        straight = rounded(difference(after.velocity, before.velocity)) * reciprocal(kick)
+    return wp.vector(
+        expected[0] + mount.following * (straight[0] - expected[0]),
+        expected[1] + mount.following * (straight[1] - expected[1]),
+        expected[2] + motion.following * (angular - expected[2]),
+    )
+
+
+@wp.func
+def solved(expected: Any, rates: Any, wrench: Any, motion: Any):
+    """Accelerations of a body with which its contacts agree, from what they do to it where they expect others.
+
+    Contact forces are linear in the acceleration of its angle, M = M_0 - S (alpha - alpha_0), so that alpha =
+    (M_0 + S alpha_0) / (J + S), M_0 all moments where alpha_0 is expected.
+
+    Args:
+        expected: those that the contacts expected, alpha_0 among them.
+        rates: its accelerations by what they then did, M_0 / J among them.
+        wrench: with S [kg m^2].
+        motion: with 1 / J.
+    """
+    share = wrench.yielding * motion.inverse_inertia
+    angular = (rates[2] + share * expected[2]) / (type(share)(1.0) + share)
+    return wp.vector(expected[0], expected[1], angular)
 
 
 @wp.func

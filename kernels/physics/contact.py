@@ -22,9 +22,9 @@ from typing import Any
 
 import warp as wp
 
-from ..native import product, products, quotient
+from ..native import larger, product, products, quotient
 from ..number import leading
-from .friction import coefficient, friction
+from .friction import coefficient, held_back
 from .impact import contact_force, elastic_force
 
 UNTOUCHED = wp.constant(0.0)
@@ -39,7 +39,7 @@ def sized(direction: Any, size: Any):
 
 
 @wp.func
-def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law: Any):
+def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_speed: Any, law: Any):
     """The force of a closed contact, eq. (15)-(19); `penetration` must be positive.
 
     Args:
@@ -47,6 +47,7 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
             penetration grows.
+        gaining: acceleration of that velocity, by all but this contact [m/s^2].
         impact_speed: v0 of this contact, not positive if it was open until now [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
 
@@ -55,18 +56,17 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         energy [J].
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
-    size, first, damper, energy = pressed(penetration, speed, impact_speed, law)
+    growth = products(gaining[0], normal[0], gaining[1], normal[1])
+    size, first, damper, energy = pressed(penetration, speed, growth, impact_speed, law)
     return sized(normal, size), size, first, damper, energy
 
 
 @wp.func
-def pressed(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """As `respond`, from the approach speed [m/s] along the normal, without the force's direction."""
-    first = impact_speed
-    if first <= type(penetration)(0.0):
-        first = wp.max(speed, law.speed_floor)
+def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
+    """As `respond`, from approach speed [m/s] and acceleration [m/s^2] along the normal, without the direction."""
+    first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
-    size = contact_force(elastic, speed, first, law)
+    size = contact_force(elastic, speed, growth, first, law)
     return size, first, size - elastic, stored(penetration, elastic, law)
 
 
@@ -94,32 +94,34 @@ def misses(penetration: Any, impact_speed: Any, bar: Any):
 
 
 @wp.func
-def rub(size: Any, normal: Any, relative: Any, sliding: Any):
-    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0.
+def rub(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
+    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0, and what the contact then holds.
 
     Args:
         size: the contact force's magnitude [N].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s].
+        held: friction that the contact has held until now [N], 0 if it was open.
         sliding: the contact's friction (`structs.Sliding`).
+        stretched: as in `friction.held_back`.
     """
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
-    drag = friction(coefficient(wp.abs(speed), sliding.law), size, wp.abs(speed), sliding.stop)
-    return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
+    drag, holds = held_back(coefficient(wp.abs(speed), sliding.law) * size, speed, held, sliding.inertia, stretched)
+    return sized(along, drag), holds
 
 
 @wp.func
-def rub_evenly(size: Any, normal: Any, relative: Any, sliding: Any):
+def rub_evenly(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
     """As `rub`, of one coefficient at all speeds."""
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
-    drag = friction(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
-    return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
+    drag, holds = held_back(sliding.law.mu_dynamic * size, speed, held, sliding.inertia, stretched)
+    return sized(along, drag), holds
 
 
 @wp.func
-def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
+def dissipated(force: Any, relative: Any, gaining: Any, lag: Any):
     """Power [W] that dampers or friction take, at the mean of the speeds before and after the step.
 
     With the speed before it alone, the energy balance would drift with the step.
@@ -127,10 +129,10 @@ def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
     Args:
         force: of the damper or of friction on the roller [N].
         relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
-        acceleration: of the roller, with all that acts on it [m/s^2].
+        gaining: acceleration of that velocity, with all that acts (`gained`) [m/s^2].
         lag: half a step with leapfrog, else 0 [s].
     """
-    return power_taken(force[0], force[1], relative[0] - lag * acceleration[0], relative[1] - lag * acceleration[1])
+    return power_taken(force[0], force[1], relative[0] + lag * gaining[0], relative[1] + lag * gaining[1])
 
 
 @wp.func
@@ -151,6 +153,24 @@ def surface_velocity(body: Any, arm: Any):
     v = leading(body.velocity)
     omega = leading(body.speed)
     return type(arm)(v[0] - omega * arm[1], v[1] + omega * arm[0])
+
+
+@wp.func
+def gained(straight: Any, angular: Any, arm: Any, acceleration: Any):
+    """Acceleration [m/s^2] of the velocity of a body's material point less a roller's.
+
+    Of the body those count that are expected of its center and its angle (`body.expected_after`), of the roller all that
+    is known. The arm is the one of the forces' instant, so nothing centripetal is in it.
+
+    Args:
+        straight: of the body's center [m/s^2].
+        angular: of its angle [rad/s^2].
+        arm: the point from the center [m].
+        acceleration: the roller's [m/s^2].
+    """
+    return type(arm)(
+        straight[0] - angular * arm[1] - acceleration[0], straight[1] + angular * arm[0] - acceleration[1]
+    )
 
 
 @wp.func

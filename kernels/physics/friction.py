@@ -1,21 +1,23 @@
 r"""Dry friction of whatever slides, after Coulomb, without a slip-speed parameter.
 
-With N the normal force, v the sliding speed and mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2):
+With N the normal force, v the sliding speed and mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), friction Q is at most
+mu(v) N. What sticks is held by a bristle (Dahl): over a step of length h it is stretched by v h, and
 
-    F = min(mu(v) N, stop |v|)   against the sliding,
+    b <- clamp(b + s (m_e / h) v, -mu N, mu N),    Q = clamp(b + t (m_e / h) v, -mu N, mu N)   against the sliding,
 
-`stop` being what takes away a given part of the speed in a step of length h (beta m_e / h; beta = 1/2 for contacts).
-The second bound never reverses a speed and never chatters: what should rest creeps, the slower the smaller the step.
+s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness s m_e / h^2 grows as h falls: Coulomb's
+law in the limit, no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v, the
+bristle stores b^2 h^2 / (2 s m_e).
 
 The joints' pins turn in bushes as neighboring links turn against each other. Joint i lies at roller i, between the
 links i - 1 and i, of lengths L and unit vectors u, n being u turned by +90 degrees. Link i turns at dphi_i = (v_{i+1} -
 v_i) . n_i / L_i, the joint at g_i = dphi_i - dphi_{i-1}. The pin, of radius r_p, is pressed by N_i = max(|T_{i-1}|,
 |T_i|) and slides at |g_i| r_p; the moment on link i is
 
-    |M_i| = min(mu kappa r_p N_i, 0.375 (m p^2 / 6) |g_i| / h)   against g_i,
+    |M_i| <= mu kappa r_p N_i   against g_i,
 
-kappa telling how the pressure is spread: 1 for line contact, 4/pi worn in, pi/2 new. With the second bound all joints
-at once still decay. The moments M_i and -M_{i+1} of its two joints on link i act as the couple of forces
+kappa telling how the pressure is spread: 1 for line contact, 4/pi worn in, pi/2 new. A joint that sticks is held as
+above, g_i for v and 0.6 (m p^2 / 6) for m_e, with which all joints at once still decay. The moments M_i and -M_{i+1} of its two joints on link i act as the couple of forces
 
     F_i = (M_{i+1} - M_i) n_i / L_i   on roller i,   -F_i on roller i + 1,
 
@@ -27,6 +29,11 @@ from typing import Any
 import warp as wp
 
 from ..native import inverse_root
+
+SPRING = 0.2
+"""s: of the speed in a step, what a bristle takes; it oscillates at 0.45 / h."""
+DAMPER = 0.5
+"""t: the same of the damper beside it."""
 
 
 @wp.func
@@ -45,16 +52,18 @@ def coefficient(speed: Any, law: Any):
 
 
 @wp.func
-def friction(mu: Any, normal: Any, speed: Any, stop: Any):
-    """Size [N] of the force against a sliding speed, at most mu N.
+def held_back(most: Any, speed: Any, held: Any, inertia: Any, stretched: Any):
+    """Friction [N] against a sliding speed, at most mu N either way, and the bristle's part of it.
 
     Args:
-        mu: of that speed (`coefficient`) [-].
-        normal: N >= 0 [N].
-        speed: |v| [m/s].
-        stop: beta m_e / h [N s/m].
+        most: mu N [N].
+        speed: v [m/s].
+        held: the bristle's force b until now [N].
+        inertia: m_e / h [kg/s].
+        stretched: 1 at a step's start, 0 where the bristle has been stretched in this step.
     """
-    return wp.min(mu * normal, stop * speed)
+    holds = wp.clamp(held + stretched * type(speed)(SPRING) * inertia * speed, -most, most)
+    return wp.clamp(holds + type(speed)(DAMPER) * inertia * speed, -most, most), holds
 
 
 @wp.func
@@ -72,26 +81,35 @@ def turning(d: Any, w: Any):
 
 
 @wp.func
-def rubbing_moment(mu: Any, tension_before: Any, turn_before: Any, tension_after: Any, turn_after: Any, joint: Any):
-    """Moment M_i [N m] of a joint on the link after it, of a given coefficient.
+def rubbing_moment(
+    mu: Any,
+    tension_before: Any,
+    turn_before: Any,
+    tension_after: Any,
+    turn_after: Any,
+    held: Any,
+    joint: Any,
+    stretched: Any,
+):
+    """Moment M_i [N m] of a joint on the link after it, of a given coefficient, and what its bristle holds of -M_i.
 
     Args:
         mu: [-].
         tension_before, tension_after: of the links before and after the joint [N].
         turn_before, turn_after: rates at which they turn [rad/s].
+        held: what the bristle has held until now [N m].
         joint: of the chain (`structs.Joint`).
+        stretched: as in `held_back`.
     """
-    rate = turn_after - turn_before
-    normal = wp.max(wp.abs(tension_before), wp.abs(tension_after))
-    size = wp.min(mu * joint.arm * normal, joint.stop * joint.pin_radius * wp.abs(rate))
-    return wp.where(rate > type(rate)(0.0), -size, size)
+    most = mu * joint.arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
+    drag, holds = held_back(most, turn_after - turn_before, held, joint.inertia, stretched)
+    return -drag, holds
 
 
 @wp.func
-def joint_moment(tension_before: Any, turn_before: Any, tension_after: Any, turn_after: Any, joint: Any):
-    """Moment M_i [N m] as from `rubbing_moment`, of the coefficient at which the pin slides."""
-    mu = coefficient(wp.abs(turn_after - turn_before) * joint.pin_radius, joint.law)
-    return rubbing_moment(mu, tension_before, turn_before, tension_after, turn_after, joint)
+def joint_coefficient(turn_before: Any, turn_after: Any, joint: Any):
+    """mu [-] at the speed at which a joint's pin slides."""
+    return coefficient(wp.abs(turn_after - turn_before) * joint.pin_radius, joint.law)
 
 
 @wp.func

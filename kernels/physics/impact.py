@@ -5,14 +5,21 @@ r"""Contact force laws: the force of a penalty contact from its penetration and 
 
 never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. A free impact only
 slows down and never passes v / v0 = 1; a roller that stays in its seat and is pressed in faster than it came would
-without the bound be damped by the speed of its entry. The elastic part K pen^n is the derivative of the contact's
+without the bound be damped by the speed of its entry. The elastic part E = K pen^n is the derivative of the contact's
 energy K pen^(n+1) / (n + 1); the rest of the force dissipates. What d or c is in terms of a restitution stands in the
 package's table of laws (`warpchain.drive.laws`), where Lankarani-Nikravesh, Flores and Hunt-Crossley differ in d only.
 
-Under a load N a seated roller's damper is d N / v0, whatever the speed: where it came slowly, that turns its speed
-around in each step, and the roller chatters between K pen (1 + d) and no force. So damping takes away no more than the
-whole approach speed in a step, m_e v / h. A free impact has d K pen / v0 <= d m_e omega, which is below that for any
-step worth taking: restitution stays.
+**Centered in time.** Leapfrog's speeds are half a step behind the forces. With c = E d / v0, or Kelvin-Voigt's, m the
+roller's mass and a the closing acceleration along the normal by all but this contact, the approach speed at the
+forces' instant is that which solves v' = v + (h / 2) (a - F / m),
+
+    v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
+
+It is of second order in h, and turns no speed around however strong the damper: a seated roller under a load N has
+d N / v0, whatever its speed. A scheme with stages has the speed of the forces' instant; its damper is bounded where its
+step could not follow, by an error of fourth order:
+
+    c / (1 + (c h / (2 m))^4)^(1/4).
 
 To add a law: write its function with the arguments of `hysteretic`, put it at the end of `FORCES`, and name it in the
 package's table.
@@ -22,7 +29,9 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, reciprocal, smaller
+from ..native import larger, quotient, smaller
+
+UNBOUNDED = 1.0e30
 
 
 @wp.func
@@ -34,16 +43,21 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 
 
 @wp.func
-def hysteretic(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
-    """Force [N] after eq. (15), (18), (19); `damping` is the hysteresis factor d [-], `impact_speed` v0 [m/s]."""
-    one = type(elastic)(1.0)
-    return elastic * (one + damping * wp.min(speed * reciprocal(impact_speed), one))
+def hysteretic(elastic: Any, impact_speed: Any, damping: Any):
+    """Damper c [N s/m] after eq. (15), (18), (19), and the speed above which it grows no more [m/s].
+
+    Args:
+        elastic: K pen^n [N].
+        impact_speed: v0 [m/s].
+        damping: hysteresis factor d [-].
+    """
+    return quotient(elastic * damping, impact_speed), impact_speed
 
 
 @wp.func
-def kelvin_voigt(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
-    """Force [N] of a spring and a damper side by side; `damping` is c [N s/m]."""
-    return elastic + damping * speed
+def kelvin_voigt(elastic: Any, impact_speed: Any, damping: Any):
+    """The same of a damper beside the spring; `damping` is c [N s/m]."""
+    return damping, type(elastic)(UNBOUNDED)
 
 
 FORCES = (hysteretic, kelvin_voigt)
@@ -51,29 +65,46 @@ FORCES = (hysteretic, kelvin_voigt)
 
 
 @wp.func
-def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N] of the contact law that `law` names, never adhesive.
+def damper_of(elastic: Any, impact_speed: Any, law: Any):
+    """Damper c [N s/m] of the contact law that `law` names, and the speed above which it grows no more [m/s].
+
+    Arguments as of `contact_force`.
+    """
+    damper, fastest = hysteretic(elastic, impact_speed, law.damping)
+    for form in range(1, wp.static(len(FORCES))):
+        if law.form == form:
+            damper, fastest = wp.static(FORCES[form])(elastic, impact_speed, law.damping)
+    if law.most_damping > type(elastic)(0.0):
+        part = damper / law.most_damping
+        damper = damper / wp.sqrt(wp.sqrt(type(elastic)(1.0) + part * part * part * part))
+    return damper, fastest
+
+
+@wp.func
+def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
+    """Force [N] of a contact law, never adhesive.
 
     Args:
         elastic: K pen^n [N].
         speed: approach speed v [m/s], positive while the penetration grows.
+        growth: a, of that speed by all but this contact [m/s^2].
         impact_speed: v0 [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
     """
-    force = hysteretic(elastic, speed, impact_speed, law.damping)
-    for form in range(1, wp.static(len(FORCES))):
-        if law.form == form:
-            force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
-    most = law.most_damping * wp.abs(speed)
-    return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))
+    damper, fastest = damper_of(elastic, impact_speed, law)
+    now = quotient(
+        speed + law.lag * growth - law.yielding * elastic, type(elastic)(1.0) + law.yielding * damper
+    )
+    return larger(elastic + damper * smaller(now, fastest), type(elastic)(0.0))
 
 
 @wp.func
-def linear_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N] and v0 [m/s] of a linear hysteretic law (form 0, exponent 1), without branches, as `contact_force`."""
-    first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
-    elastic = law.stiffness * penetration
-    one = type(speed)(1.0)
-    most = law.most_damping * wp.abs(speed)
-    force = elastic * (one + law.damping * smaller(speed * reciprocal(first), one))
-    return larger(smaller(larger(force, elastic - most), elastic + most), type(speed)(0.0)), first
+def force_by_growth(elastic: Any, size: Any, impact_speed: Any, law: Any):
+    """Force [N] that a closed contact answers a closing acceleration of 1 m/s^2 more with.
+
+    Arguments as of `contact_force`, and `size` as it returns; nothing where that is bounded either way.
+    """
+    damper, fastest = damper_of(elastic, impact_speed, law)
+    free = size > type(size)(0.0) and size - elastic < damper * fastest
+    more = quotient(law.lag * damper, type(elastic)(1.0) + law.yielding * damper)
+    return wp.where(free, more, type(size)(0.0))

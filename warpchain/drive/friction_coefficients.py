@@ -16,29 +16,6 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
     from warpchain.drive.chain import Chain
 
-JOINT_STOP = 0.375
-"""Part of a link's turning that joint friction may stop in a step, so that all joints at once still decay."""
-
-
-def joint_stop(chain: Chain) -> float:
-    """Largest moment of a joint's friction over its rate of turning, times the step [N m s^2]."""
-    return JOINT_STOP * chain.mass * power(chain.pitch, 2) / 6.0
-
-
-def full_friction_rate(chain: Chain, tension: float, step: float) -> float:
-    """Rate of turning above which a joint's friction acts in full [rad/s]: mu kappa r_p T h over `joint_stop`.
-
-    Slower joints are held by less, as by a damper: they creep.
-
-    Args:
-        tension: of the links at the joint [N].
-        step: h [s].
-    """
-    if chain.joint is None or chain.pin_radius is None:
-        return 0.0
-    return chain.joint.friction * chain.joint.factor * chain.pin_radius * max(tension, 0.0) * step / joint_stop(chain)
-
-
 @dataclass(frozen=True)
 class Rubbing:
     """Coefficients of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).

@@ -32,7 +32,7 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces"))
     if name == "relax":
         return relax.relax_kernel(*form, plain)
-    return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
+    return serial.advance_kernel(*form, packed.frame, plain and not (drives["integrator"].any() or drives["light"].any()))
 
 
 class CpuEngine(Engine):

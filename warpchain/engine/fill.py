@@ -15,7 +15,7 @@ from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.batch_math import along, joined, largest, power, where
-from warpchain.drive.friction_coefficients import Rubbing, joint_stop
+from warpchain.drive.friction_coefficients import Rubbing
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
 from warpchain.drive.mounts import (
@@ -38,8 +38,11 @@ from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
-SLIDING_STOP = 0.5
-"""beta: the part of a sliding speed that friction stops in a step at most."""
+JOINT_INERTIA = 0.6
+"""Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
+
+LIGHT = 0.2
+"""Where `Motion.following` is less, z m R^2 / J above 4, contacts want the accelerations of bodies before forces."""
 
 DEEPEST_ENTRY = 0.5
 """A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
@@ -66,13 +69,21 @@ class RowList:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float, effective_mass: float) -> None:
+def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+    """Fills a `kernels.structs.ContactLaw` but for what hangs on the step, which `pack` does."""
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
-    row["most_damping"] = effective_mass  # `pack` divides it by the step
+
+
+def fill_steps(laws: Any, drives: NDArray[Any], mass: NDArray[np.float64]) -> None:
+    """Fills what of contact laws hangs on the steps of their drives; `mass` is that of a roller [kg]."""
+    staged = drives["integrator"] > 0
+    laws["lag"] = np.where(staged, 0.0, 0.5 * drives["step"])
+    laws["yielding"] = laws["lag"] / mass
+    laws["most_damping"] = np.where(staged, 2.0 * mass / drives["step"], 0.0)
 
 
 def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
@@ -94,13 +105,7 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law(
-        row["law"],
-        drive.contact.sprocket,
-        drive.sprocket_stiffness(s),
-        drive.chain.mass,
-        tooth_effective_mass(drive, s),
-    )
+    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -113,6 +118,7 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
     sprocket = drive.sprockets[s]
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
+    row["following"] = tooth_effective_mass(drive, s) / drive.chain.mass
     if sprocket.prescribed is not None:
         motion = turned_on(drive, sprocket, sprocket.prescribed)
         row["prescribed"] = 1
@@ -159,14 +165,14 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
     row["roller_radius"] = drive.guide_offset(g)
 
 
-def fill_guide(row: Any, drive: Drive, g: int, effective_mass: float) -> None:
-    """Fills what a guide has beside its face; `effective_mass` is that of its contacts [kg]."""
+def fill_guide(row: Any, drive: Drive, g: int) -> None:
+    """Fills what a guide has beside its face."""
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, effective_mass)
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
 def fill_sliding(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
-    """Fills a `kernels.structs.Sliding`, its `stop` for a step of 1 s; it stays zero without friction.
+    """Fills a `kernels.structs.Sliding`, its `inertia` for a step of 1 s; it stays zero without friction.
 
     `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
     (`tooth_effective_mass`).
@@ -174,19 +180,18 @@ def fill_sliding(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
     if not rubbing.rubs:
         return
     row["rubs"] = 1
-    row["stop"] = SLIDING_STOP * effective_mass
+    row["inertia"] = effective_mass
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = rubbing.dynamic, rubbing.static
     row["law"]["stribeck_speed"] = rubbing.stribeck_speed
 
 
 def tooth_effective_mass(drive: Drive, s: int) -> float:
-    """m_e [kg] of a roller that slides on sprocket s, so little that all its teeth at once reverse no sliding.
+    """m_e [kg] of a roller on sprocket s with which the friction of all its teeth at once is stable.
 
-    Forces f_i = stop v_i of z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's
-    points: no eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a
-    sprocket that turns and whose center moves (b of its balance wheel, J about their common center of mass), r as far
-    as rollers are looked after. With 1/m_e = 1/m + z times that, and stop = beta m_e / h, beta = 1/2, each mode of
-    sliding loses at most half its speed in a step.
+    Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
+    eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a sprocket that turns
+    and whose center moves (b of its balance wheel, J about their common center of mass), r as far as rollers are looked
+    after. So 1/m_e = 1/m + z times that.
     """
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -241,15 +246,18 @@ def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
-def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0) -> None:
+def fill_mount(
+    row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0, following: float = 1.0
+) -> None:
     """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel.
 
-    `plungers` is the mass of those that move with its center [kg].
+    `plungers` is the mass of those that move with its center [kg]; `following` as in `Motion`.
     """
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
+    row["following"] = following
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)
@@ -292,7 +300,7 @@ def fill_chain(row: Any, drive: Drive) -> None:
 
 
 def fill_joint(row: Any, drive: Drive) -> None:
-    """Fills the chain's `kernels.structs.Joint`, its `stop` for a step of 1 s; it stays zero without friction."""
+    """Fills the chain's `kernels.structs.Joint`, its `inertia` for a step of 1 s; it stays zero without friction."""
     chain = drive.chain
     if chain.joint is None or not chain.rubs:
         return
@@ -300,7 +308,7 @@ def fill_joint(row: Any, drive: Drive) -> None:
     assert pin_radius is not None  # the chain's own rule
     row["rubs"] = 1
     row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
-    row["stop"] = joint_stop(chain) / pin_radius
+    row["inertia"] = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
     speed = chain.joint.stribeck_speed
     row["law"]["stribeck_speed"] = 1.0 if speed is None else speed

@@ -68,16 +68,18 @@ def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: f
 
 
 def guide_effective_mass(drive: Drive, g: int) -> float:
-    """m_e [kg] of a roller that slides on guide g: less than its mass where all its rollers can turn a light arm.
-
-    As `fill.tooth_effective_mass`, with the rollers that there is room for on the faces of the arm, at its reach r:
-    1/m_e = 1/m + n r^2 / I.
-    """
+    """m_e [kg] of a roller that slides on guide g: less than its mass on a light arm."""
     arm = drive.arm_of(g)
-    if arm is None:
-        return drive.chain.mass
-    rollers = sum(drive.profile(of).face_length / drive.chain.pitch + 2.0 for of in drive.guides_of(arm))
-    return 1.0 / (1.0 / drive.chain.mass + rollers * power(drive.arm_lever(arm), 2) / drive.arm_inertia(arm))
+    return drive.chain.mass if arm is None else arm_effective_mass(drive, arm)
+
+
+def arm_effective_mass(drive: Drive, a: int) -> float:
+    """m_e [kg] of a roller on arm a, as `fill.tooth_effective_mass`.
+
+    With the n rollers that there is room for on its faces, at its reach r: 1/m_e = 1/m + n r^2 / I.
+    """
+    rollers = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
+    return 1.0 / (1.0 / drive.chain.mass + rollers * power(drive.arm_lever(a), 2) / drive.arm_inertia(a))
 
 
 def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
@@ -85,6 +87,7 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
     arm = drive.arms[a]
     row["pivot"] = body["center"] = joined(arm.pivot)
     motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
+    motion["following"] = arm_effective_mass(drive, a) / drive.chain.mass
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
     if arm.stops is not None:

@@ -25,6 +25,7 @@ from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
+    LIGHT,
     RowList,
     fill_bar,
     fill_body,
@@ -37,6 +38,7 @@ from warpchain.engine.fill import (
     fill_mount,
     fill_sliding,
     fill_sprocket,
+    fill_steps,
     fill_strand,
     tooth_effective_mass,
 )
@@ -83,10 +85,12 @@ def pack(
         _pack_part(packed, part, assembly, gathered)
     sprockets, guides = packed.tooth_sliding, packed.guide_sliding
     for laws, sliding, counts in ((packed.sprockets, sprockets, "sprockets"), (packed.guides, guides, "guides")):
-        steps = np.repeat(packed.drives["step"], packed.drives[counts])
-        sliding["stop"][: len(steps)] /= steps
-        laws["law"]["most_damping"][: len(steps)] /= steps
-    packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
+        owner = np.repeat(np.arange(len(drives)), packed.drives[counts])
+        fill_steps(laws["law"][: len(owner)], packed.drives[owner], packed.chains["mass"][owner])
+        sliding["inertia"][: len(owner)] /= packed.drives["step"][owner]
+    fewest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
+    packed.drives["light"] = fewest < LIGHT
+    packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
@@ -160,7 +164,8 @@ def _pack_sprocket(
     with _rows(packed.motions, body) as row:
         fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
     with _rows(packed.mounts, body) as row:
-        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s))
+        following = tooth_effective_mass(drive, s) / drive.chain.mass
+        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s), following)
     with _rows(packed.bodies, body) as row:
         fill_body(row, sprocket, assembly, s)
 
@@ -176,7 +181,7 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                     used += fill_profile(row, pieces, used, drive, g)
                 else:
                     fill_bar(row, drive, g)
-                fill_guide(row, drive, g, effective_mass)
+                fill_guide(row, drive, g)
             with _rows(packed.guide_sliding, mine) as row:
                 fill_sliding(row, guide_rubbing(drive, g), effective_mass)
 
