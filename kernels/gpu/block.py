@@ -196,7 +196,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         motions.plan(ensemble, shared, mine, now.step)
         if wp.static(ahead):
-            tension, rate = pull(shared, lengths, mine.rollers, i)
+            tension, rate = pull(state, shared, mine, now, lengths)
         touch = forces.Touch()
         touch.near = remembered(state, mine)
         if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
@@ -243,7 +243,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = on_warp.look(ensemble, state, shared, mine, now, touch)
             if wp.static(ahead):
-                tension, rate = pull(shared, lengths, mine.rollers, i)
+                if now.step < end and now.diverged == 0:  # joints must not remember a step that is not taken
+                    tension, rate = pull(state, shared, mine, now, lengths)
             barrier()
         loop.finish(ensemble, state, out, shared, mine, now)
 

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..native import accessors
-from ..physics.contact import UNTOUCHED, dissipated, respond, rub, rub_evenly
+from ..physics.contact import UNTOUCHED, dissipated, gained, respond, rub, rub_evenly
 from ..structs import Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
@@ -21,10 +21,10 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     """The functions that contacts with teeth and with guides call."""
     Real, staged, sliding, sprockets = kind.Real, kind.staged, kind.friction.contacts, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
-    State, Shared = kinds.State, kinds.Shared
+    State, Shared, Sliding = kinds.State, kinds.Shared, kinds.Sliding
     vec2, Bits, Direction = kinds.vec2, near_mask(kind).Bits, kinds.Ensemble.vars["seats"].type.dtype
-    row, store_row = roller_rows(kind), accessors(Real).store_row
-    acceleration_under = row.acceleration_under
+    row, load_row, store_row = roller_rows(kind), accessors(Real).load_row, accessors(Real).store_row
+    Pose = kinds.Pose
 
     @wp.struct
     class Touch:
@@ -48,16 +48,28 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         return touch
 
     @wp.func
-    def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
-        """Friction on a roller [N], as `rub`."""
+    def gaining(shared: Shared, body: Pose, arm: vec2, j: int):
+        """Acceleration [m/s^2] of the velocity of a body's point, `arm` from its center, less roller j's so far."""
+        straight = vec2()
+        if wp.static(kind.moving):
+            straight = body.straight
+        return gained(straight, body.angular, arm, row.acceleration(shared, j))
+
+    @wp.func
+    def drag_of(state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Sliding):
+        """Friction on a roller [N], as `rub`, and what the contact then holds; `before` is its v0 until now."""
+        held = wp.where(before > Real(0.0), load_row(state.contact_hold, at), Real(0.0))
+        stretched = wp.where(now.stage == 0, Real(1.0), Real(0.0))
         if wp.static(kind.friction.by_speed):
-            return rub(size, normal, relative, what)
+            return rub(size, normal, relative, held, what, stretched)
         else:
-            return rub_evenly(size, normal, relative, what)
+            return rub_evenly(size, normal, relative, held, what, stretched)
 
     @wp.func
     def as_known(law: Any):
         """A contact law with what is known of it when the kernel is made."""
+        if wp.static(not staged):
+            law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
             law.form = 0
             law.exponent = Real(1.0)
@@ -72,10 +84,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             return Real(0.5) * row.step_of(mine)
 
     @wp.func
-    def powers(shared: Shared, mine: Mine, force: vec2, damper: vec2, drag: vec2, relative: vec2):
-        """Powers [W] that damper and friction take in a closed contact of a roller on which all `force` [N] acts."""
-        a = acceleration_under(shared, force)
-        return dissipated(damper, relative, a, lag(mine)), dissipated(drag, relative, a, lag(mine))
+    def powers(mine: Mine, damper: vec2, drag: vec2, relative: vec2, more: vec2):
+        """Powers [W] that damper and friction take in a closed contact; `more` is `gaining` with all forces [m/s^2]."""
+        return dissipated(damper, relative, more, lag(mine)), dissipated(drag, relative, more, lag(mine))
 
     @wp.func
     def in_full(value: Real):
@@ -121,12 +132,16 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         now: Now,
         j: int,
         touch: Touch,
+        more: vec2,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's contact at hand, which is closed, to the roller's; returns it [N]."""
+        """Adds the force of roller j's contact at hand, which is closed, to the roller's; returns it [N].
+
+        `more` is `gaining` without it.
+        """
         p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
         at = mine.memory + j + p * mine.rollers
-        force, size, first, damper, energy = respond(touch.penetration, normal, relative, before, as_known(law))
+        force, size, first, damper, energy = respond(touch.penetration, normal, relative, more, before, as_known(law))
         if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
             extra = mine.first + j
             state.extra[extra].energy = state.extra[extra].energy + energy
@@ -136,13 +151,15 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
         drag = vec2(Real(0.0), Real(0.0))
         if wp.static(sliding):
-            drag = drag_of(size, normal, relative, shared.sliding[p])
+            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.sliding[p])
             force = force + drag
-        whole = row.force_on(shared, j) + force
-        row.set_force(shared, j, whole)
+            if now.stage == 0:
+                store_row(state.contact_hold, at, holds)
+        row.set_force(shared, j, row.force_on(shared, j) + force)
         keep(state, now, at, before, first)
         if now.measured != 0:
-            damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
+            after = more - shared.chain[0].inverse_mass * force
+            damped, rubbed = powers(mine, damper * normal, drag, relative, after)
             measure_powers(tallies, now, at, damped, rubbed)
             measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
         return force

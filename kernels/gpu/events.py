@@ -164,7 +164,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             lag = wp.where(now.step == 0, Real(0.0), Real(0.5) * step_of(mine))
         j = int(mine.thread)
         while j < mine.rollers:
-            state.extra[mine.first + j].friction_power = joint_power(ensemble, shared, mine, j, lag)
+            state.extra[mine.first + j].friction_power = joint_power(ensemble, state, shared, mine, j, lag)
             j = j + wp.static(threads)
         barrier()  # neighbors' velocities are set at once
 

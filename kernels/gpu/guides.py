@@ -28,7 +28,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     row, geometry, bits, sums = roller_rows(kind), contact_geometry(kind), near_mask(kind), contact_sums(kind)
     in_carrier, arm_on, guide_at = geometry.in_carrier, geometry.arm_on, geometry.guide_at
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
-    Touch, placed, press, keep = sums.Touch, sums.placed, sums.press, sums.keep
+    Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
     add_wrench = wrench_parts(kind).add_wrench
     point, velocity = row.point, row.velocity
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
@@ -91,10 +91,16 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
             keep(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             touch = placed(touch, penetration, normal, relative)
-            force = press(state, tallies, shared, mine, now, j, touch, bar.law)
+            arm = vec2()
+            carrier = kinds.Pose()
+            if wp.static(profiles):
+                arm = arm_on(shared, j, bar.body)
+                carrier = shared.poses[bar.body]
+            more = gaining(shared, carrier, arm, j)
+            force = press(state, tallies, shared, mine, now, j, touch, more, bar.law)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
-                    moment = reaction(arm_on(shared, j, bar.body), force)
+                    moment = reaction(arm, force)
                     add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
         else:
             keep(state, now, at, before, Real(UNTOUCHED))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, by_device
-from ..physics.friction import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
+from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
 from ..sums import after, before
 from .kind import WARP, BlockKind, Mine
@@ -77,13 +77,14 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
 
     @wp.func
-    def pull(shared: Shared, lengths: wp.array[Real], n: int, i: int):
+    def pull(state: kinds.State, shared: Shared, mine: Mine, now: kinds.Now, lengths: wp.array[Real]):
         """Makes the forces of both its links stand as each roller's; all threads together.
 
         Returns tension [N] and rate of elongation [m/s] of the thread's links. They are worked out one after the other
         without a branch, so that one's latency hides behind the others' work. A thread with one roller works out the
         link before it too, and waits for no other.
         """
+        n, i = mine.rollers, mine.thread
         tension = of_each()
         rate = of_each()
         if wp.static(rollers_per_thread == 1):
@@ -134,7 +135,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     slots = kind.shape.slots
     kinds, Now = kind.types, kind.types.Now
-    Ensemble, Shared, Joint = kinds.Ensemble, kinds.Shared, kinds.Joint
+    Ensemble, State, Shared, Joint = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Joint
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, links = roller_rows(kind), link_forces(kind)
@@ -148,12 +149,14 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     FRICTION = wp.constant(seen_rows(kind)[1])
 
     @wp.func
-    def moment_between(before: vec2, after: vec2, joint: Joint):
-        """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each."""
+    def moment_between(before: vec2, after: vec2, held: Real, joint: Joint, stretched: Real):
+        """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each, and what
+        its bristle holds after it has held `held` [N m].
+        """
+        mu = joint.law.mu_dynamic
         if wp.static(kind.friction.by_speed):
-            return joint_moment(before[0], before[1], after[0], after[1], joint)
-        else:
-            return rubbing_moment(joint.law.mu_dynamic, before[0], before[1], after[0], after[1], joint)
+            mu = joint_coefficient(before[1], after[1], joint)
+        return rubbing_moment(mu, before[0], before[1], after[0], after[1], held, joint, stretched)
 
     @wp.func
     def bent(rows: wp.array[Real], j: int):
@@ -161,27 +164,43 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         return vec2(load_row(rows, TENSION + j), load_row(rows, TURN + j))
 
     @wp.func
-    def share_moments(rows: wp.array[Real], n: int, i: int, joint: Joint):
+    def moment_at(state: State, rows: wp.array[Real], mine: Mine, now: Now, j: int, joint: Joint):
+        """Moment [N m] of joint j, and what its bristle holds, from the rows."""
+        n = mine.rollers
+        held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
+        stretched = wp.where(now.stage == 0, Real(1.0), Real(0.0))
+        return moment_between(bent(rows, before(j, n)), bent(rows, j), held, joint, stretched)
+
+    @wp.func
+    def keep_hold(state: State, mine: Mine, now: Now, j: int, holds: Real):
+        """Sets what the bristle of joint j holds from now on."""
+        if j < mine.rollers and now.stage == 0:
+            store_row(state.joint_hold, mine.first + j, holds)
+
+    @wp.func
+    def share_moments(state: State, rows: wp.array[Real], mine: Mine, now: Now, joint: Joint):
         """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
         moment = of_each()
         for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
-            moment[k] = moment_between(bent(rows, before(j, n)), bent(rows, j), joint)
+            j = k * wp.static(threads) + mine.thread
+            moment_k, holds = moment_at(state, rows, mine, now, j, joint)
+            keep_hold(state, mine, now, j, holds)
+            moment[k] = moment_k
         barrier()
         for k in range(wp.static(rollers_per_thread)):
-            store_row(rows, TURN + k * wp.static(threads) + i, moment[k])
+            store_row(rows, TURN + k * wp.static(threads) + mine.thread, moment[k])
         barrier()
 
     @wp.func
-    def couple_on(rows: wp.array[Real], n: int, j: int, lever: vec2, joint: Joint):
-        """Force [N] of the couple of link j's joints."""
-        next = after(j, n)
+    def couple_on(state: State, rows: wp.array[Real], mine: Mine, now: Now, j: int, lever: vec2, joint: Joint):
+        """Force [N] of the couple of link j's joints, and what the bristle of joint j holds if it is not shared yet."""
+        next = after(j, mine.rollers)
         if wp.static(alone):
-            return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever)
+            return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever), Real(0.0)
         else:
-            following = bent(rows, j)
-            moment = moment_between(bent(rows, before(j, n)), following, joint)
-            return couple_force(moment, moment_between(following, bent(rows, next), joint), lever)
+            moment, holds = moment_at(state, rows, mine, now, j, joint)
+            next_moment, of_next = moment_at(state, rows, mine, now, next, joint)
+            return couple_force(moment, next_moment, lever), holds
 
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
@@ -201,9 +220,10 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             return wp.vec2f(load_row(rows, FIRST + j), load_row(rows, SECOND + j))
 
     @wp.func
-    def pull(shared: Shared, lengths: wp.array[Real], n: int, i: int):
+    def pull(state: State, shared: Shared, mine: Mine, now: Now, lengths: wp.array[Real]):
         """As `link_forces.pull`, with the forces of the links' joints."""
-        rows = shared.rows
+        n, i, rows = mine.rollers, mine.thread, shared.rows
+        hold = of_each()
         tension = of_each()
         rate = of_each()
         lever_x = of_each()
@@ -225,10 +245,11 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             pull_y[k] = force[1]
         barrier()
         if wp.static(alone):
-            share_moments(rows, n, i, shared.joint[0])
+            share_moments(state, rows, mine, now, shared.joint[0])
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            couple = couple_on(rows, n, j, vec2(lever_x[k], lever_y[k]), shared.joint[0])
+            couple, holds = couple_on(state, rows, mine, now, j, vec2(lever_x[k], lever_y[k]), shared.joint[0])
+            hold[k] = holds
             lever_x[k] = couple[0]
             lever_y[k] = couple[1]
             pull_x[k] = pull_x[k] + couple[0]
@@ -242,6 +263,8 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
                 store_couple(rows, j, lever_x[k], lever_y[k])
+            if wp.static(not alone):  # neighbors have read it
+                keep_hold(state, mine, now, j, hold[k])
             force = force_on(shared, before(j, n))
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]
@@ -279,11 +302,13 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         return tension, turn, later
 
     @wp.func
-    def joint_power(ensemble: Ensemble, shared: Shared, mine: Mine, j: int, lag: Real):
+    def joint_power(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, lag: Real):
         """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
         tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
-        moment = moment_between(vec2(tension_before, turn_before), vec2(tension, turn), shared.joint[0])
+        held = load_row(state.joint_hold, mine.first + j)
+        first, second = vec2(tension_before, turn_before), vec2(tension, turn)
+        moment, holds = moment_between(first, second, held, shared.joint[0], Real(0.0))
         return joint_friction_power(moment, later_before, later)
 
     return SimpleNamespace(**locals())

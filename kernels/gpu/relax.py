@@ -170,7 +170,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         near = partners.remembered(state, mine)
         still = Now()
         while now.steps < end and now.settled == 0:
-            tension, rate = pull(shared, lengths, mine.rollers, i)
+            tension, rate = pull(state, shared, mine, Now(), lengths)
             near = partners.update_near(state, shared, mine, still, near)
             touch = forces.touch_of(ensemble, state, shared, mine, near)
             forces.contacts(ensemble, state, tallies, shared, mine, still, touch)

@@ -190,7 +190,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         # first, so that both read places of rollers once, and nothing branches while they wait for them
         touch = look(ensemble, state, shared, mine, now, touch)
-        tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
+        tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)

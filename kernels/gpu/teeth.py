@@ -7,8 +7,7 @@ import warp as wp
 
 from ..native import accessors, load_constant, products
 from ..number import difference, leading
-from ..physics.contact import after_teeth, reaction, sized, turned
-from ..physics.impact import linear_force
+from ..physics.contact import after_teeth, pressed, reaction, sized, turned
 from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
@@ -110,6 +109,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
     drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
+    gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
     Touch, in_gap_of, in_straight_flank_gap = sums.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
     force_on, set_force = row.force_on, row.set_force
@@ -138,7 +138,8 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         at = mine.memory + j + s * mine.rollers
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
         if closer.penetration > Real(0.0):
-            force = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
+            more = gaining(shared, shared.poses[s], arm, j)
+            force = press(state, tallies, shared, mine, now, j, closer, more, shared.teeth[s].law)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
@@ -157,25 +158,28 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         closer, arm, applies = in_straight_flank_gap(shared, teeth, j, touch)
         penetration, normal, relative = closer.penetration, closer.normal, closer.relative
         speed = products(relative[0], normal[0], relative[1], normal[1])
-        size, first = linear_force(penetration, speed, before, teeth.law)
+        more = gaining(shared, shared.poses[s], arm, j)
+        growth = products(more[0], normal[0], more[1], normal[1])
+        size, first, damper, energy = pressed(penetration, speed, growth, before, as_known(teeth.law))
         force = sized(normal, size)
-        drag = vec2()
-        if wp.static(sliding):
-            drag = drag_of(size, normal, relative, shared.sliding[s])
-            force = force + drag
         closed = penetration > Real(0.0)
         applies = wp.where(touch.seat < 0, 0, applies)
+        drag = vec2()
+        if wp.static(sliding):
+            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.sliding[s])
+            force = force + drag
+            if applies != 0 and closed and now.stage == 0:
+                store_row(state.contact_hold, at, holds)
         if applies != 0:
             add_moment(shared, mine, s, j, wp.where(closed and is_summed(now, s), reaction(arm, force), Real(0.0)))
             if wp.static(moving):
                 if closed:
                     add_push(shared, mine, s, j, force)
-            whole = force_on(shared, j) + wp.where(closed, force, vec2())
-            set_force(shared, j, whole)
+            set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
             keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
             if wp.static(kind.measuring) and now.measured != 0:
-                damper = (size - teeth.law.stiffness * penetration) * normal
-                damped, rubbed = powers(shared, mine, whole, damper, drag, relative)
+                after = more - shared.chain[0].inverse_mass * force
+                damped, rubbed = powers(mine, damper * normal, drag, relative, after)
                 if closed:
                     measure_powers(tallies, now, at, damped, rubbed)
                 if closed and (now.watched != 0 or before <= Real(0.0)):
