@@ -154,7 +154,7 @@ def test_a_slide_on_oil_swings_as_its_modes():
 
 def test_the_faintest_motion_of_a_car_has_its_valve_open():
     """As above, of the drive as it is: a kick of 1 nm changes the pressure by some Pa; 3 kPa would shut the valve,
-    which passes fifty times what the gap does. The arm's mode then has 104 Hz instead of 577, and 7 % instead of 11."""
+    which passes fifty times what the gap does. The arm's mode then has 104 Hz instead of 580, and 7 % instead of 11."""
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
     found = system(load_drive(drive_path("car")).with_values(elastic), valve="open")
     result = modes_of(found, 30)
