@@ -9,6 +9,7 @@ from warpchain import load_drive, simulate
 from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import kernel_of
 from warpchain.engine.pack import pack
+from warpchain.kernels.cpu.accelerations import accelerations_kernel
 from warpchain.kernels.cpu.relax import relax_kernel
 from warpchain.kernels.cpu.serial import advance_kernel
 from warpchain.results.schedule import Schedule
@@ -33,6 +34,7 @@ def test_plain_drives_have_kernels_of_their_own(drives, settles_plainly, steps_p
     packed = pack(drives, [SHORT] * len(drives))
     form = wp.float64, 264
     assert kernel_of("relax", packed, "float64") is relax_kernel(*form, settles_plainly)
+    assert kernel_of("accelerations", packed, "float64") is accelerations_kernel(*form, settles_plainly)
     assert kernel_of("advance", packed, "float64") is advance_kernel(*form, packed.frame, steps_plainly)
 
 

@@ -90,7 +90,7 @@ def test_this_version_of_warp_is_known():
     assert kernel.module.hashers and all(isinstance(of, modules._Hasher) for of in kernel.module.hashers.values())
 
 
-KERNEL_FILES = ("cpu/serial.py", "cpu/relax.py", "gpu/block.py", "gpu/relax.py")
+KERNEL_FILES = ("cpu/serial.py", "cpu/relax.py", "cpu/accelerations.py", "gpu/block.py", "gpu/relax.py")
 IMPORTED = """
 import sys
 from importlib import import_module
@@ -122,7 +122,7 @@ def copied(tmp_path, monkeypatch):
     ("file", "changed"),
     [
         ("cpu/serial.py", ["cpu/serial.py"]),
-        ("cpu/teeth.py", ["cpu/serial.py", "cpu/relax.py"]),
+        ("cpu/teeth.py", ["cpu/serial.py", "cpu/relax.py", "cpu/accelerations.py"]),
         ("relaxation.py", ["cpu/relax.py", "gpu/relax.py"]),
         ("gpu/contacts.py", ["gpu/block.py", "gpu/relax.py"]),
         ("physics/link.py", list(KERNEL_FILES)),

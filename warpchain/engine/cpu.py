@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
-from warpchain.kernels.cpu import relax, serial
+from warpchain.kernels.cpu import accelerations, relax, serial
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -26,13 +26,15 @@ BEYOND = 32
 
 
 def kernel_of(name: str, packed: Packed, precision: str) -> Any:
-    """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
+    """The kernel "advance", "relax" or "accelerations" for an ensemble at a precision, not loaded; for one thread at a
+    time."""
     form = real_of(precision), _capacity(packed)
     drives = packed.drives
     plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces"))
-    if name == "relax":
-        return relax.relax_kernel(*form, plain)
-    return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
+    if name == "advance":
+        return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
+    made = {"relax": relax.relax_kernel, "accelerations": accelerations.accelerations_kernel}
+    return made[name](*form, plain)
 
 
 class CpuEngine(Engine):
@@ -83,6 +85,12 @@ class CpuEngine(Engine):
 
     def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
         return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
+
+    def accelerate(self) -> None:
+        """Evaluates the forces in the state: the rollers' accelerations take the place of their velocities, the
+        bodies' are in `rates`."""
+        for future in self._launch("accelerations", [self.ensemble, self.state], []):
+            future.result()
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")

@@ -18,7 +18,7 @@ from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
-from warpchain.engine.probe import Probe, States
+from warpchain.engine.probe import STEP, Probe, States
 from warpchain.modal.matrices import Array, Coordinates, coordinates, damping, stiffness, strokes, travelling
 from warpchain.results.schedule import Schedule
 
@@ -133,7 +133,7 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
-    still = pack([drive], [Schedule(1.0, 1, 2, 2, 0)])
+    still = pack([drive], [Schedule(STEP, 1, 2, 2, 0)])
     sprockets, near = len(drive.sprockets), None
     if start is not None:
         centers, angles = start.bodies["center"][:sprockets], start.bodies["angle"]
