@@ -136,8 +136,42 @@ def test_structure_changes_nothing(mount):
         probe.close()
 
 
+DRAG = 2.0 * np.log(2.0) / np.hypot(np.pi, np.log(2.0)) * np.sqrt(2e8)
+
+
+@pytest.mark.parametrize(
+    ("values", "damper"),
+    [
+        ({}, lambda force: 0.75**2 * force / 0.02),
+        ({"impact_speed_floor": 1e-8}, lambda force: 0.75**2 * force / 1e-8),
+        ({"law": "flores", "restitution": 1e-3}, lambda force: 1.6 * 999.0 * force / 0.02),
+        ({"law": "kelvin-voigt"}, lambda force: np.full_like(force, DRAG)),
+    ],
+    ids=["floor", "low floor", "much", "viscous"],
+)
+def test_contacts_damp_along_their_normals(values, damper):
+    """C = sum of c g g': g the closing speed of a contact for a unit of each coordinate, c = d F / v_min or the law's
+    own. A roller is pressed by F along the normal n against what its two links pull."""
+    drive = two_sprockets(links=58, span=19.03, torque=100.0, damping=0.0)
+    found = system(drive.with_values({f"contact.sprocket.{name}": value for name, value in values.items()}))
+    place = found.state.position[0]
+    along = np.roll(place, -1, axis=0) - place
+    pull = found.tension[:, None] * along / np.hypot(*along.T)[:, None]
+    push = np.roll(pull, 1, axis=0) - pull
+    force = np.hypot(*push.T)
+    on = np.flatnonzero(force > 0.1)
+    normal, lever = push[on] / force[on, None], place[on] - drive.sprockets[1].center
+    closing = np.zeros((len(on), found.at.count))
+    closing[np.arange(len(on)), 2 * on], closing[np.arange(len(on)), 2 * on + 1] = -normal.T
+    turning = lever[:, 0] * normal[:, 1] - lever[:, 1] * normal[:, 0]
+    closing[:, -1] = np.where(found.layout.arc[on] == 1, turning, 0.0)
+    expected = closing.T @ (damper(force[on])[:, None] * closing)
+    assert len(on) > 20
+    assert np.abs(found.damping.toarray() - expected).max() < 1e-5 * np.abs(expected).max()
+
+
 def test_structure_changes_nothing_for_arms_and_oil():
-    """As above, of the example `car` without its contacts' damping: an arm that carries a curved guide, and a chamber
+    """As above, of the example `car`: an arm that carries a curved guide, and a chamber
     of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
     drive = load_drive(drive_path("car"))
     found = system(drive)

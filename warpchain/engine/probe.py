@@ -1,9 +1,8 @@
 """The forces of a drive in states that the caller gives: accelerations of many perturbed copies, by the CPU kernel.
 
 A copy at rest or in motion takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the
-forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded, and so long that what
-is bounded by the force that would stop a body within a step (dry friction) is nothing. Contacts are found closed at the
-floor of their impact speed. Where the copies drift to in that step is not read, nor what flows into their tensioners:
+forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found
+closed at the floor of their impact speed, and damp as their law says, without any step in it. Where the copies drift to in that step is not read, nor what flows into their tensioners:
 the oil's mass is given, and its pressure is that of the given state.
 """
 
@@ -70,6 +69,9 @@ class Probe:
         row = base.drives[0]
         row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], STEP, 2
         row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
+        row["light"] = 0
+        for law in (base.sprockets["law"], base.guides["law"]):
+            law["lag"] = law["yielding"] = law["most_damping"] = 0.0
         self.base = base
         self.rollers = int(base.drives["rollers"][0])
         self.sprockets = int(base.drives["sprockets"][0])

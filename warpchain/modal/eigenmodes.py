@@ -113,7 +113,8 @@ class Modes:
         tension: (N,) of the links there [N].
         zeros: how many independent motions have no restoring force; they are not among the K.
         growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
-        creeping: (O,) decay rates of motions that come back without swinging [1/s].
+        creeping: (O,) decay rates of motions that come back without swinging [1/s]; of those faster than the modes, not
+            all.
         standing: how arms and tensioners stand, a line each.
     """
 
@@ -237,9 +238,8 @@ def modes_of(found: System, count: int) -> Modes:
 
 
 def _resisted(found: System, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """(K,) whether motions are slow because oil must leak, not because nothing restores them: K does work on them."""
-    if not len(found.at.chambers):
-        return np.zeros(vector.shape[1], dtype=bool)
+    """(K,) whether motions are slow because dampers hold them, not because nothing restores them: K does work on
+    them."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     return np.asarray(held > RESISTED * float(found.packed.chains["stiffness"][0]) * (np.abs(vector) ** 2).sum(axis=0))
 

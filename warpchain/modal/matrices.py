@@ -28,7 +28,6 @@ show flows.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +35,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from warpchain.engine.fill import FORMS
 from warpchain.engine.probe import Probe, States
 
 Array = NDArray[np.float64]
@@ -182,7 +182,7 @@ STEP = 1e-7
 """Displacement, of a pitch: rounding leaves 1e-9 of a link's stiffness, and contacts stay as closed or open as they are
 but for those that 1e-9 m or so would open."""
 SPEED = 2.0**-17
-"""Velocity step [m/s]; far below the floors of impact speeds."""
+"""Velocity step [m/s] at most (`velocity_step`)."""
 
 
 def colors(rollers: int) -> list[NDArray[np.int64]]:
@@ -194,17 +194,28 @@ def colors(rollers: int) -> list[NDArray[np.int64]]:
 
 def stiffness(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.csc_array:
     """(n, n) K [N/m, N/rad, N m/rad] about a state at rest."""
-    step = 2.0 ** math.floor(math.log2(STEP * pitch))
-    steps = np.full(at.count, step)
-    widest = float(probe.base.sprockets["exact_radius"].max(initial=pitch))
-    steps[2 * at.rollers : at.solid][at.turning] = 2.0 ** math.floor(math.log2(step / widest))
-    return _differences(probe, at, steps, lambda change: at.moved(base, change))
+    return _differences(probe, at, _steps(probe, at, STEP * pitch), lambda change: at.moved(base, change))
 
 
 def damping(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
-    """(n, n) C [N s/m, ...] about a state at rest; with what leaks where `conductance` is given, as of `leakage`."""
-    own = _differences(probe, at, np.full(at.count, SPEED), lambda change: at.moving(base, change))
+    """(n, n) C [N s/m, ...] about a state at rest; with what leaks where `conductance` is given, as of `leakage`.
+
+    Of all dampers, contacts at the floor of their impact speed among them; joints and what slides have none.
+    """
+    steps = _steps(probe, at, velocity_step(probe))
+    own = _differences(probe, at, steps, lambda change: at.moving(base, change))
     return own if conductance is None else sp.csc_array(own + leakage(probe, at, conductance))
+
+
+def velocity_step(probe: Probe) -> float:
+    """Speed [m/s] at which contacts still damp linearly: hysteretic ones do up to v_min, and while they do not pull, up
+    to v_min / d; half of that leaves room for what turns faster than the widest sprocket's rim."""
+    counts, step = probe.base.drives[0], SPEED
+    for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
+        law = parts["law"][:count]
+        limit = 0.5 * law["speed_floor"] / np.maximum(law["damping"], 1.0)
+        step = min(step, float(limit[law["form"] == FORMS["hysteretic"]].min(initial=SPEED)))
+    return step
 
 
 def leakage(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
@@ -235,6 +246,14 @@ def travelling(rollers: int, mass: float, rate: float, links: NDArray[np.bool_],
     ring = sp.coo_array((np.append(value, -value), (np.append(i, j), np.append(j, i))), shape=(rollers, rollers))
     both = sp.kron(ring.tocsc(), sp.eye_array(2))
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
+
+
+def _steps(probe: Probe, at: Coordinates, step: float) -> Array:
+    """(n,) steps of the coordinates, powers of two: at most `step`, of angles at the widest sprocket's rim."""
+    widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
+    steps = np.full(at.count, step)
+    steps[2 * at.rollers : at.solid][at.turning] /= widest
+    return np.asarray(2.0 ** np.floor(np.log2(steps)))
 
 
 def _differences(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]

@@ -18,6 +18,12 @@ SHOWN = 0.005
 """Shares of the kinetic energy below this are not listed."""
 MOST = 4
 """Parts listed for a mode at most, by their shares."""
+DAMPING = (
+    "damping is that of links, mounts, arms, tensioners with their oil, loads, and contacts (hysteretic ones at the "
+    "floor of their impact speed)",
+    "friction of joints, teeth and guides is left out: it does not grow with the speed, so its damping ratio hangs on "
+    "the amplitude",
+)
 
 
 def lines(modes: Modes) -> list[str]:
@@ -51,8 +57,9 @@ def pushed(modes: Modes, k: int) -> list[str]:
 
 
 def remarks(modes: Modes) -> list[str]:
-    """Lines on the states of arms and tensioners, and on motions that are no modes, where there are any."""
-    result = list(modes.standing)
+    """Lines on the states of arms and tensioners, on what damps, and on motions that are no modes, where there are
+    any."""
+    result = [*modes.standing, *DAMPING]
     if modes.zeros:
         result.append(
             f"{modes.zeros} motions have no restoring force (rollers without contact or tension, a sprocket that turns "
@@ -60,10 +67,12 @@ def remarks(modes: Modes) -> list[str]:
         )
     if len(modes.growing):
         result.append(f"{len(modes.growing)} motions run away, the fastest at {modes.growing[-1]:.3g} 1/s: left out")
-    if len(modes.creeping):
-        slow = 1.0 / modes.creeping[0]
+    creeping = modes.creeping[modes.creeping <= np.abs(modes.eigenvalue).max(initial=0.0)]
+    if len(creeping):
+        slow = 1.0 / creeping[0]
         result.append(
-            f"{len(modes.creeping)} motions come back without swinging, the slowest in {slow:.3g} s: left out"
+            f"{len(creeping)} motions no faster than these come back without swinging (oil that leaks, rollers "
+            f"on seats that damp), the slowest in {slow:.3g} s: left out"
         )
     return result
 
@@ -93,9 +102,8 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
     sections = [
         html.section("modes", "Frequencies", html.text(f"{links}; {tension}. {shares}"), _modes_table(modes)),
         html.section("shapes", "Shapes", html.picture(shapes_figure(modes), "mode shapes")),
+        html.section("state", "State and damping", html.bullets(remarks(modes))),
     ]
-    if notes := remarks(modes):
-        sections.append(html.section("state", "The state", html.bullets(notes)))
     if found is not None:
         swings = "A strand whose tension swings by the share e at the tooth frequency swings ever more there, once e"
         swings += " exceeds 4 zeta."
