@@ -78,14 +78,6 @@ def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> Non
     row["speed_floor"] = contact.impact_speed_floor
 
 
-def fill_steps(laws: Any, drives: NDArray[Any], mass: NDArray[np.float64]) -> None:
-    """Fills what of contact laws hangs on the steps of their drives; `mass` is that of a roller [kg]."""
-    staged = drives["integrator"] > 0
-    laws["lag"] = np.where(staged, 0.0, 0.5 * drives["step"])
-    laws["yielding"] = laws["lag"] / mass
-    laws["most_damping"] = np.where(staged, 2.0 * mass / drives["step"], 0.0)
-
-
 def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     teeth = drive.sprockets[s].teeth
     if teeth not in seats.known:

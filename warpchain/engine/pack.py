@@ -38,7 +38,6 @@ from warpchain.engine.fill import (
     fill_mount,
     fill_sliding,
     fill_sprocket,
-    fill_steps,
     fill_strand,
     tooth_effective_mass,
 )
@@ -83,11 +82,10 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
-    sprockets, guides = packed.tooth_sliding, packed.guide_sliding
-    for laws, sliding, counts in ((packed.sprockets, sprockets, "sprockets"), (packed.guides, guides, "guides")):
-        owner = np.repeat(np.arange(len(drives)), packed.drives[counts])
-        fill_steps(laws["law"][: len(owner)], packed.drives[owner], packed.chains["mass"][owner])
-        sliding["inertia"][: len(owner)] /= packed.drives["step"][owner]
+    fill_steps(packed)
+    for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
+        steps = np.repeat(packed.drives["step"], packed.drives[counts])
+        sliding["inertia"][: len(steps)] /= steps
     fewest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
     packed.drives["light"] = fewest < LIGHT
     packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
@@ -95,6 +93,17 @@ def pack(
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
     return packed
+
+
+def fill_steps(packed: Packed) -> None:
+    """Fills what of contact laws hangs on the steps of their drives."""
+    for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
+        owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
+        row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
+        staged = packed.drives["integrator"][owner] > 0
+        row["lag"] = np.where(staged, 0.0, 0.5 * step)
+        row["yielding"] = row["lag"] / mass
+        row["most_damping"] = np.where(staged, 2.0 * mass / step, 0.0)
 
 
 @dataclass
