@@ -53,6 +53,11 @@ def equal_sprockets():
     return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)]
 
 
+def light_wheels():
+    """Wheels of the inertia of one roller at their pitch radius: contacts want their accelerations before forces."""
+    return [two_sprockets(inertia=0.026), two_sprockets(teeth=24, links=64, torque=100.0, inertia=0.037)]
+
+
 def long_chains():
     return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)]
 

@@ -8,16 +8,12 @@ import warp as wp
 from ..native import accessors, whole_lanes
 from ..physics.body import pose_of
 from ..physics.guide import carried
-from ..structs import GROUND, Drive, Now, Pose, Totals, Wrench, types
+from ..structs import FORESEEING, GROUND, Drive, Now, Pose, Totals, Wrench, types
 from .contacts import contact_forces, contact_rows, contact_sums
 from .guides import guide_passes
 from .neighbor_list import GROUP, Group, lowest_bit, neighbor_list, next_bits
 from .rollers import rows
 from .teeth import seat_passes, teeth_passes
-
-
-FORESEEING = wp.constant(-1)
-"""In place of a stage: contacts are evaluated only to find what accelerations bodies will have."""
 
 
 @cache

@@ -23,9 +23,9 @@ from ..physics.body import (
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..structs import Drive, Now, Wrench, types
+from ..structs import FORESEEING, Drive, Now, Wrench, types
 from ..sums import metered
-from .contact_pairs import FORESEEING, contact_pairs, nearness, with_reaction
+from .contact_pairs import contact_pairs, nearness, with_reaction
 from .contacts import contact_rows
 from .joints import joint_passes
 from .neighbor_list import neighbor_list

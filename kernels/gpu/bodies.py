@@ -18,6 +18,7 @@ from ..physics.body import (
     leapfrog_body,
     own_moment,
     posed,
+    solved,
     stage_body,
     swung,
     turns_soundly,
@@ -329,6 +330,15 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             pose = shared.poses[mine.body]
             rounded, time = rounded_time(mine, now), time_of(mine, now)
             shared.poses[mine.body].load = load_on(ensemble, shared, mine, rounded, time, pose)
+
+    @wp.func
+    def foreseen(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+        """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
+        pose, motion = shared.poses[mine.body], shared.motions[mine.body]
+        if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
+            load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
+            rates = wp.vector(Real(0.0), Real(0.0), (wrench.moment + load) * motion.inverse_inertia)
+            shared.poses[mine.body].angular = solved(expected_by(pose), rates, wrench, motion)[2]
 
     @wp.func
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):

@@ -8,11 +8,12 @@ import warp as wp
 
 from ..native import accessors
 from ..physics.contact import UNTOUCHED, dissipated, gained, respond, rub, rub_evenly
-from ..structs import Tallies
+from ..physics.impact import elastic_force, force_by_growth
+from ..structs import FORESEEING, Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
-from .shared_memory import parts_of_a_body
+from .shared_memory import parts_of_a_body, yielding_row
 from .sync import group, lanes, raise_to, sync, widened
 
 
@@ -135,9 +136,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         more: vec2,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's contact at hand, which is closed, to the roller's; returns it [N].
+        """Adds the force of roller j's contact at hand, which is closed, to the roller's; `more` is `gaining` without it.
 
-        `more` is `gaining` without it.
+        Returns it [N] and, where accelerations are to be foreseen, by what it answers a closing one of 1 m/s^2 [N].
         """
         p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
         at = mine.memory + j + p * mine.rollers
@@ -162,7 +163,13 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             damped, rubbed = powers(mine, damper * normal, drag, relative, after)
             measure_powers(tallies, now, at, damped, rubbed)
             measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
-        return force
+        answer = Real(0.0)
+        if wp.static(kind.parts.light > 0):
+            if now.stage == FORESEEING:
+                known = as_known(law)
+                elastic = elastic_force(touch.penetration, known.stiffness, known.exponent)
+                answer = force_by_growth(elastic, size, first, known)
+        return force, answer
 
     return SimpleNamespace(**locals())
 
@@ -171,7 +178,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 def wrench_parts(kind: BlockKind) -> SimpleNamespace:
     """The functions that add up what the rollers of one variant on a block do to its bodies."""
     Real, threads, bodies, moving = kind.Real, kind.shape.threads, kind.parts.bodies, kind.moving
-    kinds = kind.types
+    kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     group_sum = sync(kind).group_sum
@@ -211,6 +218,19 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         """Adds the opposite of roller j's force [N] to body s."""
         add_part(shared, place_of(mine, 1, s, j), -force[0])
         add_part(shared, place_of(mine, 2, s, j), -force[1])
+
+    @wp.func
+    def add_yielding(shared: Shared, mine: Mine, now: Now, s: int, j: int, arm: vec2, normal: vec2, answer: Real):
+        """Adds how roller j's contact answers an acceleration of body s, where those are to be foreseen."""
+        if wp.static(kind.parts.light > 0):
+            if now.stage == FORESEEING:
+                lever = arm[0] * normal[1] - arm[1] * normal[0]
+                add_part(shared, place_of(mine, wp.static(yielding_row(kind)), s, j), lever * lever * answer)
+
+    @wp.func
+    def yielding_on(shared: Shared, i: int):
+        """All that on the body that thread i moves [kg m^2]; all threads together, as `sum_of`."""
+        return sum_of(shared, wp.static(yielding_row(kind)), i)
 
     @wp.func
     def add_wrench(shared: Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):

@@ -29,7 +29,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     in_carrier, arm_on, guide_at = geometry.in_carrier, geometry.arm_on, geometry.guide_at
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
     Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
-    add_wrench = wrench_parts(kind).add_wrench
+    add_wrench, add_yielding = wrench_parts(kind).add_wrench, wrench_parts(kind).add_yielding
     point, velocity = row.point, row.velocity
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -97,9 +97,10 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
                 arm = arm_on(shared, j, bar.body)
                 carrier = shared.poses[bar.body]
             more = gaining(shared, carrier, arm, j)
-            force = press(state, tallies, shared, mine, now, j, touch, more, bar.law)
+            force, answer = press(state, tallies, shared, mine, now, j, touch, more, bar.law)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
+                    add_yielding(shared, mine, now, bar.body, j, arm, normal, answer)
                     moment = reaction(arm, force)
                     add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
         else:

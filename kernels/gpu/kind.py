@@ -127,7 +127,9 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated (1, else 0)."""
+    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, and bodies light
+    (`structs.Drive.light`; 1, else 0).
+    """
 
     sprockets: int
     guides: int
@@ -136,6 +138,7 @@ class Parts:
     prescribed: int = 1
     others: int = 0
     tabulated: int = 1
+    light: int = 0
 
     @property
     def mounted(self) -> int:
@@ -208,7 +211,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192
+        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not self.parts.light
 
     @property
     def gripping(self) -> bool:

@@ -80,6 +80,11 @@ def parts_of_a_body(kind: BlockKind) -> int:
     return kind.shape.threads if kind.shape.threads == WARP or kind.shape.slots > ORDERED else kind.shape.room
 
 
+def yielding_row(kind: BlockKind) -> int:
+    """The row of parts, after those of moment and force, in which contacts answer accelerations of light bodies."""
+    return 3 if kind.moving or kind.measuring else 1
+
+
 def _small(kind: BlockKind) -> dict[str, int]:
     """Values of each array but the rows of rollers, and of their parts in sums."""
     sprockets, guides, measuring = kind.parts.sprockets, kind.parts.guides, kind.measuring
@@ -141,7 +146,7 @@ def size_of(dtype: Any) -> int:
 def room(kind: BlockKind) -> Room:
     """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
-    parts = (3 if (kind.moving or kind.measuring) else 1) * kind.parts.bodies * parts_of_a_body(kind)
+    parts = (yielding_row(kind) + kind.parts.light) * kind.parts.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
     seen = seen_rows(kind)[-1] if kind.measuring else 0
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import warp as wp
 
+from ..structs import FORESEEING
 from ..sums import WATCH_EVERY, add_hub_force
 from .bodies import block_tensioners, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
-from .kind import ENDS, EXTRA, WARP, BlockKind, Mine
+from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import body_observing
@@ -31,12 +32,14 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    of_each, forces, barrier = wp.types.vector(rollers_per_thread, Real), contact_forces(kind), sync(kind).barrier
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
     sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
     observe, threads_of = body_observing(kind), sync(kind)
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
+    SPROCKETS = near_partners(kind).SPROCKETS
 
     @wp.func
     def advance_rollers(state: State, shared: Shared, mine: Mine, now: Now):
@@ -53,6 +56,35 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def foresee(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+        """Evaluates the contacts to find what accelerations light bodies will have, and leaves forces as they were.
+
+        All threads together, links' forces done.
+        """
+        x = of_each()
+        y = of_each()
+        for k in range(wp.static(rollers_per_thread)):
+            force = row.force_on(shared, k * wp.static(threads) + mine.thread)
+            x[k] = force[0]
+            y[k] = force[1]
+        now.stage = FORESEEING
+        now.flags = EVENT
+        now.measured = 0
+        now.watched = 0
+        now.summed = SPROCKETS
+        forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        barrier()
+        wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
+        wrench.yielding = wrenches.yielding_on(shared, mine.thread)
+        if mine.body >= 0:
+            if wp.static(kind.parts.tensioners > 0):
+                wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
+            bodies.foreseen(ensemble, state, shared, mine, now, wrench)
+        for k in range(wp.static(rollers_per_thread)):
+            row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
+        barrier()
 
     @wp.func
     def chain_on(state: State, shared: Shared, mine: Mine, now: Now):
@@ -193,6 +225,8 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        if wp.static(kind.parts.light > 0):
+            do.foresee(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)

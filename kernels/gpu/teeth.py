@@ -108,6 +108,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
+    add_yielding = wrenches.add_yielding
     drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
     gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
@@ -139,7 +140,8 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
         if closer.penetration > Real(0.0):
             more = gaining(shared, shared.poses[s], arm, j)
-            force = press(state, tallies, shared, mine, now, j, closer, more, shared.teeth[s].law)
+            force, answer = press(state, tallies, shared, mine, now, j, closer, more, shared.teeth[s].law)
+            add_yielding(shared, mine, now, s, j, arm, closer.normal, answer)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:

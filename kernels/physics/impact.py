@@ -105,6 +105,6 @@ def force_by_growth(elastic: Any, size: Any, impact_speed: Any, law: Any):
     Arguments as of `contact_force`, and `size` as it returns; nothing where that is bounded either way.
     """
     damper, fastest = damper_of(elastic, impact_speed, law)
-    free = size > type(size)(0.0) and size - elastic < damper * fastest
+    free = size > type(size)(0.0) and size - elastic < type(size)(0.999) * damper * fastest
     more = quotient(law.lag * damper, type(elastic)(1.0) + law.yielding * damper)
     return wp.where(free, more, type(size)(0.0))

@@ -10,6 +10,7 @@ from blocks import (
     bending,
     equal_sprockets,
     led_elsewhere,
+    light_wheels,
     long_chains,
     marine,
     rk4,
@@ -33,7 +34,7 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
-KINDS = marine, rubbing, bending, equal_sprockets, long_chains, unusual_contacts, uneven
+KINDS = marine, rubbing, bending, equal_sprockets, long_chains, unusual_contacts, uneven, light_wheels
 USUAL = [(marine, False, "float64"), (rubbing, True, "float32"), (equal_sprockets, True, "float32")]
 
 

@@ -126,7 +126,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         return BlockKind(kind.Real, shape, parts, profiles=kind.profiles, links=links)
@@ -147,6 +147,7 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "prescribed": np.maximum(np.add.reduceat(packed.motions["prescribed"], drives["first_body"]), 1),
         "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
+        "light": drives["light"] * (drives["integrator"] == 0),
         "integrator": drives["integrator"],
         "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,
         "profiles": packed.carried_guides,
