@@ -90,6 +90,17 @@ def stage_instant(integrator: int, stage: int, h: Any):
     return stage_reach(integrator, stage - 1, h)
 
 
+@wp.func
+def stretching(integrator: int, stage: int, one: Any):
+    """Part of a step over which friction's bristles are stretched at a stage (`physics.friction`).
+
+    At a step's start over the step before, which they then keep; later from there on.
+    """
+    if stage <= 0:
+        return one
+    return stage_instant(integrator, stage, one)
+
+
 @wp.struct
 class Stage:
     """One stage of a step."""

@@ -684,6 +684,7 @@ class Memory:
     hold: wp.array[wp.float64]  # `State.contact_hold`
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
+    stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
     lag: wp.float64  # how far the velocities are behind the forces [s]
     time: wp.float64  # the forces' instant [s]

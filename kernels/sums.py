@@ -20,7 +20,7 @@ Looks at the chain (which links lie on a strand, their tensions, where mid-stran
 two times as far (`Drive.look_every`). The chain moves a small part of a pitch in between.
 """
 
-WATCH_EVERY = wp.constant(4)
+WATCH_EVERY = wp.constant(1)
 """Steps between two at which forces and speeds are held against the largest so far, and added up for their means.
 
 The window's first step is watched too. Moments and powers are added up every step. The fastest oscillation takes 31

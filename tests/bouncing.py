@@ -27,10 +27,10 @@ def bounce(
     open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
-        f0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, impact_speed, law)
+        f0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, law)
         half_v = v - wp.float64(0.5) * h * s0 / mass
         half_pen = penetration + wp.float64(0.5) * h * v
-        f1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, impact_speed, law)
+        f1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, law)
         v = v - h * s1 / mass
         penetration = penetration + h * half_v
         dissipated = dissipated + h * d1 * half_v
@@ -43,6 +43,35 @@ def bounce(
 
 
 @wp.kernel(enable_backward=False)
+def leap(
+    law: KINDS.ContactLaw,
+    mass: wp.float64,
+    pull: wp.float64,
+    begin: wp.vec2d,
+    h: wp.float64,
+    out: wp.array[wp.vec2d],
+):
+    """One mass under a steady force `pull`, by leapfrog: penetration and speed after each step of h.
+
+    `begin` has the penetration and speed that it begins with.
+    """
+    penetration = begin[0]
+    v = begin[1]
+    impact_speed = wp.float64(0.0)
+    normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
+    for i in range(out.shape[0]):
+        size = wp.float64(0.0)
+        if penetration > wp.float64(0.0):
+            more = wp.vec2d(pull / mass, wp.float64(0.0))
+            force, size, impact_speed, damper, energy = respond(penetration, normal, v * normal, more, impact_speed, law)
+        else:
+            impact_speed = wp.float64(0.0)
+        v = v + h * (pull - size) / mass
+        penetration = penetration + h * v
+        out[i] = wp.vec2d(penetration, v)
+
+
+@wp.kernel(enable_backward=False)
 def response(
     law: KINDS.ContactLaw,
     penetration: wp.float64,
@@ -52,7 +81,7 @@ def response(
 ):
     """A contact at a speed along its normal; out = length of the force, its size, damper's part."""
     normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-    force, size, first, damper, energy = respond(penetration, normal, speed * normal, impact_speed, law)
+    force, size, first, damper, energy = respond(penetration, normal, speed * normal, wp.vec2d(), impact_speed, law)
     out[0] = wp.length(force)
     out[1] = size
     out[2] = damper

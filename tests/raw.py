@@ -7,6 +7,8 @@ import warp as wp
 
 from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.fill import JOINT_INERTIA
+from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
@@ -91,7 +93,7 @@ def chain(
         put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
-        law["speed_floor"], law["most_damping"] = values.get("speed_floor", 0.01), mass / step
+        law["speed_floor"] = values.get("speed_floor", 0.01)
         motion, body = packed.motions[s], packed.bodies[s]
         motion["sign"] = 1.0
         motion["prescribed"] = int("inertia" not in values)
@@ -117,11 +119,13 @@ def chain(
         bar["deepest_entry"] = 0.5 * values["roller_radius"]
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
-        law["damping"], law["speed_floor"], law["most_damping"] = values.get("damping", 0.0), 0.01, mass / step
+        law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
     if seats:
         packed.seats = np.concatenate(seats)
     for a, values in enumerate(arms):
         put_arm(packed, a, gravity, **values)
+    packed.motions["following"] = 1.0
+    fill_steps(packed)
     return packed
 
 
@@ -157,7 +161,7 @@ def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(
 
 def put_friction(row, friction, effective_mass, step):
     """Friction of a hand-made contact."""
-    row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * effective_mass / step
+    row["rubs"], row["inertia"] = int(friction > 0.0), effective_mass / step
     row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
     row["law"]["stribeck_speed"] = 1.0
 
@@ -166,7 +170,7 @@ def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
     """Friction in the joints of a hand-made chain."""
     row, chain = packed.joints[0], packed.chains[0]
     row["rubs"], row["pin_radius"], row["arm"] = 1, pin_radius, factor * pin_radius
-    row["stop"] = 0.375 * chain["mass"] * pitch**2 / (6.0 * pin_radius * packed.drives[0]["step"])
+    row["inertia"] = JOINT_INERTIA * chain["mass"] * pitch**2 / (6.0 * packed.drives[0]["step"])
     row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
     row["law"]["stribeck_speed"] = 1.0
 

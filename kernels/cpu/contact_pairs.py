@@ -137,6 +137,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
         memory.hold = state.contact_hold
+        memory.stretched = Real(1.0)
         memory.first = drive.first_contact
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)

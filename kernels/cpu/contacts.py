@@ -275,7 +275,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
         """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         recall_holds(w, group, memory)
-        stretched = wp.where(memory.stage == 0, Real(1.0), Real(0.0))
+        stretched = memory.stretched
         i = group.low
         if sliding.law.mu_static == sliding.law.mu_dynamic:
             while i < group.high:

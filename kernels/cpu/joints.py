@@ -61,30 +61,29 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
-    def rub_joint(w: wp.array[Real], i: int, mu: Real, joint: Joint, stretched: Real):
+    def rub_joint(w: wp.array[Real], i: int, mu: Real, joint: Joint, memory: kinds.Memory):
         """The moment of the joint after link i, and what it holds; in numbers, not vectors."""
         tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
         tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
         held = load_row(w, row.joint_hold + i + 1)
-        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, joint, stretched)
+        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, joint, memory.stretched)
         store_row(w, row.moment + i + 1, moment)
-        store_row(w, row.joint_hold + i + 1, wp.where(stretched == Real(0.0), held, holds))
+        store_row(w, row.joint_hold + i + 1, wp.where(memory.stage == 0, holds, held))
 
     @wp.func
-    def rub_joints(w: wp.array[Real], n: int, joint: Joint, stage: int):
+    def rub_joints(w: wp.array[Real], n: int, joint: Joint, memory: kinds.Memory):
         """The moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         store_row(w, row.tension + n, load_row(w, row.tension))
         store_row(w, row.turn + n, load_row(w, row.turn))
-        stretched = wp.where(stage == 0, Real(1.0), Real(0.0))
         mu = joint.law.mu_dynamic
         i = int(0)
         if joint.law.mu_static == mu:
             while i < whole(n):
-                rub_joint(w, i, mu, joint, stretched)
+                rub_joint(w, i, mu, joint, memory)
                 i = i + 1
         while i < n:
             mu = joint_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), joint)
-            rub_joint(w, i, mu, joint, stretched)
+            rub_joint(w, i, mu, joint, memory)
             i = i + 1
         store_row(w, row.moment, load_row(w, row.moment + n))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import MOST, leapfrog_kick, stage_at, stages_of
+from ..integrate import MOST, leapfrog_kick, stage_at, stages_of, stretching
 from ..modules import own_module
 from ..structs import DIVERGENCE_CHECK, Now, Sums, types
 from .contact_pairs import nearness
@@ -73,6 +73,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                     memory.wanted = Now()
                 at_stage = stage_at(drive.integrator, stage, now.time, drive.step)
                 memory.time = at_stage.time
+                memory.stretched = stretching(drive.integrator, stage, Real(1.0))
                 evaluate(ensemble, state, drive, chain, links, joint, w, memory)
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:

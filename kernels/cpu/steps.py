@@ -200,7 +200,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         else:
             link_pass(w, n, chain)
         if joint.rubs != 0:
-            joints.rub_joints(w, n, joint, memory.stage)
+            joints.rub_joints(w, n, joint, memory)
             joints.bend_links(w, n)
         if memory.wanted.sizes != 0:
             clear_sizes(w, n)

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from ..integrate import stretching
 from ..native import accessors
 from ..physics.contact import UNTOUCHED, dissipated, gained, respond, rub, rub_evenly
 from ..physics.impact import elastic_force, force_by_growth
@@ -60,7 +61,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     def drag_of(state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Sliding):
         """Friction on a roller [N], as `rub`, and what the contact then holds; `before` is its v0 until now."""
         held = wp.where(before > Real(0.0), load_row(state.contact_hold, at), Real(0.0))
-        stretched = wp.where(now.stage == 0, Real(1.0), Real(0.0))
+        stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
         if wp.static(kind.friction.by_speed):
             return rub(size, normal, relative, held, what, stretched)
         else:
@@ -136,9 +137,10 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         more: vec2,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's contact at hand, which is closed, to the roller's; `more` is `gaining` without it.
+        """Adds the force of roller j's contact at hand, which is closed, to the roller's.
 
-        Returns it [N] and, where accelerations are to be foreseen, by what it answers a closing one of 1 m/s^2 [N].
+        `more` is `gaining` without it. Returns it [N] and, where accelerations are to be foreseen, by what it answers a
+        closing one of 1 m/s^2 [N].
         """
         p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
         at = mine.memory + j + p * mine.rollers

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..integrate import stretching
 from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
@@ -168,7 +169,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         """Moment [N m] of joint j, and what its bristle holds, from the rows."""
         n = mine.rollers
         held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
-        stretched = wp.where(now.stage == 0, Real(1.0), Real(0.0))
+        stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
         return moment_between(bent(rows, before(j, n)), bent(rows, j), held, joint, stretched)
 
     @wp.func

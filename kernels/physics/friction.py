@@ -5,9 +5,9 @@ mu(v) N. What sticks is held by a bristle (Dahl): over a step of length h it is 
 
     b <- clamp(b + s (m_e / h) v, -mu N, mu N),    Q = clamp(b + t (m_e / h) v, -mu N, mu N)   against the sliding,
 
-s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness s m_e / h^2 grows as h falls: Coulomb's
-law in the limit, no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v, the
-bristle stores b^2 h^2 / (2 s m_e).
+s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness s m_e / h^2 grows as h falls:
+Coulomb's law in the limit, no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v,
+the bristle stores b^2 h^2 / (2 s m_e).
 
 The joints' pins turn in bushes as neighboring links turn against each other. Joint i lies at roller i, between the
 links i - 1 and i, of lengths L and unit vectors u, n being u turned by +90 degrees. Link i turns at dphi_i = (v_{i+1} -
@@ -17,7 +17,8 @@ v_i) . n_i / L_i, the joint at g_i = dphi_i - dphi_{i-1}. The pin, of radius r_p
     |M_i| <= mu kappa r_p N_i   against g_i,
 
 kappa telling how the pressure is spread: 1 for line contact, 4/pi worn in, pi/2 new. A joint that sticks is held as
-above, g_i for v and 0.6 (m p^2 / 6) for m_e, with which all joints at once still decay. The moments M_i and -M_{i+1} of its two joints on link i act as the couple of forces
+above, g_i for v and 0.6 (m p^2 / 6) for m_e, with which all joints at once still decay. The moments M_i and -M_{i+1} of
+its two joints on link i act as the couple of forces
 
     F_i = (M_{i+1} - M_i) n_i / L_i   on roller i,   -F_i on roller i + 1,
 
@@ -60,7 +61,7 @@ def held_back(most: Any, speed: Any, held: Any, inertia: Any, stretched: Any):
         speed: v [m/s].
         held: the bristle's force b until now [N].
         inertia: m_e / h [kg/s].
-        stretched: 1 at a step's start, 0 where the bristle has been stretched in this step.
+        stretched: part of a step over which the bristle is stretched (`integrate.stretching`).
     """
     holds = wp.clamp(held + stretched * type(speed)(SPRING) * inertia * speed, -most, most)
     return wp.clamp(holds + type(speed)(DAMPER) * inertia * speed, -most, most), holds

@@ -34,8 +34,8 @@ def test_a_drive_loses_by_its_joints_what_statics_says():
     tight, slack = strands(found)
     factor = 2 * math.pi * WORN_IN * 0.1 * (0.0075 / 0.05) * (1 / 40 + 1 / 40)
     loss = factor * (tight + slack) / (tight - slack)
-    # strands vibrate by the teeth they pass, which turns joints to and fro: 12 % more at 5 rad/s, 1 to 2 % at this 1
-    assert found["joints.friction"] / found["input_work"] == pytest.approx(loss, rel=0.03)
+    # strands vibrate by the teeth they pass, which turns joints to and fro: 3.9 % more at 1 rad/s, at 5 us and at 1.25
+    assert found["joints.friction"] / found["input_work"] == pytest.approx(loss, rel=0.05)
     assert found["efficiency"] == pytest.approx(found["output_work"] / found["input_work"], rel=1e-15)
     assert abs(found["energy_residual_relative"]) < 1e-5  # leapfrog's
 
@@ -59,24 +59,8 @@ def test_the_pin_term_of_spicer():
     found = row(drive(joint, teeth=20, links=60, **values))
     tight, slack = strands(found)
     own = found["joints.friction"] / (found["window_end"] - found["window_start"])
-    # (M needs |g| = M h / (0.375 m p^2 / 6), 1.6 rad/s of 8 and 17 here, to act in full: hence the short step)
     # the formula has the tight strand only; with the drive's own tensions it is linear in their sum
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
-
-
-def test_check_tells_a_step_at_which_joints_creep():
-    # M = mu kappa r T is at most 0.375 (m p^2 / 6) g / h: in full from g = 16 M h / (m p^2) on
-    base = two_sprockets(speed=10.0, step=5e-6).with_values({"chain.joint": JOINT})
-    values = derive(base)
-    tension = max(strand["working_tension"] for strand in values["strands"])
-    full = 16 * 0.1 * WORN_IN * 0.0075 * tension * 5e-6 / (1.0 * 0.05**2)
-    assert values["joint"]["full_friction_rate"] == pytest.approx(full, rel=1e-12)
-    assert values["joint"]["slowest_rate"] == pytest.approx(10.0, rel=1e-12)
-    assert "TOO LOW" not in report(values)
-    slow = derive(base.with_values({"sprockets.driver.prescribed.speed": 0.1}))
-    share = slow["joint"]["full_friction_rate"] / 0.1
-    assert 0.5 < share < 0.7
-    assert f"TOO LOW at this step: take run.step = {5e-6 * 0.5 / share:.2g} s or less" in report(slow)
 
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])

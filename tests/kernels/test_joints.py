@@ -5,6 +5,7 @@ import pytest
 import warp as wp
 from raw import chain, polygon, run, state
 
+from warpchain.engine.fill import JOINT_INERTIA
 from warpchain.kernels.cpu.joints import joint_passes
 from warpchain.kernels.cpu.rollers import ROWS, passes
 from warpchain.kernels.structs import types
@@ -23,9 +24,11 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     def vibrate(w: wp.array[wp.float64], chain: kinds.Chain, joint: kinds.Joint, h: real, spacing: real, shape:
                 wp.array[wp.float64], out: wp.array[wp.float64]):  # fmt: skip
         count = shape.shape[0]
+        memory = kinds.Memory()
+        memory.stretched = real(1.0)
         for step in range(out.shape[0]):
             joints.pull_links(w, count, chain, kinds.Links())
-            joints.rub_joints(w, count, joint)
+            joints.rub_joints(w, count, joint, memory)
             w[MOMENT] = real(0.0)
             w[MOMENT + count - 1] = real(0.0)
             w[MOMENT + count] = real(0.0)
@@ -53,7 +56,7 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     per_cycle = round(10 / (frequency * np.sqrt(MASS / STIFFNESS)))
     h = 1 / (frequency * per_cycle)
     joint.rubs, joint.pin_radius, joint.arm = 1, radius, WORN_IN * radius
-    joint.stop = 0.375 * MASS * PITCH**2 / (6 * radius * h)
+    joint.inertia = JOINT_INERTIA * MASS * PITCH**2 / (6 * h)
     joint.law.mu_dynamic = joint.law.mu_static = mu
     out = wp.zeros(round((cycles + 0.3) * per_cycle), dtype=real, device="cpu")
     scratch = wp.array(rows.ravel(), dtype=real, device="cpu")

@@ -6,7 +6,7 @@ import raw
 from drives import two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.fill import SLIDING_STOP, tooth_effective_mass
+from warpchain.engine.fill import tooth_effective_mass
 
 LINKS, PITCH, MASS, WEIGHT, RADIUS, CONTACT = 10, 0.05, 0.5, 9.81, 0.015, 1e6
 
@@ -32,7 +32,7 @@ def test_a_chain_on_a_guide_bar_slows_down_evenly_and_stops(integrator):
     time = 1000 * step - (0.5 * step if integrator == "leapfrog" else 0.0)
     np.testing.assert_allclose(raw.state(engine)[2], speed - mu * WEIGHT * time, rtol=1e-9)
     engine, _ = raw.run(on_bar(mu, speed=speed, steps=2500, integrator=integrator))
-    # below 2 mu g h it halves with each step (rk4: about as fast), and never turns round but for the links' rounding
+    # below 2 mu g h it sticks, and what the bristle held decays by more than a half each two steps
     assert np.abs(raw.state(engine)[2]).max() < 1e-12
     sums = engine.sums()["contact"][0]
     # to what is dissipated, the last few steps add some (mu g h / v0)^2 = 2e-7, rk4's quadrature over them more
@@ -155,7 +155,7 @@ def test_friction_turns_the_pressure_angle_of_a_seated_arc(mu):
 @pytest.mark.parametrize("inertia", [1e-5, 2.0])
 @pytest.mark.parametrize("mounted", [False, True])
 def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
-    # z contacts anywhere along any direction: no mode of their sliding loses more than beta of its speed in a step
+    # z contacts anywhere along any direction: no mode of their sliding is stiffer than that of one on m_e
     values = {"sprockets.driven.inertia": inertia}
     if mounted:
         springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [0.0, 0.0]}
@@ -176,6 +176,6 @@ def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
         else:
             mobility = np.outer(rows[:, 2], rows[:, 2]) / whole
         most = np.linalg.eigvalsh(np.eye(20) / drive.chain.mass + mobility).max()
-        assert SLIDING_STOP * effective_mass * most <= SLIDING_STOP * (1 + 1e-9)
+        assert effective_mass * most <= 1 + 1e-9
     driver = tooth_effective_mass(drive, 0)
     assert driver == pytest.approx(drive.chain.mass, rel=1e-15)  # which is led: nothing gives way

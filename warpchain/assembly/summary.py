@@ -16,12 +16,9 @@ from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.friction_coefficients import full_friction_rate, guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.stiffness import contact_rebound
-
-MOST_CREEP = 0.5
-"""Largest rate at which joints may creep, over the slowest sprocket's speed, for their losses to come out right."""
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -49,12 +46,12 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
 
 
-def _links_and_joints(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
+def _links_and_joints(drive: Drive) -> dict[str, Any]:
     """Values of joints, outer links and play; of those that are set."""
     chain = drive.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
-        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius} | _joint_rates(drive, strands)
+        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
     if chain.outer is not None:
         elongation = chain.outer_pitch / chain.pitch - 1.0
         found["outer"] = {
@@ -65,16 +62,6 @@ def _links_and_joints(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, 
     if chain.link_play > 0.0:
         found["play"] = chain.link_play
     return found
-
-
-def _joint_rates(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
-    """Above what rate of turning joint friction acts in full, and at what rate the slowest sprocket bends [rad/s]."""
-    largest = max(strand["working_tension"] for strand in strands)
-    reach = max(drive.pitch_radius(s) for s in range(len(drive.sprockets)))
-    return {
-        "full_friction_rate": full_friction_rate(drive.chain, largest, resolve_step(drive)),
-        "slowest_rate": drive.chain_speed / reach,
-    }
 
 
 def derive(drive: Drive) -> dict[str, Any]:
@@ -103,7 +90,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
-        **_links_and_joints(drive, strands),
+        **_links_and_joints(drive),
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
@@ -250,11 +237,6 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
         at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
         pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
         lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
-        full, slowest = joint["full_friction_rate"], joint["slowest_rate"]
-        lines.append(f"  in full above {full:.3g} rad/s at this step; sprockets bend them at {slowest:.3g} and more")
-        if full > MOST_CREEP * slowest > 0.0:
-            enough = values["step"] * MOST_CREEP * slowest / full
-            lines.append(f"  joint losses come out TOO LOW at this step: take run.step = {enough:.2g} s or less")
     if "outer" in values:
         outer = values["outer"]
         stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"

@@ -1,10 +1,9 @@
-"""The time step's limit: how fast a roller can oscillate on links and a contact, a sprocket on its mount, an arm.
+"""The time step's limit: how fast a roller can oscillate on links and a contact, a sprocket, an arm.
 
 Dampers lower it: leapfrog reads their speed half a step late, and is stable where omega_max^2 h^2 + 2 (c/m) h < 4.
-Those of links, mounts, arms and tensioners count, and of Kelvin-Voigt contacts, which do not vanish with the
-penetration. The damping of hysteretic contacts does not, nor does friction: a step bounds them
-(`kernels/physics/impact.py`, `friction.py`). A tensioner's oil counts as the spring E_0 (1 + a) A^2 / V that it is at
-high pressure; what flows through its gap and valve is taken implicitly and asks for no shorter step.
+Those of links, mounts, arms and tensioners count. Contacts' dampers are centered in time and ask for nothing, nor does
+friction (`kernels/physics/impact.py`, `friction.py`). A tensioner's oil counts as the spring E_0 (1 + a) A^2 / V that
+it is at high pressure; what flows through its gap and valve is taken implicitly and asks for no shorter step.
 """
 
 from __future__ import annotations
@@ -15,20 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warpchain.drive import Drive, ImpactLaw
+from warpchain.drive import Drive
 from warpchain.drive.batch import picked
-from warpchain.drive.batch_math import largest, power, smallest, some, sqrt
-from warpchain.drive.laws import LAWS
-from warpchain.drive.mounts import moving_mass, on_springs, spring
+from warpchain.drive.batch_math import largest, power, some, sqrt
+from warpchain.drive.mounts import moving_mass, on_springs, spring, wheel_inertia
 from warpchain.drive.oil import oil_stiffness
-from warpchain.drive.stiffness import contact_damping
 from warpchain.errors import DriveError
 
-AUTOMATIC = 0.2
-"""omega_max h of the automatic step."""
-
-DAMPED = 0.25
-"""The automatic step is at most this part of the limit, where strong dampers of links set it."""
+AUTOMATIC = 0.6
+"""The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +41,10 @@ class Body:
 
 
 def moving_bodies(drive: Drive) -> list[Body]:
-    """Sprockets on springs, then arms.
+    """Sprockets on springs, sprockets that turn freely, then arms.
 
-    A sprocket of mass M has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one line; an arm
+    A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
+    line; one that turns K z R^2 / J; an arm
     (k_t + k_stop + K sum r^2 + k_T l^2) / I, r the places a pitch apart where its faces can be touched, from its
     pivot, k_T a tensioner's spring, oil and stop, l its lever.
     """
@@ -61,6 +56,11 @@ def moving_bodies(drive: Drive) -> list[Body]:
             pushed, damped = _pushes(drive, s)
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
+    for s, sprocket in enumerate(drive.sprockets):
+        if sprocket.prescribed is None and not on_springs(sprocket):
+            inertia = sprocket.inertia + wheel_inertia(sprocket)
+            turning = sprocket.teeth * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
+            found.append(Body(f'sprocket "{sprocket.name}"', turning / inertia, 0.0))
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
         pushed, damped = _pushes(drive, len(drive.sprockets) + a)
@@ -87,14 +87,10 @@ def _pushes(drive: Drive, body: int) -> tuple[float, float]:
     return stiffness, damping
 
 
-def _contacts(drive: Drive) -> list[tuple[str, ImpactLaw, float]]:
-    """Contact partners of rollers: name, law and stiffness [N/m]."""
-    found: list[tuple[str, ImpactLaw, float]] = []
-    for s, sprocket in enumerate(drive.sprockets):
-        found.append((f'the teeth of "{sprocket.name}"', drive.contact.sprocket, drive.sprocket_stiffness(s)))
-    for g, guide in enumerate(drive.guides):
-        found.append((f'guide "{guide.name}"', drive.guide_contact(g), drive.guide_stiffness(g)))
-    return found
+def _contacts(drive: Drive) -> list[tuple[str, float]]:
+    """Contact partners of rollers: name and stiffness [N/m]."""
+    teeth = [(f'the teeth of "{of.name}"', drive.sprocket_stiffness(s)) for s, of in enumerate(drive.sprockets)]
+    return teeth + [(f'guide "{guide.name}"', drive.guide_stiffness(g)) for g, guide in enumerate(drive.guides)]
 
 
 def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
@@ -102,20 +98,16 @@ def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
 
     The fastest of the bodies that move (`moving_bodies`) adds its own omega^2: two coupled parts oscillate no faster
     than the root of the sum of their squares. Where outer links differ, 2 (k_inner + k_outer) stands in place of 4 k.
-    With contact dampers
-    g + sqrt(g^2 + omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable. So with dampers of
-    links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, unless `damped_links` is false.
+    With dampers of links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, g + sqrt(g^2 +
+    omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable; not if `damped_links` is false.
     """
     return _highest_frequency(drive, damped_links, moving_bodies(drive))
 
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
     mass = drive.chain.mass
-    stiffest = half_rate = 0.0
-    for _, law, stiffness in _contacts(drive):
-        stiffest = largest(stiffest, stiffness)
-        if LAWS[law.law].viscous:
-            half_rate = largest(half_rate, 0.5 * contact_damping(law, stiffness, mass) / mass)
+    half_rate = 0.0
+    stiffest = largest(0.0, *(stiffness for _, stiffness in _contacts(drive)))
     if damped_links:
         half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
@@ -127,7 +119,7 @@ def stiffest_part(drive: Drive) -> str:
     """The part that needs the shortest steps: a roller on its links and one contact, the links' dampers, or a body."""
     chain, mass = drive.chain, drive.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
-    parts = {f"rollers on {name}": stiffness / mass for name, _, stiffness in _contacts(drive)}
+    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contacts(drive)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}
     parts["rollers between two links"] = springs
     links = 2.0 * (chain.link_damping + chain.outer_damping) / mass
@@ -148,11 +140,8 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
 
 
 def automatic_step(drive: Drive) -> float:
-    """The step that "auto" stands for [s]: omega_max h = 0.2, less for dampers of mounts and contacts.
-
-    A tenth of what the limit would be if links had no dampers, and at most a quarter of what it is.
-    """
-    return smallest(0.5 * AUTOMATIC * step_limit(drive, damped_links=False), DAMPED * step_limit(drive))
+    """The step that "auto" stands for [s]."""
+    return AUTOMATIC * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
@@ -174,9 +163,8 @@ def resolve_step(drive: Drive, step: float | str | None = None) -> float:
     if wrong.ndim and wrong.any():
         resolve_step(picked(drive, int(wrong.argmax())), step)
     if some(wrong):
-        bodies = " and for bodies on springs" if moving_bodies(drive) else ""
         raise DriveError(
             f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m), less for "
-            f'dampers{bodies}; or "auto", {automatic_step(drive):.6g} s; stiffest is {stiffest_part(drive)}'
+            f'dampers and bodies; or "auto", {automatic_step(drive):.6g} s; stiffest is {stiffest_part(drive)}'
         )
     return asked

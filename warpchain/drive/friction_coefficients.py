@@ -10,11 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from warpchain.drive.batch_math import largest, power, smallest, some
+from warpchain.drive.batch_math import largest, smallest, some
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
-    from warpchain.drive.chain import Chain
 
 @dataclass(frozen=True)
 class Rubbing:

@@ -32,7 +32,8 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces"))
     if name == "relax":
         return relax.relax_kernel(*form, plain)
-    return serial.advance_kernel(*form, packed.frame, plain and not (drives["integrator"].any() or drives["light"].any()))
+    plain = plain and not any(drives[what].any() for what in ("integrator", "light"))
+    return serial.advance_kernel(*form, packed.frame, plain)
 
 
 class CpuEngine(Engine):

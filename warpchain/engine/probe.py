@@ -2,8 +2,9 @@
 
 A copy at rest or in motion takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the
 forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found
-closed at the floor of their impact speed, and damp as their law says, without any step in it. Where the copies drift to in that step is not read, nor what flows into their tensioners:
-the oil's mass is given, and its pressure is that of the given state.
+closed at the floor of their impact speed, and damp as their law says, without any step in it. Where the copies drift to
+in that step is not read, nor what flows into their tensioners: the oil's mass is given, and its pressure is that of the
+given state.
 """
 
 from __future__ import annotations
