@@ -4,7 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, MARINE, POSITIVE, STEEL, put
+from drives import BLADE, MARINE, POSITIVE, STEEL, numbers, put
 
 from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, load_drive, loads_drive
 from warpchain.drive.drive import NUMBER_RULES
@@ -181,11 +181,6 @@ def test_every_listed_path_can_be_got_and_set_to_its_value(drive, left_out):
 
 def test_paths_of_optional_tables_are_listed(marine):
     assert {"sprockets.tightener.load.torque", "guides.tight strand.contact.width"} < set(marine.paths())
-
-
-def numbers(drive):
-    """Every path of a drive that leads to a number."""
-    return [path for path in drive.paths() if type(drive.get_value(path)) in (int, float)]
 
 
 @pytest.mark.parametrize("name", example_names())
