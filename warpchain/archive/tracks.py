@@ -97,6 +97,9 @@ class Tracks(Mapping[int, Trajectory]):
         self._held: weakref.WeakValueDictionary[int, Trajectory] = weakref.WeakValueDictionary()
         self._last: Trajectory | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Tracks, (self.files, self._drives, self._gaps)
+
     @cached_property
     def _places(self) -> dict[int, list[Place]]:
         """The files that hold each variant's frames; in none is a channel that is not what was written."""

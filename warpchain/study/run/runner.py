@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
@@ -270,15 +271,16 @@ def workers_named(folder: Folder) -> Iterator[None]:
         raise StudyError(f"{folder.path}: a worker ended before its shard ({text}); run again to go on") from None
 
 
+@checked(StudyError)
 def run_study(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
     executor: Executor | None = None,
-    part: tuple[int, int] | None = None,
-    parts: int = 1,
-    workers: int | None = None,
-    memory: int = MEMORY,
+    part: tuple[Index, Count] | None = None,
+    parts: Count = 1,
+    workers: Workers | None = None,
+    memory: Count = MEMORY,
     progress: bool | Report = False,
     grow: bool = False,
 ) -> Outcome:
