@@ -351,7 +351,7 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
         with open(open_regular(path), "rb") as file:
             data = file.read(LARGEST + 1)
         if len(data) > LARGEST:
-            raise OSError(errno.EFBIG, f"it is larger than {LARGEST >> 20} MiB")
+            raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
         return data.decode("utf-8-sig")
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
         if isinstance(refused, UnicodeDecodeError):

@@ -192,7 +192,7 @@ def test_copies_and_errors_are_those_of_with_values(name):
     pairs = [(path,) for path in every] + [tuple(random.choice(every, 2, replace=False)) for _ in range(30)]
     for paths in pairs:
         changes = Changes(base)
-        for factor in (1.0, 1.01, -1.0, 3, 1e7, np.nan, 0.98):  # times 3 whole numbers stay whole
+        for factor in (1.0, 1.01, -1.0, 3, 1e7, 1e300, np.nan, 0.98):  # times 3 whole numbers stay whole
             values = {path: base.get_value(path) * factor for path in paths}
             try:
                 expected = base.with_values(values)

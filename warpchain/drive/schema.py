@@ -208,7 +208,7 @@ def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
     if not isinstance(point, (list, tuple)):
         return
     for x in point:
-        if isinstance(x, (int, float)) and abs(x) > FARTHEST:
+        if numbers(x) and abs(x) > FARTHEST:
             yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
             return
 

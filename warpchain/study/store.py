@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain import files
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.files import PATIENCE, reason, refusals, whole_file
+from warpchain.files import PATIENCE, open_regular, reason, refusals, whole_file
 from warpchain.results.statuses import STATUSES as JUDGED
 from warpchain.results.statuses import alike_reasons
 
@@ -78,6 +79,7 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
     import pyarrow as pa
 
     try:
+        os.close(open_regular(path))
         if path.suffix == ".parquet":
             from pyarrow import parquet
 
