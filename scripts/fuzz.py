@@ -260,8 +260,8 @@ class Fuzz:
         softer = {"chain.stiffness": 0.9 * self.base.chain.stiffness}
         record = Record("all", 5000.0, ("position", "tension", "sprocket_angle"))
         self.run = simulate([self.base, self.base.with_values(softer)], device="cpu", duration=1e-3, record=record)
-        paths = [folder / f"{compression}.mcap" for compression in ("zstd", "lz4", "none")]
-        files = [write_archive(self.run, path, options=ArchiveOptions(path.stem)) for path in paths]
+        options = [ArchiveOptions("zstd"), ArchiveOptions("lz4"), ArchiveOptions("none")]
+        files = [write_archive(self.run, folder / f"{of.compression}.mcap", options=of) for of in options]
         self.files = [path.read_bytes() for path in files]
         write_table(folder / "table.parquet", self.run.metrics)
         self.parquet = (folder / "table.parquet").read_bytes()

@@ -87,6 +87,11 @@ def marine_values():
     return tomllib.loads(MARINE.read_text())
 
 
+def numbers(drive):
+    """Every path of a drive that leads to a number."""
+    return [path for path in drive.paths() if type(drive.get_value(path)) in (int, float)]
+
+
 def put(values, path, value):
     """Sets (or with None takes away) a value in nested lists and tables."""
     *above, last = path.split("/")

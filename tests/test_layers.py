@@ -14,7 +14,7 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "version", "files", "progress", "show", "gc_tuning"),
+    ("errors", "arguments", "version", "files", "progress", "show", "gc_tuning"),
     ("drive",),
     ("assembly",),
     ("results",),

@@ -33,6 +33,8 @@ except ImportError:  # a system without flock
 
 PATIENCE = 10.0
 """Seconds that writers of small files wait for one another."""
+LARGEST = 64 << 20
+"""Bytes of a text that is read, at most."""
 LONGEST = 255
 """Bytes of a file's name, at most."""
 
@@ -170,11 +172,31 @@ def target_of(path: Path) -> Path:
         if path.is_symlink():
             raise OSError(errno.ENOENT, "it is a symbolic link to nothing") from None
         return path
+    _check_regular(kind)
+    return path
+
+
+def _check_regular(kind: int) -> None:
+    """Refuses the mode of what is no regular file."""
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(kind):
         raise OSError(errno.EINVAL, "it is a device or a pipe, not a file")
-    return path
+
+
+def open_regular(path: str | os.PathLike[str]) -> int:
+    """Opens a regular file to read, and nothing that could wait or go on for ever; returns its number.
+
+    Raises:
+        OSError: a folder, a device, a FIFO, or what the system refuses.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    try:
+        _check_regular(os.fstat(handle).st_mode)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
 
 
 def partial_name(path: Path, hidden: bool = True) -> Path:
@@ -318,7 +340,7 @@ def reason(error: OSError | ValueError) -> str:
 
 
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
-    """A text file's content (UTF-8, with or without a byte order mark), line ends as they stand.
+    """A regular file's text (UTF-8, with or without a byte order mark), line ends as they stand.
 
     Args:
         path: the file.
@@ -326,7 +348,11 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
         error: makes the error from `cannot be read: REASON` or `not KIND: byte N is not UTF-8`.
     """
     try:
-        return Path(path).read_bytes().decode("utf-8-sig")
+        with open(open_regular(path), "rb") as file:
+            data = file.read(LARGEST + 1)
+        if len(data) > LARGEST:
+            raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
+        return data.decode("utf-8-sig")
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
         if isinstance(refused, UnicodeDecodeError):
             raise error(f"not {kind}: byte {refused.start} is not UTF-8") from None

@@ -1,6 +1,7 @@
 """Reading archives: lazily, in parts, without copies, and as tables."""
 
 import os
+import pickle
 import re
 import sys
 import time
@@ -49,6 +50,14 @@ def test_opening_reads_no_chunk_and_no_drive(archive, chunks_read, monkeypatch):
     assert len(back) == len(back.drives) == 2
     assert chunks_read == []
     assert attached == ["metrics.arrow"]
+
+
+def test_a_pickled_archive_opens_its_files_anew(archive, run, monkeypatch, tmp_path):
+    monkeypatch.chdir(archive.parent)
+    data = pickle.dumps(read_archive(archive.name))
+    monkeypatch.chdir(tmp_path)
+    assert len(data) < 50_000
+    assert_same(pickle.loads(data), run)
 
 
 def test_a_variant_touches_only_its_chunks(archive, run, chunks_read):

@@ -324,12 +324,17 @@ def test_frames_missing_between_others_are_told(run, whole, tmp_path, recovered)
     assert len(back[0].time) + result.missing == len(run[0].time)
 
 
-def test_a_damaged_drive_costs_its_variant_alone(pair, tmp_path, capsys):
+def test_a_damaged_drive_costs_its_variant_alone_where_its_copy_is_damaged_too(pair, tmp_path, capsys):
     run, data, _, _ = pair
-    (tmp_path / "b.mcap").write_bytes(flip(data, b"drives/00001.toml", 200, 4))
-    assert command(capsys, "recover", tmp_path / "b.mcap", "-o", tmp_path / "c.mcap")[0] == 1  # something is left out
-    back = read_archive(tmp_path / "c.mcap")
-    np.testing.assert_array_equal(back[0].position, run[0].position)
+    for word in (b"drives/00001.toml", b"drives/00001.copy.toml"):
+        data = flip(data, word, 200, 4)
+        (tmp_path / "b.mcap").write_bytes(data)
+        assert command(capsys, "recover", tmp_path / "b.mcap", "-o", tmp_path / "c.mcap", "--overwrite")[0] == 1
+        back = read_archive(tmp_path / "c.mcap")
+        np.testing.assert_array_equal(back[0].position, run[0].position)
+        if b"copy" not in word:
+            assert_same(back, run)
+            assert_same(read_archive(tmp_path / "b.mcap"), run)
     with pytest.raises(ArchiveError, match=r"lacks its attachment drives/00001\.toml"):
         back[1]
 

@@ -7,9 +7,9 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.errors import DriveError
 
 ABSURD = {
-    "damping of links": {"chain.damping": 1e300},
+    "damping of links": {"chain.damping": 1e30, "chain.roller_mass": 1e-300},
     "damping of contacts": {"contact.sprocket.law": "kelvin-voigt", "chain.roller_mass": 1e-300},
-    "stiffness": {"chain.stiffness": 1e308},
+    "stiffness": {"chain.stiffness": 1e30, "chain.roller_mass": 1e-300},
     "mass": {"chain.roller_mass": 5e-324},
 }
 

@@ -11,7 +11,7 @@ import pytest
 from command import run
 from waiting import bytes_in, wait_for
 
-from warpchain import load_drive, read_archive
+from warpchain import cli, load_drive, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _status_lines
 from warpchain.drive.examples import drive_path
@@ -155,6 +155,18 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     status, _, err = run(capsys, *words, "--overwrite", "--limit", "energy=0")
     assert status == 2 and "limits: energy = 0: unknown key; allowed are energy_residual, " in err[0]
     assert run(capsys, *words, "--overwrite", "--limit", "energy")[0] == 2
+
+
+def test_ctrl_c_in_the_first_imports_is_one_line(monkeypatch, capsys):
+    class Interrupted:
+        def find_spec(self, name, *_):
+            if name == "warpchain.cli.parser":
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "meta_path", [Interrupted(), *sys.meta_path])
+    monkeypatch.delitem(sys.modules, "warpchain.cli.parser")
+    monkeypatch.delattr(cli, "parser")
+    assert run(capsys, "check", "marine") == (1, [], ["warpchain: interrupted"])
 
 
 def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):

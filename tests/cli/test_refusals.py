@@ -67,8 +67,9 @@ def refused(capsys, *words, limit=30.0):
         (["--memory", "1e300"], "must be a finite number above 0 (GiB)"),
         (["--split-size", "1e304"], "must be a finite number above 0 (MiB)"),
         (["--set", "sprockets.0.center=[1e8, 0.0]"], "must be within 10000 m of the origin"),
-        (["--set", "sprockets.0.center=[1e300, 0.0]"], "must be within 10000 m of the origin"),
-        (["--set", "sprockets.0.center=[1e308, 1e308]"], "must be within 10000 m of the origin"),
+        (["--set", "sprockets.0.center=[1e300, 0.0]"], "must be within 1e+30 of 0"),
+        (["--set", "sprockets.0.center=[1e30, 1e30]"], "must be within 10000 m of the origin"),
+        (["--set", "guides.0.offset=1e300"], "guides.tight strand.offset = 1e+300: must be within 1e+30 of 0"),
     ],
 )
 def test_numbers_beyond_all_bounds(capsys, tmp_path, words, told):
@@ -97,6 +98,20 @@ def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_pat
     if before is not None:
         after = target.lstat()
         assert (after.st_mode, after.st_ino) == (before.st_mode, before.st_ino)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "large"])
+@pytest.mark.parametrize("verb", ["check", "study plan", "view", "recover", "import"])
+def test_an_input_that_has_no_end_is_refused_at_once(capsys, archive, tmp_path, kind, verb):
+    source = tmp_path / kind
+    if kind == "pipe":
+        os.mkfifo(source)
+    elif kind == "large":
+        source.touch()
+        os.truncate(source, 2**40)
+    more = {"view": ["--save", "x.rrd"], "recover": ["-o", "x"], "import": [archive, "--as", "driver->driven.tension"]}
+    line = refused(capsys, *verb.split(), source, *more.get(verb, []))
+    assert re.search("cannot be read|is not an MCAP file", line)
 
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
@@ -306,6 +321,7 @@ STUDIES = {
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
     "kinds": (LEVELS, "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
+    "factors": ("[run]", 999 * f"{MASS}\n" + "[run]", "factors: 1001 of them; must be at most 1000"),
     "digits": ("duration = 0.0005", "duration = " + "9" * 5000, "TOML"),
 }
 

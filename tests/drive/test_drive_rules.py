@@ -107,6 +107,7 @@ def test_one_sprocket_is_too_few(values):
     assert errors_of(values)[0].endswith(": must be a list of at least 2 sprockets")
 
 
+STIFF = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 6e5}
 VOIGT, LAW = {"law": "kelvin-voigt"}, 'law = "kelvin-voigt"'
 LINEAR = "must be 1 with {}, which is linear"
 TIED = [
@@ -118,6 +119,10 @@ TIED = [
         {"contact/sprocket/static_friction": 0.01, "contact/sprocket/stribeck_speed": 0.1},
         "contact.sprocket.static_friction = 0.01: must be at least friction, 0.04",
     ),
+    (
+        {"contact/sprocket": {**STIFF, "clearance": 0.0, "static_friction": -1, "stribeck_speed": 0.1}},
+        f"contact.sprocket.static_friction = -1: {NOT_NEGATIVE}",
+    ),
     ({"contact/guide/friction": None}, f"contact.guide.friction: missing; {NOT_NEGATIVE}; needed with rolling"),
     (
         {"chain/joint": None},
@@ -126,7 +131,7 @@ TIED = [
     ({"contact/sprocket/exponent": 1.5}, f"contact.sprocket.exponent = 1.5: {LINEAR.format('bush_stiffness')}"),
     ({"contact/guide/exponent": 1.5, "guides/0/contact": VOIGT}, f"{BAR}.exponent = 1.5: {LINEAR.format(LAW)}"),
     (
-        {"contact/guide": VOIGT | {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 6e5, "exponent": 2.0}},
+        {"contact/guide": VOIGT | STIFF | {"exponent": 2.0}},
         f"contact.guide.exponent = 2.0: {LINEAR.format(LAW)}",
     ),
     (

@@ -1,6 +1,7 @@
 """Faces of guides against the geometry of circles and lines; measured ones, as biarcs that follow their points."""
 
 import math
+import os
 from itertools import pairwise
 
 import numpy as np
@@ -245,6 +246,7 @@ FILES = [
     ("x,y\n0,0\n", "has 1 rows of numbers; must have at least 2"),
     ("0,0\n1,1\n", 'row 1: "0,0" is no head of two columns; must be x,y or x_mm,y_mm'),
     ("# nothing\n", "has no rows; the first must name the columns, x,y or x_mm,y_mm"),
+    ("pipe", "cannot be read: it is a device or a pipe, not a file"),
     (None, "cannot be read: no such file or directory"),
 ]
 
@@ -252,12 +254,23 @@ FILES = [
 @pytest.mark.parametrize(("text", "line"), FILES, ids=[line[:30] for _, line in FILES])
 def test_a_wrong_file_is_one_line(tmp_path, text, line):
     path = marine_with(tmp_path, 'profile = "blade.csv"')
-    if text is not None:
+    if text == "pipe":
+        os.mkfifo(tmp_path / "blade.csv")
+    elif text is not None:
         (tmp_path / "blade.csv").write_text(text)
     with pytest.raises(DriveError) as caught:
         load_drive(path)
     (error,) = caught.value.errors
     assert error.startswith(f'{path}: guides.blade.profile = "blade.csv": ') and line in error
+
+
+@pytest.mark.parametrize("file", ["../blade.csv", "/dev/zero", "link.csv"])
+def test_a_file_that_stands_elsewhere_is_not_read(tmp_path, file):
+    (tmp_path / "blade.csv").write_text("secret\n")
+    (tmp_path / "drive").mkdir()
+    (tmp_path / "drive" / "link.csv").symlink_to(tmp_path / "blade.csv")
+    with pytest.raises(DriveError, match=rf'"{file}": must be a file in the drive file\'s folder, or below it$'):
+        load_drive(marine_with(tmp_path / "drive", f'profile = "{file}"'))
 
 
 def test_a_file_is_read_by_load_drive_alone(tmp_path):

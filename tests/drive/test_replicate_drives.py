@@ -96,7 +96,7 @@ def test_words_of_earlier_versions_are_read():
 
 
 def test_refusals():
-    with pytest.raises(SimulationError, match="replicates = 0: must be an integer of at least 1"):
+    with pytest.raises(SimulationError, match=r"replicates\.count = 0: must be a whole number from 1 to 10000"):
         Replicates(0)
     with pytest.raises(SimulationError, match="replicate_by = 'chance': allowed are phase, perturbation"):
         Replicates(2, "chance")

@@ -1,10 +1,18 @@
 """Packing: a mixed ensemble is its variants' own packs one after the other, to the last bit."""
 
-from drives import two_sprockets
+import contextlib
 
-from warpchain import load_drive
+import pytest
+from drives import numbers, two_sprockets
+
+from warpchain import Record, load_drive
+from warpchain.assembly.assemble_batch import layouts_of
+from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.replace import Changes
 from warpchain.engine.pack import pack
+from warpchain.engine.simulation import schedules_of
+from warpchain.errors import DriveError
 from warpchain.results.schedule import Schedule
 
 PLACES = ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally")
@@ -96,3 +104,20 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
     assert links["varied_links"].tolist() == [0, 1] and links["play"].tolist() == [0.0, 0.0]
     assert links["outer_stiffness"].tolist() == [0.0, stiffness]
     assert links["outer_damping"].tolist() == [0.0, damping]
+
+
+@pytest.mark.parametrize("name", example_names())
+@pytest.mark.filterwarnings("ignore")
+def test_every_number_of_an_example_may_vary_in_a_batch(name):
+    base = load_drive(drive_path(name))
+    changes = Changes(base)
+    for path in numbers(base):
+        value, drives = base.get_value(path), []
+        for near in (value, *((value + 1, value + 2) if isinstance(value, int) else (1.0001 * value, 0.9999 * value))):
+            with contextlib.suppress(DriveError):  # a bush's stiffness allows one exponent, a size its own chain
+                drives.append(changes.drive({path: near}))
+        stacks = stacks_of(drives)
+        packed = pack(drives, schedules_of(drives, None, None, Record("none"), None, stacks), stacks)
+        layouts_of(drives, packed.assemblies, stacks)
+        stiffness = [drive.sprocket_stiffness(s) for drive in drives for s in range(len(drive.sprockets))]
+        assert packed.sprockets["law"]["stiffness"].tolist() == stiffness, path

@@ -130,7 +130,7 @@ def diverging():
     from drives import two_sprockets
     from test_bounds import mad
 
-    return [*mad(5), *(two_sprockets(floor=1e-9, viscous=viscous, step=2e-5) for viscous in (1e10, 1e30, 1e300))]
+    return [*mad(5), *(two_sprockets(floor=1e-9, viscous=viscous, step=2e-5) for viscous in (1e10, 1e30))]
 
 
 def moving_and_diverging():

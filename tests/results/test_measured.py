@@ -104,6 +104,9 @@ def test_a_unit_that_is_said_goes_before_the_heads(tmp_path):
         ("time,tension\n0,1\n1,x\n", "line 3: '1, x': must be finite numbers"),
         ("time,tension\n0,1\n1,nan\n", "must be finite"),
         ("time,tension\n0,1\n1\n", "must be finite"),
+        ("time,tension\n0,1\n1,1e304\n", "must be finite numbers within 1e+30 of 0"),
+        ("time,tension\n0,1\n1e10,1\n", "must be within 1e+09 s of 0"),
+        ("time,tension\n0,1\n1," + 131_073 * "1" + "\n", "is not CSV"),
         ("time,tension [rpm]\n0,1\n1,2\n", "is in rad/s: a.tension is in N; say --unit"),
         ("time,tension [cubit]\n0,1\n1,2\n", "unit 'cubit': allowed are "),
         ("time [N],tension\n0,1\n1,2\n", "must be a time"),
@@ -145,7 +148,10 @@ def test_the_command_compares_and_draws(tmp_path, capsys):
     assert "amplitude of tension [kN]" in files[1].read_text()
     for bad, said in (
         ([*words, tmp_path / "a.pdf"], "ending '.pdf': allowed are .png, .svg, .rrd, .json"),
-        ([*words[:-1], "--offset", "soon"], "--offset soon: must be a number of seconds, or auto"),
+        *(
+            ([*words[:-1], f"--offset={word}"], f"--offset {word}: must be a number of seconds within 1e+09, or auto")
+            for word in ("soon", "nan", "-1e300")
+        ),
         ([*words[:3], "--as", "camshaft"], "'camshaft': allowed are "),
     ):
         status, _, err = command(capsys, *bad)

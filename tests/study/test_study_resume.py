@@ -18,8 +18,9 @@ from waiting import wait_for
 
 from warpchain import cli
 from warpchain.errors import StudyError
-from warpchain.study.run import run_study, study_status
+from warpchain.study.run import merge_study, run_study, runner, study_status
 from warpchain.study.run.folder import open_folder
+from warpchain.study.run.runner import runs_of
 
 RECORD = '[record]\nevery = 5\nworst = { metric = "tension_max", count = 2 }\n'
 SLOW = "[record]\nevery = 7\n"
@@ -100,7 +101,21 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     assert 1 <= study_status(out).shards[0] < 16
 
 
-@pytest.mark.xfail(reason="interrupted while study.toml is written, its lock stays held in this process", strict=False)
+def test_ctrl_c_while_a_study_is_merged_ends_it_between_two_parts(tmp_path, monkeypatch):
+    out, went_on = tmp_path / "out", []
+    run_study(write_study(tmp_path, points=2), out)
+
+    def interrupted(folder):
+        signal.raise_signal(signal.SIGINT)
+        went_on.append(folder)
+        return runs_of(folder)
+
+    monkeypatch.setattr(runner, "runs_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        merge_study(out)
+    assert went_on
+
+
 def test_ctrl_c_at_any_moment_ends_a_study_as_asked(tmp_path, capfd):
     source, ended = write_study(tmp_path, RECORD, points=2), set()
     run_study(source, tmp_path / "whole")

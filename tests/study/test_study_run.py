@@ -36,7 +36,7 @@ from warpchain.study.spec.study_tables import Worst
 
 ANY_ENERGY = Limits(energy_residual=math.inf)
 PATHS = {"teeth": "sprockets.s0.teeth", "links": "chain.links", "step": "run.step"}
-PATHS["torque"] = "sprockets.s1.load.torque"
+PATHS["torque"] = "sprockets.s1.load.viscous"
 ROWS = (
     '[study]\ndrive = "tiny.toml"\n[design]\nkind = "table"\nfile = "rows.csv"\n'
     + "".join(f'[[factors]]\nname = "{name}"\npath = "{path}"\n' for name, path in PATHS.items())
@@ -49,7 +49,7 @@ TABLE = """teeth,links,step,torque
 12,60,1e-5,1.0
 12,44,1e-3,1.0
 4,44,1e-5,1.0
-12,44,1e-5,1e308
+12,44,1e-5,1e30
 20,48,1e-5,1.0
 12,43,5e-6,1.0
 90,100,1e-5,1.0
@@ -330,7 +330,8 @@ def test_status_tells_rate_and_time_left(tmp_path, capsys):
     [
         (["run", "no.toml", "-o", "out"], "no.toml: cannot be read: no such file or directory"),
         (["run", "a.toml", "-o", "out", "--shard", "3/3"], "'3/3': must be I/N, whole numbers with 0 <= I < N"),
-        (["run", "a.toml", "-o", "out", "--workers", "0"], "'0': must be a whole number above 0"),
+        (["run", "a.toml", "-o", "out", "--workers", "0"], "'0': must be a whole number from 1 to 1024"),
+        (["run", "a.toml", "-o", "out", "--workers", "1025"], "'1025': must be a whole number from 1 to 1024"),
         (["status", "no"], "no: not a study's folder; make one with: warpchain study run"),
         (["run", "a.toml"], "the following arguments are required: -o/--output"),
         ([], "the following arguments are required: COMMAND"),

@@ -141,6 +141,17 @@ def test_a_table_that_a_user_changed_under_another_name_is_read(study, tmp_path)
     assert read_results(tmp_path / "some.parquet").table.num_rows == 4
 
 
+def test_a_damaged_copy_of_a_table_is_told_under_any_name(folder, tmp_path):
+    table = parquet.read_table(folder / "results.parquet")
+    other = table.rename_columns(["Variant", *table.column_names[1:]]).replace_schema_metadata(table.schema.metadata)
+    parquet.write_table(other, tmp_path / "copy.parquet")
+    with pytest.raises(StudyError, match=r"copy\.parquet: is damaged \(its digest is wrong\); copy it again"):
+        read_table(tmp_path / "copy.parquet")
+    for own in (table.slice(1), table.drop_columns(["variant"])):  # of another shape is somebody's own
+        parquet.write_table(own, tmp_path / "own.parquet")
+        assert read_table(tmp_path / "own.parquet").shape == own.shape
+
+
 def test_a_digest_is_of_what_a_table_says_not_of_how_it_lies():
     one = pa.table({"a": pa.array([1.0, None, 3.0]), "b": pa.array(["x", None, "z"]), "c": [True, None, False]})
     other = pa.concat_tables([one.slice(0, 1), one.slice(1)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drives import two_sprockets
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
 
@@ -15,7 +16,9 @@ from warpchain.drive.examples import drive_path
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, drive_figure, tension_figure
 from warpchain.view.figures.plot import plot_figures, plot_sweep
+from warpchain.view.figures.style import save_figure
 from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps
+from warpchain.view.html import picture
 from warpchain.view.rerun.drive_scene import shown_frames
 from warpchain.view.rerun.run_playback import FRAMES, view
 
@@ -25,9 +28,16 @@ def run():
     return simulate(two_sprockets(duration=0.05, gravity=-9.81))
 
 
-def colored(picture, least=60):
+def test_names_of_parts_are_no_formulas(tmp_path):
+    figure = Figure()
+    figure.suptitle("$x^{$")
+    save_figure(figure, tmp_path / "name.png")
+    assert (tmp_path / "name.png").exists() and "svg" in picture(figure, "")
+
+
+def colored(image, least=60):
     """Share of pixels with a color (not gray)."""
-    rgb = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    rgb = np.asarray(Image.open(image).convert("RGB")).astype(int)
     return (np.ptp(rgb, axis=2) > least).mean()
 
 

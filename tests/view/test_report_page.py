@@ -105,8 +105,8 @@ def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
     ("words", "line"),
     [
         (["--variant", "3"], "variant 3 was not recorded (recorded: 0)"),
-        (["--wear-coefficient", "0"], "wear.coefficient = 0.0: allowed is a positive number"),
-        (["--bearing-area=-1"], "wear.bearing_area = -1.0: allowed is a positive number"),
+        (["--wear-coefficient", "0"], "wear.coefficient = 0.0: must be a finite number above 0"),
+        (["--bearing-area=-1"], "wear.bearing_area = -1.0: must be a finite number above 0"),
     ],
 )
 def test_mistakes_take_a_line(run, tmp_path, capsys, words, line):

@@ -230,6 +230,11 @@ def drive_attachment(variant: int) -> str:
     return f"drives/{variant:05d}.toml"
 
 
+def drive_copy(variant: int) -> str:
+    """Name of the attachment with the same text again, for where a bit of the first has changed."""
+    return f"drives/{variant:05d}.copy.toml"
+
+
 def roller_layout(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
     """Packed little-endian layout of one roller: the recorded channels' values, then the color.
 

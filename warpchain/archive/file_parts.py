@@ -45,7 +45,7 @@ class Part:
             return
         self._variants.add(variant)
         if not self._drives:
-            attach_drive(self.file, variant, drive)
+            attach_drives(self.file, {variant: drive})
         held = {
             "links": str(form.links),
             "channels": " ".join(form.channels),
@@ -68,9 +68,12 @@ class Part:
         self.file.channel(number, kind, archive_format.topic_path(variant, topic), message, metadata)
 
 
-def attach_drive(file: McapFile, variant: int, drive: Drive) -> None:
-    """Appends a variant's drive file."""
-    file.attachment(archive_format.drive_attachment(variant), "application/toml", dumps_drive(drive).encode())
+def attach_drives(file: McapFile, drives: Mapping[int, Drive]) -> None:
+    """Appends drive files by their variants' numbers, then all of them again."""
+    texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
+    for name in (archive_format.drive_attachment, archive_format.drive_copy):
+        for variant, text in texts.items():
+            file.attachment(name(variant), "application/toml", text)
 
 
 class Parts:
@@ -113,8 +116,7 @@ class Parts:
         self._target = Target(path, overwrite, split)
         try:
             first = self._open()
-            for variant, drive in zip(self._numbers, drives, strict=True):
-                attach_drive(first.file, variant, drive)
+            attach_drives(first.file, dict(zip(self._numbers, drives, strict=True)))
             for name, data in options.attachments.items():
                 first.file.attachment(name, media_type(name), data)
         except BaseException:

@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, MetadataI
 from warpchain.archive.digest import DIGEST, checked
 from warpchain.archive.mcap_write import MAGIC
 from warpchain.errors import ArchiveError
-from warpchain.files import reason
+from warpchain.files import open_regular, reason
 
 RECORD = struct.Struct("<BQ")
 """A record's opcode and length, before its content."""
@@ -157,7 +157,7 @@ class McapIndex:
         self.attachments: dict[str, tuple[int, int]] = {}
         self.metadata: dict[str, tuple[int, int]] = {}
         with reading(path):
-            self._file = os.open(path, os.O_RDONLY)
+            self._file = open_regular(path)
             weakref.finalize(self, os.close, self._file)
             self._map: mmap.mmap | None = None
             size = self._size = os.fstat(self._file).st_size
@@ -178,6 +178,10 @@ class McapIndex:
                 raise ValueError("its summary's checksum (CRC) is wrong")
             self.protected = crc != 0
             self._parse(summary)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A pickled one opens the file anew."""
+        return McapIndex, (self.path.absolute(),)
 
     @property
     def sealed(self) -> bool:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
+from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.errors import ArchiveError
 
-COMPRESSIONS = ("zstd", "lz4", "none")
-VALUES = ("run", "float32")
+Compression = Literal["zstd", "lz4", "none"]
+Values = Literal["run", "float32"]
 
 
+@checked(ArchiveError)
 @dataclass(frozen=True)
 class ArchiveOptions:
     """Options of writing an archive.
@@ -30,35 +33,23 @@ class ArchiveOptions:
         ArchiveError: a value that is not allowed.
     """
 
-    compression: str = "zstd"
-    values: str = "run"
+    compression: Compression = "zstd"
+    values: Values = "run"
     exact_positions: bool = False
-    split_size: int | None = None
-    split_variants: int | None = None
-    encoders: int | None = None
-    numbers: Sequence[int] | None = None
+    split_size: Count | None = None
+    split_variants: Count | None = None
+    encoders: Workers | None = None
+    numbers: Sequence[Index] | None = None
     seed: int | None = None
     attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, allowed in (("compression", COMPRESSIONS), ("values", VALUES)):
-            value = getattr(self, name)
-            if value not in allowed:
-                words = ", ".join(f'"{word}"' for word in allowed)
-                raise ArchiveError(f"{name} = {value!r}: allowed are {words}")
-        for name in ("split_size", "split_variants", "encoders"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value > 0):
-                raise ArchiveError(f"{name} = {value!r}: allowed is a whole number above 0, or None")
         if self.split_size is not None and self.split_variants is not None:
             raise ArchiveError("split_size and split_variants: give one of them")
         if self.exact_positions and self.values != "float32":
             raise ArchiveError('exact_positions: goes with values = "float32"; else positions are exact already')
-        numbers = self.numbers or ()
-        if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
-            raise ArchiveError("numbers: allowed are different whole numbers of at least 0")
-        for name, data in self.attachments.items():
-            if not isinstance(data, bytes):
-                raise ArchiveError(f"attachments: {name!r} is {type(data).__name__}; allowed are bytes")
+        if self.numbers is not None and len(set(self.numbers)) < len(self.numbers):
+            raise ArchiveError("numbers: must be different from each other")
+        for name in self.attachments:
             if name == "metrics.arrow" or name.startswith("drives/"):
                 raise ArchiveError(f"attachments: the name {name!r} is the archive's own")

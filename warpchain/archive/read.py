@@ -13,7 +13,8 @@ from warpchain.archive.arrow import plain_table
 from warpchain.archive.file_set import archive_files, cut_files
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.tracks import LazyDrives, Tracks
-from warpchain.errors import ArchiveError
+from warpchain.arguments import FiniteNumber, checked
+from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import is_being_written
 from warpchain.results.channels import NAMES
 from warpchain.results.run import Run, RunInfo, Trajectory, check_names
@@ -50,6 +51,7 @@ class Archive(Run):
         names = {name: None for file in self.trajectories.files for name in file.attachments}
         return tuple(n for n in names if n != archive_format.METRICS_ATTACHMENT and not n.startswith("drives/"))
 
+    @checked(ArchiveError)
     def attachment(self, name: str) -> bytes:
         """An attachment's data.
 
@@ -60,11 +62,12 @@ class Archive(Run):
             (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
         ).attachment(name)
 
+    @checked(SimulationError)
     def read(
         self,
         variant: int,
-        start: float | None = None,
-        end: float | None = None,
+        start: FiniteNumber | None = None,
+        end: FiniteNumber | None = None,
         channels: Sequence[str] = NAMES,
     ) -> Trajectory:
         """Part of a variant's trajectory; reads only the chunks that hold it.
@@ -81,11 +84,12 @@ class Archive(Run):
         """
         return self._asked(variant, channels).read(variant, start, end, channels)
 
+    @checked(SimulationError)
     def blocks(
         self,
         variant: int,
-        start: float | None = None,
-        end: float | None = None,
+        start: FiniteNumber | None = None,
+        end: FiniteNumber | None = None,
         channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
         """The same chunk by chunk: the arrays are read-only views of the chunk's bytes, without copies.
@@ -102,6 +106,7 @@ class Archive(Run):
         return self.trajectories
 
 
+@checked(ArchiveError)
 def read_archive(path: str | Path) -> Archive:
     """Opens an archive.
 

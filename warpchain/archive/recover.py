@@ -28,7 +28,7 @@ from warpchain.archive.mcap_read import RECORD, Content, McapIndex, attachment_o
 from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
 from warpchain.archive.trust import Topics, untrue
 from warpchain.errors import ArchiveError
-from warpchain.files import reason
+from warpchain.files import open_regular, reason
 
 KNOWN = frozenset(Opcode)
 """Opcodes of MCAP; another one means that the bytes are not records any more."""
@@ -360,7 +360,7 @@ def _whole(data: Any) -> Iterator[tuple[int, int, int]]:
 def _mapped(path: Path) -> memoryview:
     """A file's bytes, mapped."""
     try:
-        with path.open("rb") as file:
+        with open(open_regular(path), "rb") as file:
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except ValueError:  # an empty file
         return memoryview(b"")

@@ -37,8 +37,9 @@ class LazyDrives(Sequence[Drive]):
         self._files, self.numbers, self._count = files, numbers, len(numbers)
         self._held: dict[int, Drive] = {}
         for variant in () if gaps else numbers:
-            if archive_format.drive_attachment(variant) not in files[0].attachments:
-                raise ArchiveError(f"{files[0].path}: lacks its attachment {archive_format.drive_attachment(variant)}")
+            name = archive_format.drive_attachment(variant)
+            if files[0].attachments.keys().isdisjoint((name, archive_format.drive_copy(variant))):
+                raise ArchiveError(f"{files[0].path}: lacks its attachment {name}")
 
     def __len__(self) -> int:
         return self._count
@@ -56,16 +57,23 @@ class LazyDrives(Sequence[Drive]):
         return self.of(self.numbers[place])
 
     def of(self, variant: int) -> Drive:
-        """The drive of the variant of a number."""
+        """The drive of the variant of a number, from its copy where the first is damaged."""
         if variant not in self._held:
-            name = archive_format.drive_attachment(variant)
-            file = next((file for file in self._files if name in file.attachments), self._files[0])
             try:
-                text = file.attachment(name).decode()
-                self._held[variant] = loads_drive(text, f"{file.path}: {name}")
-            except (DriveError, UnicodeDecodeError) as error:
-                raise ArchiveError(f"{file.path}: a drive of it cannot be read ({error})") from None
+                self._held[variant] = self._read(archive_format.drive_attachment(variant))
+            except ArchiveError:
+                copy = archive_format.drive_copy(variant)
+                if not any(copy in file.attachments for file in self._files):
+                    raise
+                self._held[variant] = self._read(copy)
         return self._held[variant]
+
+    def _read(self, name: str) -> Drive:
+        file = next((file for file in self._files if name in file.attachments), self._files[0])
+        try:
+            return loads_drive(file.attachment(name).decode(), f"{file.path}: {name}")
+        except (DriveError, UnicodeDecodeError) as error:
+            raise ArchiveError(f"{file.path}: a drive of it cannot be read ({error})") from None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and tuple(self) == tuple(other)
@@ -96,6 +104,9 @@ class Tracks(Mapping[int, Trajectory]):
         self.files, self._drives, self._gaps = files, drives, gaps
         self._held: weakref.WeakValueDictionary[int, Trajectory] = weakref.WeakValueDictionary()
         self._last: Trajectory | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Tracks, (self.files, self._drives, self._gaps)
 
     @cached_property
     def _places(self) -> dict[int, list[Place]]:

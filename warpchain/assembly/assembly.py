@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.arguments import checked
 from warpchain.assembly.arm_balance import Balance, chain_path, chain_paths
 from warpchain.assembly.link_laying import Curve
 from warpchain.assembly.path import ChainPath, check_fit
@@ -52,6 +53,7 @@ from warpchain.drive.batch_math import (
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.replicates import turned_on
+from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
@@ -109,6 +111,7 @@ class Assembly:
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
+@checked(DriveError)
 def assemble(drive: Drive) -> Assembly:
     """The drive's initial state, before settling.
 

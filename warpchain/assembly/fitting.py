@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpchain.arguments import FiniteNumber, checked
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
@@ -40,6 +41,7 @@ _ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may 
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 
 
+@checked(DriveError)
 def fit_position(
     drive: Drive,
     sprocket: str,
@@ -49,7 +51,7 @@ def fit_position(
     preload: float | None = None,
     sag: float | None = None,
     strand: str | None = None,
-    travel: float | None = None,
+    travel: FiniteNumber | None = None,
 ) -> Drive:
     """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
 
@@ -98,8 +100,13 @@ def fit_positions(
     )
 
 
+@checked(DriveError)
 def fit_angle(
-    drive: Drive, sprocket: str, direction: Sequence[float], angle: Mapping[str, float], travel: float | None = None
+    drive: Drive,
+    sprocket: str,
+    direction: Sequence[float],
+    angle: Mapping[str, float],
+    travel: FiniteNumber | None = None,
 ) -> Drive:
     """Moves a sprocket along a line, either way, to the nearest place at which an arm stands at an angle.
 
@@ -138,6 +145,7 @@ def _one(found: Sequence[Drive | DriveError]) -> Drive:
     return drive
 
 
+@checked(DriveError)
 def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
     """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
 

@@ -1,5 +1,17 @@
 """The command line."""
 
-from warpchain.cli.parser import main
+from __future__ import annotations
+
+import sys
 
 __all__ = ["main"]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs the command line; returns the exit status. Ctrl-C leaves no traceback, not even in the first imports."""
+    try:
+        from warpchain.cli import parser
+    except KeyboardInterrupt:
+        print("warpchain: interrupted", file=sys.stderr)
+        return 1
+    return parser.main(argv)

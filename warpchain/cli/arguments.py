@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from warpchain.arguments import MOST_WORKERS
+
 
 def add_command(commands: Any, name: str, text: str, example: str) -> Any:
     """Adds a command to subparsers; returns its parser.
@@ -64,6 +66,13 @@ def whole_number(word: str) -> int:
     return int(word)
 
 
+def workers(word: str) -> int:
+    """A number of threads."""
+    if not (word.isdecimal() and 1 <= int(word) <= MOST_WORKERS):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number from 1 to {MOST_WORKERS}")
+    return int(word)
+
+
 def part(word: str) -> tuple[int, int]:
     """I/N as (I, N), 0 <= I < N."""
     first, _, parts = word.partition("/")
@@ -96,7 +105,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "archive": {"metavar": "OUT.mcap", "type": Path},
     "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},
     "--variant": {"type": int, "metavar": "I", "help": "which variant; default the first recorded"},
-    "--workers": {"metavar": "N", "type": whole_number, "help": "CPU threads; default all cores"},
+    "--workers": {"metavar": "N", "type": workers, "help": "CPU threads; default all cores"},
     "--memory": {"metavar": "GIB", "type": gibibytes, "default": "2", "help": "memory of a shard (default 2)"},
     "--quiet": {"action": "store_true", "help": "no progress bar"},
     "--overwrite": {"action": "store_true", "help": "replace an archive of that name"},

@@ -37,12 +37,16 @@ def compare(arguments: argparse.Namespace) -> list[str]:
 
 
 def _offset(word: str) -> float | None:
+    from warpchain.results.measured_file import LATEST
+
     if word == "auto":
         return None
     try:
-        return float(word)
+        if abs(float(word)) <= LATEST:
+            return float(word)
     except ValueError:
-        raise WarpchainError(f"--offset {word}: must be a number of seconds, or auto") from None
+        pass
+    raise WarpchainError(f"--offset {word}: must be a number of seconds within {LATEST:g}, or auto")
 
 
 def _lines(found: Comparison) -> list[str]:

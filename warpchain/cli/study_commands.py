@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.arguments import add_command, add_options, part, wanted_precision, whole_number, woehler_curve
+from warpchain.cli.arguments import add_command, add_options, part, wanted_precision, woehler_curve, workers
 from warpchain.cli.commands import DONE, UNFINISHED
 from warpchain.errors import StudyError
 from warpchain.files import read_text
@@ -77,9 +77,7 @@ def add_commands(commands: Any) -> None:
     merge.set_defaults(study_run=_merge)
 
     for parser in (run, plan, merge):
-        parser.add_argument(
-            "--workers", metavar="N", type=whole_number, help="CPU threads of a shard; default all cores"
-        )
+        parser.add_argument("--workers", metavar="N", type=workers, help="CPU threads of a shard; default all cores")
         add_options(parser, "--memory")
 
 

@@ -88,7 +88,7 @@ def stiffness_given(node: Any) -> Iterator[Problem]:
 def friction_rules(node: Any) -> Iterator[Problem]:
     """The rules of the coefficients of friction, taken together."""
     dynamic, resting, speed = (get(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
-    if resting is not None and numbers(resting) and resting < (dynamic if numbers(dynamic) else 0.0):
+    if numbers(resting, dynamic) and resting < dynamic:
         yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
     for key, given, other in (("static_friction", resting, speed), ("stribeck_speed", speed, resting)):
         if given is None and other is not None:

@@ -42,7 +42,7 @@ def _tables(values: dict[str, Any], folder: Path) -> list[str]:
                 continue
             where = f"sprockets.{_word(sprocket, i)}.{part}.table.file = {value_text(table['file'])}"
             try:
-                columns = read_csv(folder / table["file"])
+                columns = read_csv(_inside(folder, table["file"]))
             except DriveError as error:
                 problems += [f"{where}: {line}" for line in error.errors]
                 continue
@@ -58,11 +58,25 @@ def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
         file = get(guide, "profile")
         if isinstance(file, str):
             try:
-                guide["profile"] = read_points(folder / file)
+                guide["profile"] = read_points(_inside(folder, file))
             except DriveError as error:
                 where = f"guides.{_word(guide, i)}.profile = {value_text(file)}"
                 problems += [f"{where}: {line}" for line in error.errors]
     return problems
+
+
+def _inside(folder: Path, file: str) -> Path:
+    """The path of a file in a folder or below it.
+
+    Raises:
+        DriveError: it is elsewhere, also by a link.
+    """
+    try:
+        if (folder / file).resolve().is_relative_to(folder.resolve()):
+            return folder / file
+    except (OSError, ValueError, RuntimeError):  # a zero byte, links that go round
+        pass
+    raise DriveError("must be a file in the drive file's folder, or below it")
 
 
 def _word(part: Any, i: int) -> str:

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
+from warpchain.arguments import checked
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
@@ -113,6 +114,7 @@ class Drive(Part):
         """HTML for notebooks."""
         return html(self)
 
+    @checked(DriveError)
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A changed copy, checked like a file.
 
@@ -127,6 +129,7 @@ class Drive(Part):
         """
         return changed(self, values)
 
+    @checked(DriveError)
     def get_value(self, path: str) -> Any:
         """The value at a key path; None if it is optional and not given.
 
@@ -376,6 +379,7 @@ class Drive(Part):
         return drive
 
 
+@checked(DriveError)
 def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
     """Reads a drive from TOML text.
 
@@ -396,6 +400,7 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
         raise drive_error(error.errors, source) from None
 
 
+@checked(DriveError)
 def load_drive(path: str | os.PathLike[str]) -> Drive:
     """Reads a drive file (TOML, UTF-8).
 
@@ -414,6 +419,7 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
     return read_text(path, "TOML", lambda reason: drive_error([reason], str(path)))
 
 
+@checked(DriveError)
 def dumps_drive(drive: Drive) -> str:
     """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
     return drive_toml.dumps(_without_empty(drive.model_dump(exclude_none=True)))
@@ -426,6 +432,7 @@ def _without_empty(value: Any) -> Any:
     return [_without_empty(inner) for inner in value] if isinstance(value, tuple) else value
 
 
+@checked(DriveError)
 def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
     """Writes a drive file; one of that name is replaced, at once and whole.
 

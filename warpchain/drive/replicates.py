@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
+from warpchain.arguments import Range, checked
 from warpchain.drive.batch_math import some
 from warpchain.drive.drive import Drive
 from warpchain.drive.motion_table import Table
@@ -21,12 +22,15 @@ from warpchain.errors import SimulationError
 
 Motion = TypeVar("Motion", Prescribed, Load)
 
+MOST_COPIES = 10_000
+Copies = Annotated[int, Range(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)]
 WAYS = ("phase", "perturbation")
 """In what copies can differ."""
 FORMER_WAYS = {"nudge": "perturbation"}
 """Words of earlier versions, which study files may have."""
 
 
+@checked(SimulationError, "replicates.")
 @dataclass(frozen=True)
 class Replicates:
     """Number of runs of each drive, and what they differ in.
@@ -36,15 +40,13 @@ class Replicates:
         by: "phase" or "perturbation".
 
     Raises:
-        SimulationError: a count below 1, or an unknown way.
+        SimulationError: a count that is not allowed, or an unknown way.
     """
 
-    count: int = 1
+    count: Copies = 1
     by: str = "phase"
 
     def __post_init__(self) -> None:
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
-            raise SimulationError(f"replicates = {self.count!r}: must be an integer of at least 1")
         if self.by not in (*WAYS, *FORMER_WAYS):
             raise SimulationError(f"replicate_by = {self.by!r}: allowed are {', '.join(WAYS)}")
 

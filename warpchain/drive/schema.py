@@ -8,6 +8,8 @@ even where single values are wrong, so that one reading of a file finds every er
 from __future__ import annotations
 
 import difflib
+import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -40,12 +42,28 @@ class Allowed:
 
 
 class Value(Allowed):
-    """The same for a single value: the sentence replaces whatever the validator would say."""
+    """The same for a single value: the sentence replaces whatever the validator would say, but of numbers too large."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.custom_error_schema(
+        inner = core_schema.custom_error_schema(
             handler(source), custom_error_type=WRONG, custom_error_message=self.text, custom_error_context={}
         )
+        return core_schema.no_info_after_validator_function(_not_huge, inner)
+
+
+HUGE = 1e30
+"""Numbers beyond come from a mistake, and their powers are beyond all numbers."""
+
+
+def _not_huge(value: Any) -> Any:
+    rest = [value]
+    while rest:
+        of = rest.pop()
+        if isinstance(of, tuple):
+            rest.extend(of)
+        elif isinstance(of, float) and HUGE < abs(of) < math.inf:
+            raise PydanticCustomError(WRONG, f"must be within {HUGE:g} of 0")
+    return value
 
 
 WRONG, BARE = "wrong_value", "bare_key"
@@ -174,13 +192,10 @@ def elements(node: Any, key: str) -> Sequence[Any]:
     return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
 
 
-_HUGE = 1e300
-
-
 def numbers(*values: Any) -> bool:
     """True if all values are numbers that can be compared and calculated with."""
     return all(
-        isinstance(value, (int, float)) and not isinstance(value, bool) and -_HUGE < value < _HUGE for value in values
+        isinstance(value, (int, float)) and not isinstance(value, bool) and -HUGE <= value <= HUGE for value in values
     )
 
 
@@ -193,7 +208,7 @@ def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
     if not isinstance(point, (list, tuple)):
         return
     for x in point:
-        if isinstance(x, (int, float)) and abs(x) > FARTHEST:
+        if numbers(x) and abs(x) > FARTHEST:
             yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
             return
 
@@ -366,16 +381,20 @@ def valid(cls: type[PartType], value: Any) -> PartType | None:
 # --------------------------------------------------------------------------------------------------------- report
 
 
-def path_text(path: Sequence[str | int], values: Any) -> str:
-    """A key path as the user writes it: elements of a list by their name if that is usable, else by their index."""
+def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[str]]) -> str:
+    """A key path as the user writes it: elements of a list by their name if that is usable, else by their index.
+
+    `known` keeps how often each name is in each list of the values.
+    """
     words: list[str] = []
     node = values
     for key in path:
         if isinstance(key, int) and isinstance(node, Sequence):
-            names = [get(element, "name") for element in node]
-            node = node[key] if key < len(node) else None
-            name = names[key] if key < len(names) else None
-            words.append(str(name) if is_name(name) and names.count(name) == 1 else str(key))
+            if id(node) not in known:
+                known[id(node)] = Counter(name for name in (get(element, "name") for element in node) if is_name(name))
+            names, node = known[id(node)], node[key] if key < len(node) else None
+            name = get(node, "name")
+            words.append(str(name) if is_name(name) and names[name] == 1 else str(key))
         else:
             node = get(node, str(key))
             words.append(word_text(str(key)))
@@ -384,9 +403,9 @@ def path_text(path: Sequence[str | int], values: Any) -> str:
 
 def report(error: ValidationError, values: Any) -> list[str]:
     """The lines of a validation error: `key.path = value: what is allowed`."""
-    lines = []
+    lines, known = [], dict[int, Counter[str]]()
     for detail in error.errors(include_url=False, include_context=False):
-        where = path_text(detail["loc"], values)
+        where = path_text(detail["loc"], values, known)
         shown = "" if detail["type"] == BARE else f" = {value_text(detail['input'])}"
         lines.append(f"{where}{shown}: {detail['msg']}")
     return lines

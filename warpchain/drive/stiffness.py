@@ -85,7 +85,8 @@ def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: floa
     """
     if law.stiffness is not None:
         return law.stiffness
-    assert law.width and law.reference_load and law.roller and law.partner  # the contact's own rule
+    assert law.roller is not None and law.partner is not None  # the contact's own rule
+    assert law.width is not None and law.reference_load is not None
     body = compliance(law.roller, law.partner)
     try:
         return hertz_stiffness(law.reference_load, law.width, roller_radius, partner_radius, body, law.exponent)

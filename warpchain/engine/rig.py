@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpchain.arguments import checked
 from warpchain.drive import Drive
 from warpchain.drive.tensioners import Tensioner as TensionerPart
 from warpchain.engine.fill_bodies import fill_element
@@ -79,6 +80,7 @@ class Shaken:
     samples: tuple[pa.Table, ...]
 
 
+@checked(SimulationError)
 def bench_tensioner(
     drive: Drive, name: str, *, amplitude: float, frequency: float, cycles: int = 10, extension: float = 0.0
 ) -> pa.Table:

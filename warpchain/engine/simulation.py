@@ -14,15 +14,16 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.arguments import Count, FiniteNumber, PositiveNumber, Workers, checked
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
-from warpchain.drive.replicates import Replicates, each_copy
+from warpchain.drive.replicates import Copies, Replicates, each_copy
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.gc_tuning import rare_collections
@@ -51,24 +52,25 @@ FURTHER = 2 * LOOK_EVERY
 """Steps between two looks where these leave enough of them; still further apart they would miss more than they save."""
 
 
+@checked(SimulationError)
 @rare_collections()
 def simulate(
     drives: Drive | Sequence[Drive],
     *,
     device: str | None = None,
-    precision: str = "float64",
-    duration: float | None = None,
-    step: float | str | None = None,
+    precision: Literal["float64", "float32"] = "float64",
+    duration: PositiveNumber | None = None,
+    step: PositiveNumber | Literal["auto"] | None = None,
     record: Record | None = None,
-    window: tuple[float, float] | None = None,
+    window: tuple[FiniteNumber, FiniteNumber] | None = None,
     progress: bool | Report = False,
-    memory: int = MEMORY,
+    memory: Count = MEMORY,
     archive: str | Path | None = None,
     archive_options: ArchiveOptions | None = None,
     overwrite: bool = False,
-    workers: int | None = None,
+    workers: Workers | None = None,
     limits: Limits | None = None,
-    replicates: int = 1,
+    replicates: Copies = 1,
     replicate_by: str = "phase",
     states: States | None = None,
 ) -> Run:
@@ -106,7 +108,8 @@ def simulate(
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit; the message names the variant.
-        SimulationError: an unknown device or precision, a bad window, or trajectories that exceed the memory budget.
+        SimulationError: an argument that is not allowed, an unknown device, a window outside the run, or trajectories
+            that exceed the memory budget.
 
     Warns:
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
@@ -186,10 +189,8 @@ def schedules_of(
 
     Raises:
         DriveError: a step beyond a variant's limit.
-        SimulationError: a duration that is not positive, or a window outside the run.
+        SimulationError: a window outside the run.
     """
-    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
-        raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
     recorded = set(record.indices(len(drives)))
     found: list[Schedule] = []
     known: dict[tuple[float, int, float, float, bool], Schedule] = {}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.arguments import PositiveNumber, checked
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_contacts, guide_loads
 from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, bearing_area, elongation_rate, joint_wear
@@ -26,6 +27,7 @@ from warpchain.results.tooth_jump import JumpMargin, jump_margin
 Array = NDArray[np.float64]
 
 
+@checked(SimulationError, "wear.")
 @dataclass(frozen=True)
 class Wear:
     """Wear law of the joints.
@@ -38,13 +40,8 @@ class Wear:
         SimulationError: a value that is not positive.
     """
 
-    coefficient: float = WEAR_COEFFICIENT
-    bearing_area: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, value in (("coefficient", self.coefficient), ("bearing_area", self.bearing_area)):
-            if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise SimulationError(f"wear.{name} = {value!r}: allowed is a positive number")
+    coefficient: PositiveNumber = WEAR_COEFFICIENT
+    bearing_area: PositiveNumber | None = None
 
 
 def windowed(trajectory: Trajectory, start: float, end: float) -> Trajectory:

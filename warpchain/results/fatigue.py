@@ -10,7 +10,6 @@ E1049-85 (2011), 5.4.4, by the package rainflow.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpchain.arguments import PositiveNumber, checked
 from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 
 
+@checked(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
     """A Woehler (S-N) curve without an endurance limit, eq. (a).
@@ -36,14 +37,9 @@ class Woehler:
         SimulationError: a value that is not positive and finite.
     """
 
-    exponent: float
-    reference_range: float
-    reference_cycles: float = 1e6
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
-                raise SimulationError(f"fatigue.{name} = {value!r}: allowed is a finite number above 0")
+    exponent: PositiveNumber
+    reference_range: PositiveNumber
+    reference_cycles: PositiveNumber = 1e6
 
     def endurance(self, ranges: ArrayLike) -> Array:
         """Cycles to failure at ranges [N], of their shape."""

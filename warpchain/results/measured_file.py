@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError
 from warpchain.files import read_text
 from warpchain.results.units import DISPLAYED
@@ -33,6 +34,8 @@ SPELLED: dict[str, tuple[str, float]] = {
     "in": ("m", 0.0254),
 }
 """SI unit and factor of each unit that a measured signal can have."""
+LATEST = 1e9
+"""Times beyond are mistakes [s]; recordings count nanoseconds in 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
         SimulationError: a file, column, unit or number that is not understood, or a time that does not ascend.
     """
     columns = columns or Columns()
-    text = read_text(path, "a file of measured values", SimulationError)
+    text = read_text(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
     heads, below, rows = _table(str(path), text)
     at = _index(path, heads, columns.time, 0)
     of = _index(path, heads, columns.column, 1 if at == 0 else 0)
@@ -96,6 +99,8 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
     time, signal = to_seconds * values[:, 0], to_si * values[:, 1]
     if len(time) < 2 or not (np.diff(time) > 0.0).all():
         raise SimulationError(f"{path}: {heads[at][0]}: must ascend over at least two lines")
+    if max(-time[0], time[-1]) > LATEST:
+        raise SimulationError(f"{path}: {heads[at][0]}: must be within {LATEST:g} s of 0")
     return Measured(name, unit, time, signal)
 
 
@@ -106,7 +111,10 @@ def _table(path: str, text: str) -> tuple[list[tuple[str, str]], list[str], list
     if len(lines) < 2:
         raise SimulationError(f"{path}: must have a line of names and lines of numbers below it")
     mark = max(";\t,", key=lambda sign: (sign in lines[0][1], sign != ","))
-    cells = [(k, next(csv.reader(io.StringIO(line), delimiter=mark))) for k, line in lines]
+    try:
+        cells = [(k, next(csv.reader(io.StringIO(line), delimiter=mark))) for k, line in lines]
+    except csv.Error as error:  # a cell of more than 131,072 characters, say
+        raise SimulationError(f"{path}: is not CSV ({error})") from None
     if mark != ",":
         cells = [cells[0], *((k, [cell.replace(",", ".") for cell in row]) for k, row in cells[1:])]
     heads = []
@@ -147,6 +155,6 @@ def _is_number(cell: str) -> bool:
 
 def _numbers(path: str | Path, line: int, row: list[str], places: tuple[int, int]) -> list[float]:
     cells = [row[k] if k < len(row) else "" for k in places]
-    if not all(_is_number(cell) and math.isfinite(float(cell)) for cell in cells):
-        raise SimulationError(f"{path}: line {line}: {', '.join(cells)!r}: must be finite numbers")
+    if not all(_is_number(cell) and abs(float(cell)) <= HUGE for cell in cells):
+        raise SimulationError(f"{path}: line {line}: {', '.join(cells)!r}: must be finite numbers within {HUGE:g} of 0")
     return [float(cell) for cell in cells]

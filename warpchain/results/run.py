@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.arguments import Index, PositiveNumber, checked
 from warpchain.errors import SimulationError
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import OK
@@ -33,6 +34,7 @@ def check_names(what: str, names: Iterable[str]) -> None:
             raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(NAMES)}")
 
 
+@checked(SimulationError, "record.")
 @dataclass(frozen=True)
 class Record:
     """Recording options: variants and channels kept as trajectories (metrics are always kept, for all variants).
@@ -48,29 +50,20 @@ class Record:
         SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
     """
 
-    variants: Literal["all", "none"] | Sequence[int] = "all"
-    rate: float | None = None
+    variants: Literal["all", "none"] | Sequence[Index] = "all"
+    rate: PositiveNumber | None = None
     channels: Sequence[str] = DEFAULT
 
     def __post_init__(self) -> None:
-        if isinstance(self.variants, str) and self.variants not in ("all", "none"):
-            raise SimulationError(
-                f'record.variants = {self.variants!r}: allowed are "all", "none" or a sequence of variant indices'
-            )
         check_names("record.channels", self.channels)
-        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise SimulationError(f"record.rate = {self.rate!r}: allowed is a finite number above 0 (Hz), or None")
 
     def indices(self, variants: int) -> tuple[int, ...]:
         """The recorded variants of an ensemble of `variants`, ascending."""
-        if self.variants == "all":
-            return tuple(range(variants))
-        if self.variants == "none":
-            return ()
+        if isinstance(self.variants, str):
+            return tuple(range(variants)) if self.variants == "all" else ()
         chosen = sorted({int(index) for index in self.variants})
-        for index in chosen:
-            if not 0 <= index < variants:
-                raise SimulationError(f"record.variants: {index} is not among the {variants} variants (from 0)")
+        if chosen and chosen[-1] >= variants:
+            raise SimulationError(f"record.variants: {chosen[-1]} is not among the {variants} variants (from 0)")
         return tuple(chosen)
 
 
@@ -227,8 +220,15 @@ class Run(Mapping[int, Trajectory]):
         """Numbers of the variants, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
+    @checked(SimulationError)
     def row_of(self, variant: int) -> int:
-        """The row of the metrics, and the drive's place, of a variant."""
+        """The row of the metrics, and the drive's place, of a variant.
+
+        Raises:
+            SimulationError: no such variant.
+        """
+        if variant not in self.numbers:
+            raise SimulationError(f"variant {variant}: is none of the run's {len(self.numbers)}")
         return self.numbers.index(variant)
 
     @property
@@ -256,6 +256,7 @@ class Run(Mapping[int, Trajectory]):
             table = table.append_column(pa.field(DRIVE, pa.int64(), metadata={"unit": "1"}), table["variant"])
         return summary(table, DRIVE)
 
+    @checked(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
         try:
             return self.trajectories[variant]

@@ -2,14 +2,16 @@
 
 The pages of a Parquet file have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest:
 `table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the SHA-256 of names,
-types, metadata and values. A table under another name is somebody's own, and its note counts for nothing. The note of a
-shard's table also has in short how its rows ended (`ended`), so that a study's status is read without the tables.
+types, metadata and values, and `shape`, its rows and columns. A table of another name and another shape is somebody's
+own, and its note counts for nothing. The note of a shard's table also has in short how its rows ended (`ended`), so
+that a study's status is read without the tables.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -20,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain import files
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.files import PATIENCE, reason, refusals, whole_file
+from warpchain.files import PATIENCE, open_regular, reason, refusals, whole_file
 from warpchain.results.statuses import STATUSES as JUDGED
 from warpchain.results.statuses import alike_reasons
 
@@ -38,6 +40,7 @@ NOTE = b"warpchain"
 PAIR = b"\x18" + bytes([len(NOTE)]) + NOTE + b"\x18"
 """Beginning of the note in a file's footer: a pair of strings in Thrift's compact protocol, each after its length."""
 AGAIN = "remove it, and run the study again"
+AFRESH = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
 
 
 def reason_of(error: WarpchainError) -> str:
@@ -78,6 +81,7 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
     import pyarrow as pa
 
     try:
+        os.close(open_regular(path))
         if path.suffix == ".parquet":
             from pyarrow import parquet
 
@@ -109,8 +113,9 @@ def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Ta
     table = table.replace_schema_metadata(held or None)
     if study is not None and (note.get("table"), note.get("study")) != (path.stem, study):
         raise StudyError(f"{path}: is another table, of shard {note.get('table')!r}, or of another study; {AGAIN}")
-    if whole and note.get("table") == path.stem and note.get("digest") != digest_of(table):
-        raise StudyError(f"{path}: is damaged (its digest is wrong); {AGAIN}")
+    own = note.get("table") == path.stem
+    if whole and (own or note.get("shape") == list(table.shape)) and note.get("digest") != digest_of(table):
+        raise StudyError(f"{path}: is damaged (its digest is wrong); {AGAIN if own else AFRESH}")
     return table
 
 
@@ -192,7 +197,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     from pyarrow import parquet
 
     held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
-    note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table)}
+    note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table), "shape": list(table.shape)}
     if ended:
         note["ended"] = asdict(Ended.of(table))
         note["mark"] = _mark(note)

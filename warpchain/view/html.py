@@ -136,7 +136,10 @@ def picture(figure: Figure, words: str) -> str:
     """A figure as SVG data in the page; `words` is what it is called by those who cannot see it."""
     import matplotlib
 
+    from warpchain.view.figures.style import without_math
+
     buffer = io.BytesIO()
+    without_math(figure)
     with matplotlib.rc_context({"svg.hashsalt": "warpchain", "svg.fonttype": "path"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=110)
     data = base64.b64encode(buffer.getvalue()).decode()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
@@ -332,12 +333,13 @@ def settings_of(study: Study) -> dict[str, Any]:
     return settings
 
 
+@checked(StudyError)
 def open_study(
     source: str | os.PathLike[str],
     folder: str | os.PathLike[str] | None = None,
     *,
-    workers: int | None = None,
-    memory: int = MEMORY,
+    workers: Workers | None = None,
+    memory: Count = MEMORY,
 ) -> Bench:
     """A study to work with in Python: rows as drives, rows run, surrogates, a search; see `Bench`.
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
@@ -55,13 +56,14 @@ class Found:
     archives: tuple[tuple[Path, int] | None, ...]
 
 
+@checked(StudyError)
 @interruptible()
 def optimize(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
-    workers: int | None = None,
-    memory: int = MEMORY,
+    workers: Workers | None = None,
+    memory: Count = MEMORY,
     progress: Report = False,
     report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),

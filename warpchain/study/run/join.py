@@ -23,6 +23,7 @@ from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.progress import interruptible
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.replicate_metrics import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
@@ -205,6 +206,7 @@ class _Pool:
     numbers: list[list[int]] = field(default_factory=list)
 
 
+@interruptible()
 def join_studies(
     folders: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],

@@ -24,7 +24,7 @@ from warpchain.drive.schema import elements, valid
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
-from warpchain.files import refusals, whole_file
+from warpchain.files import read_text, refusals, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.results import some_of
@@ -132,7 +132,7 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     import tomllib
 
     try:
-        values = split_limits(tomllib.loads(Path(source).read_text(encoding="utf-8")))
+        values = split_limits(tomllib.loads(read_text(source, "TOML", ValueError)))
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))

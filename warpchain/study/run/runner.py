@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
@@ -100,6 +101,7 @@ def _one_line(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
+@interruptible()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:
     """Makes the whole table of a study whose shards are all done; records the worst variants first, if that is wanted.
 
@@ -131,6 +133,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
                     future.result()
             table = _with_archives(table, folder.table(folder.worst))
     for name in _archives(table):
+        look_for_stop()
         folder.check_archive(name)
     if folder.copies > 1:
         folder.write(folder.path / REPLICATES, table)
@@ -139,6 +142,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
         table = with_recorded_objectives(read_results(table), folder.path, curve).table
+    look_for_stop()
     folder.write(folder.results, table)
     sweep(leftovers(folder.path))
     return study_status(folder.path)
@@ -270,15 +274,17 @@ def workers_named(folder: Folder) -> Iterator[None]:
         raise StudyError(f"{folder.path}: a worker ended before its shard ({text}); run again to go on") from None
 
 
+@checked(StudyError)
+@interruptible()
 def run_study(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
     executor: Executor | None = None,
-    part: tuple[int, int] | None = None,
-    parts: int = 1,
-    workers: int | None = None,
-    memory: int = MEMORY,
+    part: tuple[Index, Count] | None = None,
+    parts: Count = 1,
+    workers: Workers | None = None,
+    memory: Count = MEMORY,
     progress: bool | Report = False,
     grow: bool = False,
 ) -> Outcome:

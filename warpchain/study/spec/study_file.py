@@ -38,6 +38,9 @@ from warpchain.study.spec.study_tables import (
     split_limits,
 )
 
+MOST_FACTORS = 1000
+"""Factors of a study at most."""
+
 
 def _targets(factor: Any) -> list[str]:
     paths = get(factor, "paths")
@@ -255,6 +258,10 @@ class Study(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        count = len(elements(node, "factors"))
+        if count > MOST_FACTORS:
+            yield Problem(("factors",), None, f"{count} of them; must be at most {MOST_FACTORS}", BARE)
+            return
         yield from name_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)

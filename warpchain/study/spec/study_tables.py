@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.replicates import FORMER_WAYS, WAYS
+from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
     BARE,
@@ -39,7 +39,7 @@ MOST = 100_000_000
 Count = Annotated[
     int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
 ]
-Copies = Annotated[int, Field(strict=True, ge=1, le=10_000), Value("must be an integer from 1 to 10000")]
+Copies = Annotated[int, Field(strict=True, ge=1, le=MOST_COPIES), Value(f"must be an integer from 1 to {MOST_COPIES}")]
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],

@@ -102,7 +102,7 @@ def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: 
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
-def _without_math(figure: Figure) -> None:
+def without_math(figure: Figure) -> None:
     """Makes texts mean themselves: names of parts may hold any character. Numbers at ticks keep their powers of ten."""
     from matplotlib.text import Text
 
@@ -122,6 +122,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     Raises:
         ArchiveError: a file that cannot be written.
     """
+    without_math(figure)
     with refusals(path, ArchiveError), whole_file(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=130)
 
@@ -146,7 +147,7 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
     with refusals(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
-            _without_math(figure)
+            without_math(figure)
             for kind in wanted:
                 style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
                 paths.append(target / f"{name}.{kind}")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.arguments import checked
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, write_text
 from warpchain.results.engineering_report import HandedIn, Wear, window_of
@@ -276,6 +277,7 @@ def report_html(
     return html.page(title or heading(found), list(sections(found, row, chosen.run)))
 
 
+@checked(SimulationError)
 def report(
     source: Run | str | Path,
     path: str | Path,

@@ -1,0 +1,62 @@
+"""Arguments of public functions: whatever is given in place of one, the answer is one line that names it."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import warpchain
+from warpchain import ArchiveOptions, Record, fit, load_drive, simulate
+from warpchain.archive.read import Archive
+from warpchain.drive import Drive, save_drive
+from warpchain.errors import WarpchainError
+from warpchain.examples import drive_path
+
+NAMES = "assemble bench_tensioner dumps_drive load_drive loads_drive open_study optimize read_archive report run_study"
+FUNCTIONS = [
+    *(getattr(warpchain, name) for name in f"{NAMES} simulate write_archive ArchiveOptions Record Wear".split()),
+    *(fit.fit_angle, fit.fit_links, fit.fit_position, save_drive),
+    *(Drive.with_values, Drive.get_value, Archive.read, Archive.blocks, Archive.attachment),
+]
+CAR = load_drive(drive_path("car"))
+RUN = simulate(CAR.with_values({"run.settle": False}), duration=1e-5, device="cpu", record=Record(variants=[0]))
+RIGHT = {"amplitude": 1e-4, "frequency": 10.0, "direction": (1, 0), "angle": {}, "values": {}, "variant": 0}
+RIGHT |= {"drive": CAR, "drives": CAR, "run": RUN}
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__qualname__)
+def test_an_argument_of_another_kind_is_named(function):
+    names = inspect.signature(function).parameters
+    needed = {name: RIGHT.get(name, "x") for name, value in names.items() if value.default is value.empty}
+    for name in names.keys() - {"self"}:
+        with pytest.raises(WarpchainError, match=rf"^(\w+\.)?{name} = <object .*>: must be [^\n]+$"):
+            function(**needed | {name: object()})
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (lambda: Record(variants=[0.5]), r"record.variants = \[0.5\]: must be 'all' or 'none' or a sequence, each a"),
+        (lambda: Record(variants=["0"]), r"record.variants = \['0'\]: must be 'all' or"),
+        (lambda: Record(rate=float("inf")), "record.rate = inf: must be a finite number above 0$"),
+        (lambda: RUN[True], "variant = True: must be a whole number"),
+        (lambda: RUN.row_of(1), "variant 1: is none of the run's 1"),
+        (lambda: simulate([CAR, None]), r"drives = \[Drive\(.*, None\]: must be a Drive or a sequence, each a Drive"),
+        (lambda: simulate(CAR, step=[1]), r"step = \[1\]: must be a finite number above 0 or 'auto'$"),
+        (lambda: simulate(CAR, step=10**30), "step = 1000"),
+        (lambda: simulate(CAR, window=(0.0, float("nan"))), r"window = \(0.0, nan\): must be 2 values, a finite"),
+        (lambda: simulate(CAR, workers=10**9), "workers = 1000000000: must be a whole number from 1 to 1024"),
+        (lambda: simulate(CAR, replicates=10**9), "replicates = 1000000000: must be a whole number from 1 to"),
+        (lambda: CAR.with_values({1: 2.0}), "values = {1: 2.0}: must be a mapping from a text to anything"),
+        (lambda: ArchiveOptions(numbers=(1, 1)), "numbers: must be different from each other"),
+    ],
+)  # fmt: skip
+def test_a_value_that_is_not_allowed_is_told(call, line):
+    with pytest.raises(WarpchainError, match=f"^{line}"):
+        call()
+
+
+def test_numbers_and_arrays_of_numpy_are_allowed():
+    record, duration = Record(np.arange(1, 2)), np.float32(1e-5)
+    found = simulate([CAR] * 2, duration=duration, device="cpu", record=record, window=[0, 1e-5])
+    assert list(found) == [1] and found[np.int64(1)] is found[1]

@@ -1,0 +1,140 @@
+"""Checks of public functions' arguments by their annotations: one that does not fit ends in one line.
+
+An annotation says what a value may be: a class, a union, a `Literal`, a tuple or sequence of such, or one of the kinds
+of numbers below. Numbers of numpy are numbers, its arrays are sequences, and neither True nor False is a number.
+"""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+import math
+import reprlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, wraps
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+Checked = TypeVar("Checked", bound=Callable[..., Any])
+Test = Callable[[Any], bool]
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers of a type that are allowed, in words and as a test of a number."""
+
+    words: str
+    holds: Test
+
+
+FiniteNumber = Annotated[float, Range("a finite number", math.isfinite)]
+PositiveNumber = Annotated[float, Range("a finite number above 0", lambda x: 0.0 < x < math.inf)]
+Count = Annotated[int, Range("a whole number of at least 1", lambda n: n >= 1)]
+Index = Annotated[int, Range("a whole number of at least 0", lambda n: n >= 0)]
+MOST_WORKERS = 1024
+"""Most threads that can be asked for; each takes memory of its own."""
+Workers = Annotated[int, Range(f"a whole number from 1 to {MOST_WORKERS}", lambda n: 1 <= n <= MOST_WORKERS)]
+
+_PLAIN: Mapping[Any, tuple[str, type]] = {
+    float: ("a number", Real),
+    int: ("a whole number", Integral),
+    str: ("a text", str),
+    bytes: ("bytes", bytes),
+    bool: ("True or False", bool),
+    NoneType: ("None", NoneType),
+}
+
+
+def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Checked]:
+    """Makes a function, or a dataclass, raise `error` for the first argument that its annotation does not allow.
+
+    Args:
+        error: raised with the line `NAME = VALUE: must be WHAT`.
+        prefix: of the names, such as "record.".
+    """
+
+    def wrap(function: Any) -> Any:
+        if isinstance(function, type):
+            function.__init__ = wrap(function.__init__)  # type: ignore[misc]
+            return function
+        signature = inspect.signature(function)
+
+        @cache
+        def tests() -> dict[str, tuple[str, Test]]:
+            names = _Names(inspect.unwrap(function).__globals__)
+            notes = {name: note for name, note in function.__annotations__.items() if name != "return"}
+            return {name: _kind(eval(note, {}, names)) for name, note in notes.items()}
+
+        @wraps(function)
+        def call(*args: Any, **named: Any) -> Any:
+            given = signature.bind(*args, **named).arguments
+            for name, (words, test) in tests().items():
+                if name in given and not test(given[name]):
+                    raise error(f"{prefix}{name} = {reprlib.repr(given[name])}: must be {words}")
+            return function(*args, **named)
+
+        return call
+
+    return wrap
+
+
+class _Names(dict[str, Any]):
+    """Names in annotations; of one that is imported for type checkers only, an empty class of that name."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name) if hasattr(builtins, name) else type(name, (), {})
+
+
+def _kind(note: Any) -> tuple[str, Test]:
+    """Words for the values that an annotation allows, and their test."""
+    origin, inner = get_origin(note), get_args(note)
+    if note in _PLAIN:
+        words, plain = _PLAIN[note]
+        return words, lambda value: isinstance(value, plain) and (plain is bool or not _no_number(value))
+    if note in (Any, object):
+        return "anything", lambda value: True
+    if origin is Literal:
+        return " or ".join(map(repr, inner)), lambda value: isinstance(value, str) and value in inner
+    if origin is Annotated:
+        (_, number), values = _kind(inner[0]), inner[1]
+        return values.words, lambda value: number(value) and values.holds(value)
+    kinds = [_kind(part) for part in inner if part is not Ellipsis] if origin is not Callable else []
+    tests = [test for _, test in kinds]
+    if origin in (Union, UnionType):
+        words = " or ".join(dict.fromkeys(words for words, _ in kinds if words != "None"))
+        return words, lambda value: any(test(value) for test in tests)
+    if origin is tuple:
+        words = f"{len(kinds)} values, {', '.join(words for words, _ in kinds)}"
+        return words, lambda value: _listed(value) and len(value) == len(tests) and all(map(_holds, tests, value))
+    if origin is Sequence:
+        return f"a sequence, each {kinds[0][0]}", lambda value: _listed(value) and all(map(tests[0], value))
+    if origin is Mapping:
+        (key, _), (value, _) = kinds
+        return (
+            f"a mapping from {key} to {value}",
+            lambda found: (
+                isinstance(found, Mapping) and all(map(tests[0], found)) and all(map(tests[1], found.values()))
+            ),
+        )
+    if origin is Callable:
+        return "a function", callable
+    kind = origin or note
+    name = kind.__name__
+    words = "a path" if name in ("Path", "PathLike") else f"a {name}"
+    return words, lambda value: isinstance(value, kind) or any(of.__name__ == name for of in type(value).__mro__)
+
+
+def _listed(value: Any) -> bool:
+    """Whether a value is a sequence, or an array of one axis."""
+    return (isinstance(value, Sequence) and not isinstance(value, str | bytes)) or getattr(value, "ndim", 0) == 1
+
+
+def _no_number(value: Any) -> bool:
+    """Whether a value only counts as a number in Python, or has more digits than numbers of machines have."""
+    return isinstance(value, bool) or (isinstance(value, int) and value.bit_length() > 63)
+
+
+def _holds(test: Test, value: Any) -> bool:
+    return test(value)
