@@ -63,7 +63,9 @@ def leap(
         size = wp.float64(0.0)
         if penetration > wp.float64(0.0):
             more = wp.vec2d(pull / mass, wp.float64(0.0))
-            force, size, impact_speed, damper, energy = respond(penetration, normal, v * normal, more, impact_speed, law)
+            force, size, impact_speed, damper, energy = respond(
+                penetration, normal, v * normal, more, impact_speed, law
+            )
         else:
             impact_speed = wp.float64(0.0)
         v = v + h * (pull - size) / mass

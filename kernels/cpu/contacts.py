@@ -187,10 +187,9 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         while i < group.high:
             penetration = load_row(w, row.penetration + i)
             if penetration > Real(0.0):
-                lever = (
-                    load_row(w, row.arm_x + i) * load_row(w, row.normal_y + i)
-                    - load_row(w, row.arm_y + i) * load_row(w, row.normal_x + i)
-                )
+                lever = load_row(w, row.arm_x + i) * load_row(w, row.normal_y + i) - load_row(
+                    w, row.arm_y + i
+                ) * load_row(w, row.normal_x + i)
                 elastic = elastic_force(penetration, law.stiffness, law.exponent)
                 size, first = load_row(w, row.size + i), load_row(w, row.kept + i)
                 total += wp.float64(lever * lever * force_by_growth(elastic, size, first, law))
@@ -301,9 +300,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(
-        w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain
-    ):
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:

@@ -168,9 +168,7 @@ def gained(straight: Any, angular: Any, arm: Any, acceleration: Any):
         arm: the point from the center [m].
         acceleration: the roller's [m/s^2].
     """
-    return type(arm)(
-        straight[0] - angular * arm[1] - acceleration[0], straight[1] + angular * arm[0] - acceleration[1]
-    )
+    return type(arm)(straight[0] - angular * arm[1] - acceleration[0], straight[1] + angular * arm[0] - acceleration[1])
 
 
 @wp.func

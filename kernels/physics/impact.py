@@ -44,20 +44,20 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 
 @wp.func
 def hysteretic(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] after eq. (15), (18), (19), and the speed above which it grows no more [m/s].
+    """Damper c [N s/m] after eq. (15), (18), (19), and the speeds [m/s] below and above which it grows no more.
 
     Args:
         elastic: K pen^n [N].
         impact_speed: v0 [m/s].
         damping: hysteresis factor d [-].
     """
-    return quotient(elastic * damping, impact_speed), impact_speed
+    return quotient(elastic * damping, impact_speed), type(elastic)(-UNBOUNDED), impact_speed
 
 
 @wp.func
 def kelvin_voigt(elastic: Any, impact_speed: Any, damping: Any):
     """The same of a damper beside the spring; `damping` is c [N s/m]."""
-    return damping, type(elastic)(UNBOUNDED)
+    return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
 FORCES = (hysteretic, kelvin_voigt)
@@ -66,18 +66,18 @@ FORCES = (hysteretic, kelvin_voigt)
 
 @wp.func
 def damper_of(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the contact law that `law` names, and the speed above which it grows no more [m/s].
+    """Damper c [N s/m] of the contact law that `law` names, and the speeds [m/s] that bound it, as `hysteretic`.
 
     Arguments as of `contact_force`.
     """
-    damper, fastest = hysteretic(elastic, impact_speed, law.damping)
+    damper, slowest, fastest = hysteretic(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
-            damper, fastest = wp.static(FORCES[form])(elastic, impact_speed, law.damping)
+            damper, slowest, fastest = wp.static(FORCES[form])(elastic, impact_speed, law.damping)
     if law.most_damping > type(elastic)(0.0):
         part = damper / law.most_damping
         damper = damper / wp.sqrt(wp.sqrt(type(elastic)(1.0) + part * part * part * part))
-    return damper, fastest
+    return damper, slowest, fastest
 
 
 @wp.func
@@ -91,11 +91,9 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law:
         impact_speed: v0 [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
     """
-    damper, fastest = damper_of(elastic, impact_speed, law)
-    now = quotient(
-        speed + law.lag * growth - law.yielding * elastic, type(elastic)(1.0) + law.yielding * damper
-    )
-    return larger(elastic + damper * smaller(now, fastest), type(elastic)(0.0))
+    damper, slowest, fastest = damper_of(elastic, impact_speed, law)
+    now = quotient(speed + law.lag * growth - law.yielding * elastic, type(elastic)(1.0) + law.yielding * damper)
+    return larger(elastic + damper * smaller(larger(now, slowest), fastest), type(elastic)(0.0))
 
 
 @wp.func
@@ -104,7 +102,7 @@ def force_by_growth(elastic: Any, size: Any, impact_speed: Any, law: Any):
 
     Arguments as of `contact_force`, and `size` as it returns; nothing where that is bounded either way.
     """
-    damper, fastest = damper_of(elastic, impact_speed, law)
+    damper, slowest, fastest = damper_of(elastic, impact_speed, law)
     free = size > type(size)(0.0) and size - elastic < type(size)(0.999) * damper * fastest
     more = quotient(law.lag * damper, type(elastic)(1.0) + law.yielding * damper)
     return wp.where(free, more, type(size)(0.0))

@@ -41,7 +41,7 @@ def packed_law(drive):
 def kernel_rebound(drive, speed=0.7):
     """Rebound of one free mass, stepped by the kernels' own contact at 5e-5 of sqrt(m / K)."""
     law = packed_law(drive)
-    law.speed_floor, law.most_damping = 1e-9, 1e30
+    law.speed_floor, law.lag, law.yielding = 1e-9, 0.0, 0.0
     out = wp.zeros(3, dtype=wp.float64, device="cpu")
     n = law.exponent
     scale = (MASS / STIFFNESS * speed ** (1 - n)) ** (1 / (1 + n))

@@ -7,7 +7,6 @@ import pytest
 from drives import errors_of, marine_values, put, row, two_sprockets
 
 from warpchain import Record, read_archive, simulate
-from warpchain.assembly.summary import derive, report
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
 JOINT = {"friction": 0.1, "pin_radius": 0.0075}

@@ -6,6 +6,7 @@ import warp as wp
 from bouncing import KINDS, bounce, leap, response
 from scipy.optimize import brentq
 
+
 def rebound(e, stiffness=1e6, exponent=1.0, mass=2.0, speed=0.7, h=None):
     law = KINDS.ContactLaw()
     law.stiffness, law.exponent, law.damping, law.speed_floor = stiffness, exponent, 0.75 * (1 - e * e), 1e-9

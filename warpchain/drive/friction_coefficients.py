@@ -15,6 +15,7 @@ from warpchain.drive.batch_math import largest, smallest, some
 if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
 
+
 @dataclass(frozen=True)
 class Rubbing:
     """Coefficients of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).
