@@ -279,7 +279,7 @@ class Now:
     sizes: wp.int32  # magnitudes of the contact forces on each roller
 
 
-FORESEEING = wp.constant(-1)
+PREDICTING = wp.constant(-1)
 """In place of a stage: contacts are evaluated only to find what accelerations bodies will have (`body.solved`)."""
 DIVERGENCE_CHECK = wp.constant(32)  # steps between two checks of whether a variant has left its box
 

@@ -23,9 +23,7 @@ two times as far (`Drive.look_every`). The chain moves a small part of a pitch i
 WATCH_EVERY = wp.constant(1)
 """Steps between two at which forces and speeds are held against the largest so far, and added up for their means.
 
-The window's first step is watched too. Moments and powers are added up every step. The fastest oscillation takes 31
-automatic steps (`assembly.timestep`): of one peak at most 8 % of its part is missed, of the largest of many next to
-nothing.
+The fastest oscillation takes some five automatic steps (`assembly.timestep`), so every step is watched.
 """
 
 

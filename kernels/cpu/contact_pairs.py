@@ -8,8 +8,8 @@ import warp as wp
 from ..native import accessors, whole_lanes
 from ..physics.body import pose_of
 from ..physics.guide import carried
-from ..structs import FORESEEING, GROUND, Drive, Now, Pose, Totals, Wrench, types
-from .contacts import contact_forces, contact_rows, contact_sums
+from ..structs import PREDICTING, GROUND, Drive, Now, Pose, Totals, Wrench, types
+from .contacts import contact_forces, contact_friction, contact_rows, contact_sums
 from .guides import guide_passes
 from .neighbor_list import GROUP, Group, lowest_bit, neighbor_list, next_bits
 from .rollers import rows
@@ -232,6 +232,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     seats, teeth, face = seat_passes(Real, capacity), teeth_passes(Real, capacity), guide_passes(Real, capacity)
     contact = contact_rows(Real, capacity)
     force, sums = contact_forces(Real, capacity), contact_sums(Real, capacity)
+    rub_rollers = contact_friction(Real, capacity).rub_rollers
     row, neighbors = rows(capacity), neighbor_list(Real, capacity)
 
     @wp.func
@@ -307,7 +308,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         else:
             changed = force.press(w, group, law, seat, chain)
             if sliding.rubs != 0:
-                force.rub_rollers(w, group, sliding, memory)
+                rub_rollers(w, group, sliding, memory)
             force.add_forces(w, group)
             if measured:
                 force.lose(w, group, sliding, seat, memory, chain)
@@ -363,7 +364,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                     seats.keep(w, group.low, group.high, p, memory)
                 else:
                     contact.keep(w, group, memory)
-            if memory.stage == FORESEEING and body != GROUND:
+            if memory.stage == PREDICTING and body != GROUND:
                 b = drive.first_body + body
                 state.wrenches[b].yielding = state.wrenches[b].yielding + force.yielding(w, group, law)
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)

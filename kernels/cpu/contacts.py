@@ -240,6 +240,41 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return changed, began
 
     @wp.func
+    def add_forces(w: wp.array[Real], group: Group):
+        """Adds the forces to those on rollers; the moments of each."""
+        i = group.low
+        while i < group.high:
+            add_force(w, i)
+            i = i + 1
+
+    @wp.func
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain):
+        """Powers that dampers and friction take."""
+        i = group.low
+        while i < group.high:
+            lose_one(w, i, seat, memory, chain)
+            i = i + 1
+        if sliding.rubs != 0:
+            i = group.low
+            while i < group.high:
+                x = load_row(w, row.drag_x + i)
+                y = load_row(w, row.drag_y + i)
+                store_row(w, row.rubbed + i, power_of(w, i, x, y, seat, memory, chain))
+                i = i + 1
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
+    """Friction of contacts whose normal forces are in the rows."""
+    kinds = types(Real)
+    Memory, vec2 = kinds.Memory, kinds.vec2
+    force, row = contact_forces(Real, capacity), rows(capacity)
+    where_touching, normal_of, relative_of = force.where_touching, force.normal_of, force.relative_of
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+
+    @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2, holds: Real):
         """Adds friction to the force on roller i, and sets what its contact holds."""
         x = where_touching(w, i, drag[0])
@@ -290,29 +325,6 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
                 i = i + 1
         if memory.stage == 0:
             keep_holds(w, group, memory)
-
-    @wp.func
-    def add_forces(w: wp.array[Real], group: Group):
-        """Adds the forces to those on rollers; the moments of each."""
-        i = group.low
-        while i < group.high:
-            add_force(w, i)
-            i = i + 1
-
-    @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain):
-        """Powers that dampers and friction take."""
-        i = group.low
-        while i < group.high:
-            lose_one(w, i, seat, memory, chain)
-            i = i + 1
-        if sliding.rubs != 0:
-            i = group.low
-            while i < group.high:
-                x = load_row(w, row.drag_x + i)
-                y = load_row(w, row.drag_y + i)
-                store_row(w, row.rubbed + i, power_of(w, i, x, y, seat, memory, chain))
-                i = i + 1
 
     return SimpleNamespace(**locals())
 

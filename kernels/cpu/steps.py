@@ -23,7 +23,7 @@ from ..physics.body import (
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..structs import FORESEEING, Drive, Now, Wrench, types
+from ..structs import PREDICTING, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .contacts import contact_rows
@@ -158,7 +158,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     joints = joint_passes(Real, capacity)
 
     @wp.func
-    def foresee(
+    def predict(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
@@ -167,7 +167,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory: kinds.Memory,
     ):
         """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
-        memory.stage = FORESEEING
+        memory.stage = PREDICTING
         memory.wanted = Now()
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
@@ -210,7 +210,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 pushed = state.poses[drive.first_body + tensioner.body]
                 state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
             if drive.light != 0 and memory.lag > Real(0.0):
-                foresee(ensemble, state, drive, chain, w, memory)
+                predict(ensemble, state, drive, chain, w, memory)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)

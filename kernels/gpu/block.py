@@ -220,7 +220,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     if wp.static(not early):
                         touch = on_warp.look(ensemble, state, shared, mine, now, touch)
                     if wp.static(kind.parts.light > 0):
-                        do.foresee(ensemble, state, out, shared, mine, now, touch)
+                        do.predict(ensemble, state, out, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.contacts(ensemble, state, tallies, shared, mine, on_warp.plain(now), touch)
                         do.load_moment_ahead(ensemble, shared, mine, now)

@@ -332,7 +332,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             shared.poses[mine.body].load = load_on(ensemble, shared, mine, rounded, time, pose)
 
     @wp.func
-    def foreseen(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+    def predict_rates(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
         if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:

@@ -10,7 +10,7 @@ from ..integrate import stretching
 from ..native import accessors
 from ..physics.contact import UNTOUCHED, dissipated, gained, respond, rub, rub_evenly
 from ..physics.impact import elastic_force, force_by_growth
-from ..structs import FORESEEING, Tallies
+from ..structs import PREDICTING, Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
@@ -139,7 +139,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     ):
         """Adds the force of roller j's contact at hand, which is closed, to the roller's.
 
-        `more` is `gaining` without it. Returns it [N] and, where accelerations are to be foreseen, by what it answers a
+        `more` is `gaining` without it. Returns it [N] and, where accelerations are predicted, by what it answers a
         closing one of 1 m/s^2 [N].
         """
         p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
@@ -167,7 +167,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
         answer = Real(0.0)
         if wp.static(kind.parts.light > 0):
-            if now.stage == FORESEEING:
+            if now.stage == PREDICTING:
                 known = as_known(law)
                 elastic = elastic_force(touch.penetration, known.stiffness, known.exponent)
                 answer = force_by_growth(elastic, size, first, known)
@@ -223,9 +223,9 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def add_yielding(shared: Shared, mine: Mine, now: Now, s: int, j: int, arm: vec2, normal: vec2, answer: Real):
-        """Adds how roller j's contact answers an acceleration of body s, where those are to be foreseen."""
+        """Adds how roller j's contact answers an acceleration of body s, where those are predicted."""
         if wp.static(kind.parts.light > 0):
-            if now.stage == FORESEEING:
+            if now.stage == PREDICTING:
                 lever = arm[0] * normal[1] - arm[1] * normal[0]
                 add_part(shared, place_of(mine, wp.static(yielding_row(kind)), s, j), lever * lever * answer)
 

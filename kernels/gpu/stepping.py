@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import FORESEEING
+from ..structs import PREDICTING
 from ..sums import WATCH_EVERY, add_hub_force
 from .bodies import block_tensioners, body_steps
 from .contact_pairs import contact_forces
@@ -58,7 +58,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 move(shared, j, h * v[0], h * v[1])
 
     @wp.func
-    def foresee(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+    def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """Evaluates the contacts to find what accelerations light bodies will have, and leaves forces as they were.
 
         All threads together, links' forces done.
@@ -69,7 +69,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             force = row.force_on(shared, k * wp.static(threads) + mine.thread)
             x[k] = force[0]
             y[k] = force[1]
-        now.stage = FORESEEING
+        now.stage = PREDICTING
         now.flags = EVENT
         now.measured = 0
         now.watched = 0
@@ -81,7 +81,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
-            bodies.foreseen(ensemble, state, shared, mine, now, wrench)
+            bodies.predict_rates(ensemble, state, shared, mine, now, wrench)
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
@@ -226,7 +226,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         if wp.static(kind.parts.light > 0):
-            do.foresee(ensemble, state, out, shared, mine, now, touch)
+            do.predict(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)

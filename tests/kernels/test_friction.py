@@ -12,7 +12,7 @@ KINDS = types(wp.float64)
 
 @wp.kernel(enable_backward=False)
 def slide(law: KINDS.Friction, pull: wp.float64, speed: wp.float64, h: wp.float64, out: wp.array[wp.vec3d]):
-    """A block of 1 kg pressed on a plane by 10 N, by leapfrog: place, speed and friction's work after each step of h."""
+    """A block of 1 kg pressed on a plane by 10 N, by leapfrog: place, speed, friction's work after each step."""
     x = wp.float64(0.0)
     v = speed
     held = wp.float64(0.0)

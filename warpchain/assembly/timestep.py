@@ -58,6 +58,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for s, sprocket in enumerate(drive.sprockets):
         if sprocket.prescribed is None and not on_springs(sprocket):
+            assert sprocket.inertia is not None  # the drive's own check
             inertia = sprocket.inertia + wheel_inertia(sprocket)
             turning = sprocket.teeth * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             found.append(Body(f'sprocket "{sprocket.name}"', turning / inertia, 0.0))
