@@ -1,0 +1,65 @@
+"""A simulated second in one tree beside another's, each at its own step, and what the steps change."""
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from common.cases import ROOT, Line, case, option
+
+from benches.guard import checkout, rates
+
+EXAMPLES = ("industrial", "engine", "motorcycle", "car", "marine")
+SHORT = {"industrial": 0.4, "marine": 0.6}
+"""Simulated seconds of the runs that are held against finer steps, where examples take longer."""
+CHANGES = ("tension_mean", "tension_q999", "tension_max", "losses")
+
+
+@case(
+    option("a", metavar="A", help="a commit, or the folder of a tree"),
+    option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
+    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    option("--variants", type=int, default=1, help="how many at once"),
+    option("--precision", default="float64", help="float64 (default) or float32"),
+    option("--finer", type=int, default=8, help="the part of each step that results are held against; 0: none"),
+)
+def steps(asked: argparse.Namespace) -> Iterator[Line]:
+    """Simulated seconds a second of examples in two trees, at the step of the file of each, and at "auto".
+
+    python scripts/bench.py steps b7c6549
+    python scripts/bench.py steps ../before --device cuda:0 --variants 1056 --finer 0
+
+    The changes are those of mean, 99.9 % quantile and largest tension and of all losses from an eighth of the step;
+    what is chaotic scatters by some percent at any step.
+    """
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
+        yield ("drive, step", "tree", "step [us]", *(f"{change} [%]" for change in CHANGES), "s a s", "B/A")
+        for drive in asked.drives:
+            duration = {"run.duration": SHORT[drive]} if drive in SHORT else {}
+            for which, values in (("file", {}), ("auto", {"run.step": "auto"})):
+                speeds = []
+                for side, tree in zip("AB", trees, strict=True):
+                    file = tree / "warpchain" / "drive" / "examples" / f"{drive}.toml"
+                    found = rates(
+                        tree,
+                        {
+                            "drives": {drive: (str(file), values | duration)},
+                            "precisions": [asked.precision],
+                            "variants": [asked.variants],
+                            "device": asked.device,
+                            "steps": 40_000 if asked.device == "cpu" else 2000,
+                            "after": 0,
+                            "repeats": 2,
+                            "assemble": 0,
+                            "finer": asked.finer,
+                        },
+                    )
+                    step = found[f"{drive}, step"]
+                    rate = found[f"{drive}, {asked.precision}, {asked.variants}, metrics"]
+                    speeds.append(rate * step)
+                    changes = [f"{100.0 * found.get(f'{drive}, {of}', float('nan')):+.2f}" for of in CHANGES]
+                    ratio = f"{speeds[-1] / speeds[0]:.2f}"
+                    yield (f"{drive}, {which}", side, f"{1e6 * step:.3g}", *changes, f"{speeds[-1]:.4g}", ratio)
