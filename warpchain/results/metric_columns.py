@@ -34,7 +34,6 @@ from warpchain.results.formulas import (
     tension_quantile,
     tension_share_below,
     total,
-    where,
 )
 
 if TYPE_CHECKING:
@@ -268,11 +267,12 @@ BALANCE = Group(
         Column(
             "efficiency",
             "1",
-            "output work over input work",
-            lambda balance: where(balance.input > 0.0, balance.output / balance.input),
+            "output work over itself and the losses",
+            lambda balance: balance.efficiency,
         ),
         Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
         Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
+        Column("energy_change_relative", "1", "that change over the losses", lambda balance: balance.relative_change),
         Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
         Column(
             "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative
