@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
+from warpchain.results.batch_means import ERROR
 from warpchain.results.formulas import (
     THINGS,
     Values,
@@ -97,7 +98,7 @@ def error_column(column: Column) -> Column:
     """The column of the standard error of a mean, one for each mean."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
-    return Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True)
+    return Column(f"{column.name}{ERROR}", column.unit, title, error_of(column.value), aside=True)
 
 
 def with_errors(*columns: Column) -> tuple[Column, ...]:
