@@ -1,5 +1,6 @@
 """Pictures and tables in notebooks, and the tutorial notebook run from its first cell to its last."""
 
+import math
 import xml.etree.ElementTree as xml
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from drives import two_sprockets
 from loading import load_script
 from matplotlib.figure import Figure
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Limits, Record, load_drive, simulate
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.study.results import read_results
 from warpchain.view.figures import draw_figures, draw_sweep
@@ -19,11 +20,13 @@ from warpchain.view.notebook import drive_svg, frame_svg, html, value_text
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
 assert NOTEBOOKS
+STARTING = Limits(energy_change=math.inf)
 
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate([two_sprockets(duration=0.01, torque=torque) for torque in (200.0, 300.0)], record=Record([1]))
+    drives = [two_sprockets(duration=0.01, torque=torque) for torque in (200.0, 300.0)]
+    return simulate(drives, record=Record([1]), limits=STARTING)
 
 
 def points(svg, tag):
@@ -96,7 +99,8 @@ def test_figures_are_returned(run):
     figures = draw_figures(run, only=["drive", "link-tension"])
     assert list(figures) == ["drive", "link-tension"]
     assert all(isinstance(figure, Figure) for figure in figures.values())
-    speeds = simulate([two_sprockets(duration=0.1, speed=speed, span=19.5, links=59) for speed in (20.0, 30.0)])
+    drives = [two_sprockets(duration=0.1, speed=speed, span=19.5, links=59) for speed in (20.0, 30.0)]
+    speeds = simulate(drives, limits=STARTING)
     assert all(isinstance(figure, Figure) for figure in draw_sweep([speeds]).values())
 
 
