@@ -30,6 +30,10 @@ CHATTERING: Values = equal(17, 50, 0.05) | {
 }
 
 
+BARE = {key: value for key, value in SMOOTH.items() if "guide" not in key}
+"""The values that take friction from a drive without guide-bars."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """Copies of a drive, the turns of the chain that are left out at the start, and windows that follow."""
@@ -43,7 +47,7 @@ class Sample:
 SAMPLES = {
     "two": lambda: Sample(pair(CHATTERING), 32, 10, 16),
     "motorcycle": lambda: Sample(example("motorcycle")),
-    "motorcycle without friction": lambda: Sample(example("motorcycle", SMOOTH)),
+    "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
     "marine": lambda: Sample(example("marine")),
     "marine without friction": lambda: Sample(example("marine", SMOOTH), start=32),  # whose waves take so long to grow
     "industrial": lambda: Sample(example("industrial"), 6, 4, 4),
@@ -51,8 +55,8 @@ SAMPLES = {
 }
 
 
-def windows_of(sample: Sample) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    """Names of the means (M), the means (W, M, copies), and those of their batches (W, M, copies, batches)."""
+def windows_of(sample: Sample) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means (W, M, copies), and those of their batches (W, M, copies, batches)."""
     driver = sample.drive.sprockets[sample.drive.driver]
     assert driver.prescribed is not None and driver.prescribed.speed is not None
     turn = 2.0 * np.pi * sample.drive.chain.links / (driver.teeth * abs(driver.prescribed.speed))
@@ -77,7 +81,7 @@ def windows_of(sample: Sample) -> tuple[list[str], NDArray[np.float64], NDArray[
             means.append([run.metrics[name].to_pylist() for name in names])
             batches.append(np.array(noted))
         noted.clear()
-    return names, np.array(means), np.array(batches)
+    return np.array(means), np.array(batches)
 
 
 def joined(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -87,27 +91,34 @@ def joined(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     return split.reshape(whole, *values.shape[1:], count).mean(axis=-1)
 
 
+def lengths(name: str, means: NDArray[np.float64], batches: NDArray[np.float64]) -> Iterator[Line]:
+    """A row for windows of each length, as `coverage` says."""
+    truth = means.mean(axis=(0, 2))[:, None]
+    for count in (count for count in JOINED if count <= len(means)):
+        errors = standard_error(joined(batches, count))
+        off = joined(means[..., None], count)[..., 0] - truth
+        spread = np.sqrt((off * off).mean(axis=(0, 2)))
+        told = (spread > ROUND_OFF * np.abs(truth[:, 0])) & np.isfinite(errors).any(axis=(0, 2))
+        errors, off, spread = errors[:, told], off[:, told], spread[told]
+        known = np.isfinite(errors)
+        covered = (np.abs(off) <= INTERVAL * errors).sum(axis=(0, 2)) / known.sum(axis=(0, 2))
+        widths = np.nanmedian(errors, axis=(0, 2)) / spread
+        shares = (f"{100.0 * share:.0f} %" for share in (1.0 - known.mean(), covered.mean(), covered.min()))
+        sizes = (f"{size:.2g}" for size in (np.median(widths), widths.min(), widths.max()))
+        yield (name, int(count * TURNS), off[:, 0].size, *shares, *sizes)
+
+
 @case(option("names", metavar="NAME", nargs="*", default=list(SAMPLES), help=f"of {', '.join(SAMPLES)}"))
 def coverage(asked: argparse.Namespace) -> Iterator[Line]:
     """Do standard errors cover? Windows of drives whose long-run means are those of all their windows together.
 
     python scripts/bench.py coverage two marine
 
-    Copies begin at other phases within a tooth. Covered is the share of windows whose mean is within `INTERVAL` errors
-    of the long-run mean, of all means of the drive and of the mean that is covered least; the width is the median error
-    over the means' own scatter, of the median mean, and its range.
+    Copies begin at other phases within a tooth. Unknown is the share of errors that are; covered that of windows whose
+    mean is within `INTERVAL` errors of the long-run mean, where they are known, of all means of the drive and of the
+    mean that is covered least; the width is the median error over the means' own scatter, of the median mean, and its
+    range.
     """
-    yield ("drive", "turns", "windows", "covered", "least", "width", "from", "to")
+    yield ("drive", "turns", "windows", "unknown", "covered", "least", "width", "from", "to")
     for name in asked.names:
-        _, means, batches = windows_of(SAMPLES[name]())
-        truth = means.mean(axis=(0, 2))[:, None]
-        for count in (count for count in JOINED if count <= len(means)):
-            errors = standard_error(joined(batches, count))
-            off = joined(means[..., None], count)[..., 0] - truth
-            spread = np.sqrt((off * off).mean(axis=(0, 2)))
-            chance = spread > ROUND_OFF * np.abs(truth[:, 0])
-            covered = (np.abs(off) <= INTERVAL * errors).mean(axis=(0, 2))[chance]
-            widths = np.median(errors, axis=(0, 2))[chance] / spread[chance]
-            shares = (f"{100.0 * share:.0f} %" for share in (covered.mean(), covered.min()))
-            sizes = (f"{size:.2g}" for size in (np.median(widths), widths.min(), widths.max()))
-            yield (name, int(count * TURNS), off[:, 0].size, *shares, *sizes)
+        yield from lengths(name, *windows_of(SAMPLES[name]()))

@@ -94,6 +94,13 @@ def test_a_determinate_signal_is_no_noise():
     assert np.sqrt((means.var(axis=1, ddof=1) / BATCHES).mean()) / scatter > 3.0
 
 
+@pytest.mark.parametrize(("periods", "known"), [("p11", 0.0), ("p4014", 0.0), ("p73", 1.0)])
+def test_what_a_slow_sine_makes_of_batches_is_unknown(periods, known):
+    """One of 401.4 periods, which each batch cuts at another phase, looks like one of 1.4."""
+    x = sines(np.random.default_rng(5), 500, 0.01, **{periods: 3.0})
+    assert np.isfinite(standard_error(batch_means(x))).mean() == known
+
+
 def test_no_scatter_has_no_error():
     still = np.full((1, BATCHES), 5.0)
     assert standard_error(still)[0] == 0.0
