@@ -98,8 +98,8 @@ def lengths(name: str, means: NDArray[np.float64], batches: NDArray[np.float64])
         errors = standard_error(joined(batches, count))
         off = joined(means[..., None], count)[..., 0] - truth
         spread = np.sqrt((off * off).mean(axis=(0, 2)))
-        told = (spread > ROUND_OFF * np.abs(truth[:, 0])) & np.isfinite(errors).any(axis=(0, 2))
-        errors, off, spread = errors[:, told], off[:, told], spread[told]
+        reported = (spread > ROUND_OFF * np.abs(truth[:, 0])) & np.isfinite(errors).any(axis=(0, 2))
+        errors, off, spread = errors[:, reported], off[:, reported], spread[reported]
         known = np.isfinite(errors)
         covered = (np.abs(off) <= INTERVAL * errors).sum(axis=(0, 2)) / known.sum(axis=(0, 2))
         widths = np.nanmedian(errors, axis=(0, 2)) / spread

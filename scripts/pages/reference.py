@@ -74,6 +74,8 @@ def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
     rows = []
     for key, field in kind.model_fields.items():
         default = "needed" if field.is_required() else _default(field.get_default(call_default_factory=True))
+        if key in getattr(kind, "_filled", ()):
+            default = "needed without `size`"
         rows.append((f"`{key}`", allowed(kind, key).removeprefix("must be "), default, said.get(key, "")))
     return rows
 

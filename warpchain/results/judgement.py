@@ -42,7 +42,7 @@ class Limits(Part):
         breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
-        engaged: at least so many rollers on a sprocket at the end, over those of the wrap it was assembled with.
+        engaged: least number of rollers on a sprocket at the end, over those of the wrap it was assembled with.
         layout: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
     """
 
