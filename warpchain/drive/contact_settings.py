@@ -200,6 +200,7 @@ class SprocketContact(ImpactLaw):
 class _Overrides(Part):
     """Values of one guide-bar's contact in place of `[contact.guide]`'s; the keys are those of `GuideContact`."""
 
+    _like: ClassVar[type[Part] | None] = GuideContact
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
 
     @classmethod
