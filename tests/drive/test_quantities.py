@@ -7,6 +7,7 @@ from loading import load_script
 
 from warpchain import load_drive
 from warpchain.cli import main
+from warpchain.cli.arguments import angular_speed
 from warpchain.drive import Drive
 from warpchain.drive.quantities import converted, unit_of
 from warpchain.errors import DriveError
@@ -56,6 +57,9 @@ def test_on_the_command_line_units_need_no_quotes(capsys):
     assert main(["check", "car", "--json", "--set", "sprockets.crank.prescribed.speed=540rpm"]) == 0
     assert main(["check", "car", "--set", "run.duration=3 m"]) == 2
     assert "a unit that fits: s, ms, us, min" in capsys.readouterr().err
+    assert main(["modes", "car", "--speed", "0", "3000Hz"]) == 2
+    assert "'3000Hz': must be a number of rad/s, or one with rad/s or rpm" in capsys.readouterr().err
+    assert angular_speed("30rpm") == math.pi and angular_speed("2.5") == 2.5
 
 
 def test_every_number_of_a_drive_file_has_a_unit():
