@@ -1,13 +1,12 @@
 """The registry of metrics: it names all that `simulate` returns, and what a new metric takes."""
 
 import json
-import math
 
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from grown import grown, recipe, run_in
 
-from warpchain import Limits, Record, dumps_drive, load_drive, simulate
+from warpchain import Record, dumps_drive, load_drive, simulate
 from warpchain.examples import drive_path, example_names
 from warpchain.results.batch_means import ERROR
 from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
@@ -71,7 +70,7 @@ def test_the_registry_has_every_column(drive):
 
 
 def test_the_registry_has_what_recorded_variants_have():
-    run = simulate(two_sprockets(duration=0.1), device="cpu", limits=Limits(energy_change=math.inf))
+    run = simulate(two_sprockets(duration=0.1), device="cpu", limits=STARTING)
     added = set(add_objectives(run).column_names) - set(run.metrics.column_names)
     assert added
     assert {name.split(".")[-1] for name in added} <= {c.name for group in RECORDED for c in group.columns}

@@ -1,17 +1,16 @@
 """Pictures and tables in notebooks, and the tutorial notebook run from its first cell to its last."""
 
-import math
 import xml.etree.ElementTree as xml
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from loading import load_script
 from matplotlib.figure import Figure
 
-from warpchain import Limits, Record, load_drive, simulate
+from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.study.results import read_results
 from warpchain.view.figures import draw_figures, draw_sweep
@@ -20,7 +19,6 @@ from warpchain.view.notebook import drive_svg, frame_svg, html, value_text
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
 assert NOTEBOOKS
-STARTING = Limits(energy_change=math.inf)
 
 
 @pytest.fixture(scope="module")

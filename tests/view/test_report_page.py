@@ -1,6 +1,5 @@
 """The page of a run: what it says of a drive whose answers are known, that it needs nothing else, how it looks."""
 
-import math
 import re
 import shutil
 import subprocess
@@ -8,12 +7,12 @@ import subprocess
 import numpy as np
 import pytest
 from command import run as command
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from PIL import Image
 from view.html_page import Page
 
 import warpchain
-from warpchain import Limits, Record, Wear, simulate
+from warpchain import Record, Wear, simulate
 from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
@@ -132,8 +131,7 @@ def test_friction_over_the_speeds_of_variants(run):
     base = run.drives[0]
     drives = [base.with_values({"sprockets.driver.prescribed.speed": speed, "run.duration": 0.2})
               for speed in (30.0, 10.0, 20.0)]  # fmt: skip
-    limits = Limits(energy_change=math.inf)
-    swept = simulate(drives, device="cpu", record=Record(variants=[0], rate=2000.0), limits=limits)
+    swept = simulate(drives, device="cpu", record=Record(variants=[0], rate=2000.0), limits=STARTING)
     speed, groups = power_over_speed(swept)
     np.testing.assert_allclose(speed, [10.0, 20.0, 30.0], rtol=1e-6)
     assert list(groups) == ["joints", "guides", "teeth"]
