@@ -1,10 +1,11 @@
 """Drives that tests share, as data and as values to be spoiled, and what errors they make."""
 
+import math
 import tomllib
 
 import pytest
 
-from warpchain import Record, loads_drive, simulate
+from warpchain import Limits, Record, loads_drive, simulate
 from warpchain.drive import Drive
 from warpchain.drive.examples import FOLDER
 from warpchain.errors import DriveError
@@ -162,6 +163,10 @@ def with_bar(start, end, end_radius=0.02):
     bar = {"name": "bar", "start": start, "end": end, "end_radius": end_radius}
     contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
     return two_sprockets().with_values({"contact.guide": contact, "guides": (bar,)})
+
+
+STARTING = Limits(energy_change=math.inf)
+"""Limits of runs that end while their start still dies away."""
 
 
 def row(drive, **options):

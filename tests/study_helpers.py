@@ -24,6 +24,7 @@ levels = [44, 45]
 
 [limits]
 energy_residual = inf
+energy_change = inf
 
 [run]
 duration = 0.0005

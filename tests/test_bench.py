@@ -4,6 +4,7 @@ import sys
 import time
 import types
 
+import numpy as np
 import pytest
 from loading import load_script
 from matplotlib.figure import Figure
@@ -64,6 +65,14 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
     best = 10.0 if rounds == 1 else 8.5
     rate = 16896 * 162 * 2.0 / 1e-5 / 1e9
     assert row == pytest.approx((2.0, 8.0, best, 8.0 / best, rate / 8.0, rate / best))
+
+
+def test_windows_are_joined_batch_by_batch():
+    """Two windows of 4 batches, of 3 means of 2 copies: the first two batches are the first of the whole."""
+    values = np.arange(2 * 3 * 2 * 4, dtype=float).reshape(2, 3, 2, 4)
+    whole = load_script("benches.coverage").joined(values, 2)
+    assert whole.shape == (1, 3, 2, 4)
+    assert whole[0, 1, 0].tolist() == [*values[0, 1, 0].reshape(2, 2).mean(1), *values[1, 1, 0].reshape(2, 2).mean(1)]
 
 
 def test_calls_are_timed_and_functions_put_back():

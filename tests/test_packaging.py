@@ -1,6 +1,7 @@
 """What gets installed: the same files from the tree and from a source archive, and no import that is not declared."""
 
 import ast
+import pydoc
 import re
 import shutil
 import subprocess
@@ -12,6 +13,8 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+
+import warpchain
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -37,17 +40,23 @@ def build(kind, source, out):
 
 
 @pytest.fixture(scope="module")
-def wheels(tmp_path_factory):
-    """A wheel of the tree, and one of the source archive."""
-    home = tmp_path_factory.mktemp("packaging")
-    tree, out = home / "tree", home / "out"
-    out.mkdir()
+def tree(tmp_path_factory):
+    """A copy of what a build reads."""
+    tree = tmp_path_factory.mktemp("packaging") / "tree"
     tree.mkdir()
     for name in SOURCES:
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, tree / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(ROOT / name, tree / name)
+    return tree
+
+
+@pytest.fixture(scope="module")
+def wheels(tree):
+    """A wheel of the tree, and one of the source archive."""
+    home, out = tree.parent, tree.parent / "out"
+    out.mkdir()
     archive = build("sdist", tree, out)
     with tarfile.open(archive) as packed:
         packed.extractall(home / "unpacked", filter="data")
@@ -88,6 +97,21 @@ def test_kernels_import_from_an_unpacked_wheel(wheels, tmp_path):
         done = subprocess.run([sys.executable, "-c", code, str(home)], cwd="/", capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert "162 links" in done.stdout
+
+
+def test_an_editable_install_is_a_path_that_type_checkers_follow(tree, tmp_path):
+    """They read `.pth` files, but run no finder that setuptools would put there otherwise."""
+    with zipfile.ZipFile(build("editable", tree, tmp_path)) as packed:
+        beside = [name for name in packed.namelist() if ".dist-info/" not in name]
+        assert [packed.read(name).decode().strip() for name in beside] == [str(tree)]
+
+
+def test_public_names_are_listed_documented_and_typed():
+    assert dir(warpchain) == sorted(warpchain.__all__)
+    assert "simulate(drives" in pydoc.render_doc(warpchain, renderer=pydoc.plaintext)
+    (typed,) = (node for node in ast.parse(Path(warpchain.__file__).read_text()).body if isinstance(node, ast.If))
+    homes = {alias.asname or alias.name: (node.module, alias.name) for node in typed.body for alias in node.names}
+    assert homes == {name: (f"warpchain.{home}", name) for name, home in warpchain._HOME.items()}
 
 
 def test_link_to_the_kernels_is_relative():

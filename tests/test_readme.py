@@ -23,10 +23,7 @@ def test_example_prints_what_it_says(capsys, tmp_path, monkeypatch):
     found, said = (np.array([line.split() for line in part], dtype=float) for part in (lines, printed.split("\n")[:3]))
     np.testing.assert_allclose(found[:, 0], said[:, 0])
     # copies 1e-9 apart agree to 1e-6; 1e-3 leaves room for other machines' compilers, and for what rounds tables
-    np.testing.assert_allclose(found[:, 1], said[:, 1], rtol=1e-3)
-    np.testing.assert_allclose(found[:, 3], said[:, 3], rtol=1e-3)
-    # a standard error of some 30 batches is itself known to a tenth
-    np.testing.assert_allclose(found[:, 2], said[:, 2], rtol=0.1)
+    np.testing.assert_allclose(found[:, 1:], said[:, 1:], rtol=1e-3)
     assert (tmp_path / "torques.mcap").exists()
 
 

@@ -15,6 +15,9 @@ from warpchain.study.spec import Study
 ROOT = Path(__file__).resolve().parent.parent
 
 
+TAKEN_IN = "# A page\n- of its own\n\nWords:\n\n- one\n  more\n- two\n\n```\n- code\n```\n\nWords:\n- taken in\n"
+
+
 reference = load_script("pages.reference")
 
 
@@ -34,6 +37,21 @@ def test_every_key_of_a_file_is_described(top):
     assert rows and not [(kind, row[0]) for kind, row in rows if not row[3]]
 
 
+@pytest.mark.parametrize("top", [Drive, Study])
+def test_keys_are_described_by_whole_phrases(top):
+    """Not by the rest of a line that only its neighbors make whole."""
+    fragment = re.compile(r"\[|(of|by|in|at|to|as|about|without|along|that|for)\b|.*; or$")
+    rows = [(kind.__name__, row) for kind in reference.sections(top) for row in reference.key_rows(kind)]
+    assert [(kind, row[0], row[3]) for kind, row in rows if fragment.match(row[3])] == []
+
+
+def test_a_list_that_a_paragraph_takes_in_ends_the_build(tmp_path, monkeypatch):
+    site = load_script("pages.site")
+    monkeypatch.setattr(site, "sources", lambda folder: (folder.mkdir(), (folder / "a.md").write_text(TAKEN_IN)))
+    done = site.build(tmp_path / "site")
+    assert done.returncode == 1 and done.stdout == "a.md: a list without a blank line: - taken in"
+
+
 def test_keys_are_found_however_deep():
     held = reference.sections(Drive)
     places = {kind.__name__: paths for kind, paths in held.items()}
@@ -43,6 +61,8 @@ def test_keys_are_found_however_deep():
     assert rows["`integrator`"][2] == "`leapfrog`"
     assert rows["`duration`"][1:3] == ("a positive number", "needed")
     assert "time step [s], at most the duration" in rows["`step`"][3]
+    defaults = {row[0]: row[2] for kind in held for row in reference.key_rows(kind) if kind.__name__ == "Chain"}
+    assert (defaults["`pitch`"], defaults["`links`"]) == ("needed without `size`", "needed")
 
 
 def test_documents_have_every_metric_and_the_reference_every_command():

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from warpchain.engine.rig import bench_tensioner
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
-    from warpchain.modal import Modes
-    from warpchain.modal import eigenmodes as modes
+    from warpchain.modal import Modes, modes
     from warpchain.results.engineering_report import Wear
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from warpchain.view.report import report
 
 _HOME = {
-    "ArchiveOptions": "archive",
+    "ArchiveOptions": "archive.options",
     "Drive": "drive",
     "Limits": "results.judgement",
     "Modes": "modal",
@@ -83,6 +82,11 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"warpchain.{_HOME[name]}"), name)
     raise AttributeError(f"module 'warpchain' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, whether they have been imported yet or not."""
+    return sorted(__all__)
 
 
 def _notebook_html(thing: Any) -> str:

@@ -22,7 +22,7 @@ def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     """Differences of metrics of a window that begins at `start` [s] from those of its every step.
 
     Returns:
-        `..._mean`: in standard errors of the metric; `..._std`, `..._rms`, `..._max` and `impulse`: relative;
+        `..._mean`: in standard deviations over time; `..._std`, `..._rms`, `..._max` and `impulse`: relative;
         `tension_min`, `speed_range`: of the range of tensions, of speeds. Of all sprockets, strands or guide-bars the
         worst.
     """
@@ -35,7 +35,7 @@ def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     found: defaultdict[str, list[float]] = defaultdict(list)
 
     def mean(what: str, name: str, values: np.ndarray) -> None:
-        found[what].append(float(abs(row[name] - values.mean()) / row[f"{name}_se"]))
+        found[what].append(float(abs(row[name] - values.mean()) / values.std()))
 
     mean("tension_mean", "tension_mean", tension)
     found["tension_std"].append(abs(row["tension_std"] / tension.std() - 1.0))
@@ -71,7 +71,7 @@ def sampling(asked: argparse.Namespace) -> Iterator[Line]:
 
     Tensions of links are added up every 32nd or 64th step (`engine.sampling`), forces and speeds every fourth, at which
     they and the tensions are held against the largest so far too (`kernels.sums`). A window of each drive is recorded
-    step by step. Of means: how far off they are, in standard errors of their own. Of largest values: the share that is
+    step by step. Of means: how far off they are, in standard deviations. Of largest values: the share that is
     missed; of the smallest tension and of speeds, of their range. Without friction on teeth, which the hub forces of
     frames leave out.
     """

@@ -1,7 +1,6 @@
 """Pages of reference, made of the code's own tables and docstrings: keys of files, command line, Python."""
 
 import argparse
-import inspect
 import re
 from collections.abc import Iterator
 from typing import Any, get_args
@@ -10,7 +9,7 @@ import warpchain
 from pages.tables import table
 from warpchain.cli.parser import parser as command_line
 from warpchain.drive import Drive
-from warpchain.drive.contact_settings import GuideContact, GuideOverrides
+from warpchain.drive.quantities import descriptions
 from warpchain.drive.schema import Part, allowed
 from warpchain.study.spec.study_file import Study
 
@@ -24,17 +23,6 @@ MODULES = {
     "studies": "study: run.runner results analysis.effects analysis.sensitivity analysis.pareto analysis.surface",
 }
 """Packages and their modules that users call beyond `warpchain` itself, by page."""
-
-
-def attributes(kind: type) -> dict[str, str]:
-    """Descriptions of attributes in the docstrings of a class and its bases, by name."""
-    found: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        block = re.search(r"^Attributes:\n((?:    .*\n?|\n)*)", inspect.cleandoc(base.__doc__ or ""), re.MULTILINE)
-        entries = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {5,}.*)*)", block[1] if block else "", re.MULTILINE)
-        for names, words in entries:
-            found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
-    return found
 
 
 def parts_in(annotation: Any) -> Iterator[type[Part]]:
@@ -67,13 +55,12 @@ def sections(top: type[Part]) -> dict[type[Part], list[str]]:
 
 def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
     """Name, allowed values, default and description of each key of a part."""
-    said = {"kind": "which one of these it is."}
-    if kind is GuideOverrides:  # its keys are those of what it overrides
-        said |= attributes(GuideContact)
-    said |= attributes(kind)
+    said = {"kind": "which one of these it is."} | descriptions(kind)
     rows = []
     for key, field in kind.model_fields.items():
         default = "needed" if field.is_required() else _default(field.get_default(call_default_factory=True))
+        if key in getattr(kind, "_filled", ()):
+            default = "needed without `size`"
         rows.append((f"`{key}`", allowed(kind, key).removeprefix("must be "), default, said.get(key, "")))
     return rows
 

@@ -89,11 +89,32 @@ def menu(folder: Path) -> list[Any]:
     return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
 
 
+ITEM = re.compile(r"(?:[-*+]|\d+[.)]) ")
+
+
+def swallowed(text: str) -> Iterator[str]:
+    """First items of lists that a page's paragraph takes in, as no blank line stands between."""
+    fenced, before = False, ""
+    for line in text.split("\n"):
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        paragraph = before.strip() and not before.startswith((" ", "#")) and not ITEM.match(before)
+        if not fenced and paragraph and ITEM.match(line):
+            yield line
+        before = line
+
+
 def build(site: Path) -> subprocess.CompletedProcess:
-    """Builds the site; the output of mkdocs is in the result."""
+    """Builds the site; the output of mkdocs is in the result, or what keeps it from being built."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work) / "docs"
         sources(folder)
+        pages = {path.relative_to(folder): path.read_text() for path in sorted(folder.rglob("*.md"))}
+        lists = [
+            f"{path}: a list without a blank line: {line}" for path, text in pages.items() for line in swallowed(text)
+        ]
+        if lists:
+            return subprocess.CompletedProcess([], 1, "\n".join(lists), "")
         config = Path(work) / "mkdocs.yml"
         base = {"INHERIT": str(SCRIPTS / "pages" / "mkdocs.yml"), "nav": menu(folder)}
         config.write_text(json.dumps(base | {"docs_dir": str(folder), "site_dir": str(site.resolve())}))  # JSON is YAML
@@ -108,7 +129,8 @@ def site(asked: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/docs.py site [FOLDER]
 
-    Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there. The pages are those of
+    Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there, a list that a paragraph
+    takes in. The pages are those of
     docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and those of `pages/reference.py`. Those
     of docs/notes/ are built, but no menu shows them.
     """

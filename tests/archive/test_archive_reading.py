@@ -12,11 +12,12 @@ import pytest
 from archives import assert_same
 from drives import two_sprockets
 
-from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
+from warpchain import ArchiveOptions, Record, Trajectory, load_drive, read_archive, simulate, write_archive
 from warpchain.archive.file_parts import Parts
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
+from warpchain.examples import drive_path
 from warpchain.results.channels import CHANNEL, UNITS
 
 
@@ -163,7 +164,7 @@ def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
         begin = time.process_time()
         assert len(read_archive(tmp_path / "big.mcap")) == variants
         took.append(time.process_time() - begin)
-    assert sum(map(len, read)) < 3 * 5e6  # the summary, and none of the data
+    assert sum(map(len, read)) < 3 * 5.5e6  # the summary, and none of the data
     assert min(took) < 1.5  # 0.3 s; the limit is for a slow machine
 
 
@@ -189,6 +190,14 @@ def test_xarray_dataset_has_dimensions_units_and_names(run):
         assert np.shares_memory(data[name].values, values)
     speed = data["sprocket_speed"].sel(sprocket="driven").sel(time=0.001, method="nearest")
     assert float(speed) == run[1].sprocket_speed[np.abs(run[1].time - 0.001).argmin(), 1]
+    moved = Trajectory(load_drive(drive_path("car")), np.zeros(1), arm_angle=np.zeros((1, 1))).to_xarray()
+    assert moved["arm"].values.tolist() == ["arm"]
+
+
+def test_what_python_shows_of_runs_is_a_line(run, tmp_path):
+    archive = read_archive(write_archive(run, tmp_path / "a.mcap"))
+    assert repr(archive).startswith(f"Archive({len(run.drives)} variants, ")
+    assert max(len(repr(shown)) for shown in (archive, run, run[0])) < 300
 
 
 def test_without_xarray_one_line_tells_what_to_install(run, monkeypatch):

@@ -325,10 +325,10 @@ def said(code):
 SCRIPT = """
 import sys
 sys.path.insert(0, "tests")
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from raw import Frames
 from warpchain import simulate
-print(simulate(two_sprockets(duration=0.0005, settle="false")).metrics["status"].to_pylist())
+print(simulate(two_sprockets(duration=0.0005, settle="false"), limits=STARTING).metrics["status"].to_pylist())
 """
 
 
@@ -346,10 +346,10 @@ def test_warps_messages_come_where_they_are_asked_for():
 LOADED = """
 import sys
 sys.path.insert(0, "tests")
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from raw import Frames
 from warpchain import simulate
-simulate(two_sprockets(duration=0.0005, settle="false"))
+simulate(two_sprockets(duration=0.0005, settle="false"), limits=STARTING)
 print([name for name in ("pandas", "scipy", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])
 """
 

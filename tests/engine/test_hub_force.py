@@ -27,7 +27,6 @@ def test_hubs_bear_the_strands_less_what_turns_the_chain_around(run):
     assert row["driver.hub_force_max"] >= np.hypot(row["driver.hub_force_x_mean"], row["driver.hub_force_y_mean"])
     # nothing else holds the chain: both hubs together bear what its momentum changes by, next to nothing in the mean
     assert abs(row["driver.hub_force_x_mean"] + row["driven.hub_force_x_mean"]) < 0.005 * pull
-    assert 0.0 < row["driver.hub_force_x_mean_se"] < 0.01 * pull
 
 
 def test_frames_tell_the_same_without_tooth_friction(run):

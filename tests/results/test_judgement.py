@@ -30,6 +30,7 @@ def judged(drive=SIZED, limits=None, measured=True, layouts=None, **metrics):
 PULLED = {"tension_min": -1000.0, "tension_max": 10.0}
 BEYOND = {
     "energy_residual": ({"energy_residual_relative": -0.011}, {"energy_residual_relative": -0.009}, "-1.1 %"),
+    "energy_change": ({"energy_change_relative": -0.51}, {"energy_change_relative": 0.49}, "-51 % of the losses"),
     "settle_residual": (PULLED | {"settle_force": 11.0}, PULLED | {"settle_force": 9.0}, "0.011"),
     "breaking_load": ({"tension_max": 250.1e3}, {"tension_max": 249.9e3}, "breaking load"),
     "slips": ({"driver__slips": -2}, {"driver__slips": 0}, "driver: slipped by 2 teeth"),
@@ -38,8 +39,8 @@ BEYOND = {
 }
 """Of each limit metrics beyond it, metrics within, and what the reason says."""
 OFF = {"engaged": 0.0}
-WIDER = {"energy_residual": 0.02, "settle_residual": 2e-2, "breaking_load": 1.5, "slips": 2.0, "missed": 3.0}
-WIDER["engaged"] = 0.3
+WIDER = {"energy_residual": 0.02, "energy_change": 0.6, "settle_residual": 2e-2, "breaking_load": 1.5}
+WIDER |= {"slips": 2.0, "missed": 3.0, "engaged": 0.3}
 
 
 @pytest.mark.parametrize("key", [rule.key for rule in RULES])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.errors import SimulationError
@@ -102,7 +102,7 @@ def test_fatigue_of_a_known_swing():
 
 def test_objectives_of_a_run_join_its_metrics():
     drives = [two_sprockets(duration=0.1), two_sprockets(duration=0.1, torque=400.0)]
-    run = simulate(drives, record=Record(variants=[1]))
+    run = simulate(drives, record=Record(variants=[1]), limits=STARTING)
     table = add_objectives(run, Woehler(5.0, 1e4))
     assert table.column_names[: run.metrics.num_columns] == run.metrics.column_names
     assert table.select(run.metrics.column_names).equals(run.metrics)

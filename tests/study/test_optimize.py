@@ -130,14 +130,14 @@ def test_places_in_the_cube_are_those_of_the_values():
 
 GOALS = """
 objectives = [{{ metric = "tension_max" }}, {{ metric = "torque", sense = "max" }}]
-limits = [{{ energy_residual = inf }}, {{ metric = "tension_std", max = 900 }}]
+limits = [{{ energy_residual = inf, energy_change = inf }}, {{ metric = "tension_std", max = 900 }}]
 optimize = {{ engine = "ENGINE", count = 10, batch = 3 }}
 record = {{ rate = 1e5 }}
 """
 WANTED = GOALS + (
     STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
     .replace("range = [0.0, 1.0]\npoints = {points}", 'range = [0.0, 20.0]\nunit = "N m"')
-    .replace("[limits]\nenergy_residual = inf\n", "")
+    .replace("[limits]\nenergy_residual = inf\nenergy_change = inf\n", "")
     .replace("duration = 0.0005", "duration = 0.0003")
 )
 

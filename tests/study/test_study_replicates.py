@@ -14,7 +14,7 @@ from warpchain.study.spec import loads_study
 
 SEVERAL = STUDY.replace('kind = "factorial"', 'kind = "factorial"\nreplicates = 3')
 RECORD = '[record]\nvariants = [1]\nworst = { metric = "tension_max", count = 1 }\n[metrics]\nkeep = ["tension_m*"]\n'
-ANY = Limits(energy_residual=float("inf"))
+ANY = Limits(energy_residual=float("inf"), energy_change=float("inf"))
 
 
 def test_rows_have_mean_error_and_n_of_their_copies(tmp_path):

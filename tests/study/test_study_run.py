@@ -34,13 +34,13 @@ from warpchain.study.spec import Study
 from warpchain.study.spec.factor import TAKEN
 from warpchain.study.spec.study_tables import Worst
 
-ANY_ENERGY = Limits(energy_residual=math.inf)
+ANY_ENERGY = Limits(energy_residual=math.inf, energy_change=math.inf)
 PATHS = {"teeth": "sprockets.s0.teeth", "links": "chain.links", "step": "run.step"}
 PATHS["torque"] = "sprockets.s1.load.viscous"
 ROWS = (
     '[study]\ndrive = "tiny.toml"\n[design]\nkind = "table"\nfile = "rows.csv"\n'
     + "".join(f'[[factors]]\nname = "{name}"\npath = "{path}"\n' for name, path in PATHS.items())
-    + 'unit = "N m"\n[[constraints]]\nrequire = "teeth != 13"\n[limits]\nenergy_residual = inf\n'
+    + 'unit = "N m"\n[[constraints]]\nrequire = "teeth != 13"\n[limits]\nenergy_residual = inf\nenergy_change = inf\n'
     + "[run]\nduration = 0.0005\nshard = 3\n"
 )
 TABLE = """teeth,links,step,torque
@@ -371,7 +371,7 @@ def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
     lost = '[[objectives]]\nmetric = "tension_mx"\n'  # and a factor that is wrong in its place and in its values
     text = source.read_text().replace("levels = [1, 2]", "levels = [1, 1]")
-    source.write_text(text.replace("[limits]\nenergy_residual = inf", lost))
+    source.write_text(text.replace("[limits]\nenergy_residual = inf\nenergy_change = inf", lost))
     status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
     assert status == 2 and len(err) == 5
     for words in ("run.step", "factors.y.levels", "factors.y.path", "metrics.keep.0", "objectives.0.metric"):

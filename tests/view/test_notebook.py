@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from loading import load_script
 from matplotlib.figure import Figure
 
@@ -23,7 +23,8 @@ assert NOTEBOOKS
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate([two_sprockets(duration=0.01, torque=torque) for torque in (200.0, 300.0)], record=Record([1]))
+    drives = [two_sprockets(duration=0.01, torque=torque) for torque in (200.0, 300.0)]
+    return simulate(drives, record=Record([1]), limits=STARTING)
 
 
 def points(svg, tag):
@@ -96,7 +97,8 @@ def test_figures_are_returned(run):
     figures = draw_figures(run, only=["drive", "link-tension"])
     assert list(figures) == ["drive", "link-tension"]
     assert all(isinstance(figure, Figure) for figure in figures.values())
-    speeds = simulate([two_sprockets(duration=0.1, speed=speed, span=19.5, links=59) for speed in (20.0, 30.0)])
+    drives = [two_sprockets(duration=0.1, speed=speed, span=19.5, links=59) for speed in (20.0, 30.0)]
+    speeds = simulate(drives, limits=STARTING)
     assert all(isinstance(figure, Figure) for figure in draw_sweep([speeds]).values())
 
 

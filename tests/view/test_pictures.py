@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
@@ -107,7 +107,7 @@ def test_long_recordings_are_drawn_within_the_frame_budget(run):
 def test_a_sweep_over_speed_shows_the_tooth_passing_frequency(tmp_path):
     # chains settled on their sprockets run with the tooth-passing ripple of the polygon action
     drives = [two_sprockets(duration=0.2, speed=speed, span=19.5, links=59) for speed in (30.0, 20.0, 40.0)]
-    run = simulate(drives, record=Record(rate=2000.0))
+    run = simulate(drives, record=Record(rate=2000.0), limits=STARTING)
     found = sweeps([run], "tension")
     to = " \N{RIGHTWARDS ARROW} "
     assert [sweep.name for sweep in found] == [f"driver{to}driven", f"driven{to}driver"]

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 from command import run as command
-from drives import timing, two_sprockets
+from drives import STARTING, timing, two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,7 +43,7 @@ class Spy:
 def run():
     drive = two_sprockets(duration=0.02, step=1e-5)
     variants = [drive.with_values({"sprockets.driven.load.torque": torque}) for torque in (200.0, 300.0, 400.0)]
-    return simulate(variants, record=Record(variants=[0, 2]))
+    return simulate(variants, record=Record(variants=[0, 2]), limits=STARTING)
 
 
 @given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=300), st.integers(1, 40))

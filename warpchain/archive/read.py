@@ -26,7 +26,7 @@ RECOVERED = "recovered"
 """The end of a run whose archive was cut and restored."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Archive(Run):
     """A run that lies in an archive: drives and trajectories are read when they are asked for.
 

@@ -38,6 +38,17 @@ def number(word: str) -> float:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
 
 
+def angular_speed(word: str) -> float:
+    """A number of rad/s, or a quantity such as 3000rpm."""
+    from warpchain.drive.quantities import converted
+
+    speed = converted(word, "rad/s")
+    try:
+        return float(word) if speed is None else speed
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a number of rad/s, or one with rad/s or rpm") from None
+
+
 def number_or_auto(word: str) -> float | str:
     """Any number, or the word "auto"."""
     return word if word == "auto" else number(word)

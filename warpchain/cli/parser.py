@@ -17,7 +17,16 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import add_command, add_options, gibibytes, mebibytes, number, number_or_auto, whole_number
+from warpchain.cli.arguments import (
+    add_command,
+    add_options,
+    angular_speed,
+    gibibytes,
+    mebibytes,
+    number,
+    number_or_auto,
+    whole_number,
+)
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
@@ -96,11 +105,11 @@ def _modes(commands: Any) -> None:
     parser.add_argument("--count", type=whole_number, default=20, metavar="N", help="modes to list (default 20)")
     parser.add_argument(
         "--speed",
-        type=number,
+        type=angular_speed,
         nargs="+",
         default=[0.0],
-        metavar="RAD/S",
-        help="driver's speed at which the drive runs; two: from one to the other, as a Campbell diagram (default 0)",
+        metavar="SPEED",
+        help="driver's speed [rad/s], or as 3000rpm; two: from one to the other, as a Campbell diagram (default 0)",
     )
     parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
     phases = "of a tooth pitch that a diagram's frequencies are means of (default 1: as the drive stands)"

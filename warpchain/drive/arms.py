@@ -47,16 +47,16 @@ class Arm(Part):
 
     Attributes:
         name: unique among all parts.
-        pivot: [m].
-        mass: [kg].
-        center: of mass, at angle 0 [m].
-        inertia: about the pivot [kg m^2].
-        stiffness: k_t of its torsion spring [N m/rad].
-        free_angle: theta_0, at which the spring is relaxed [degrees].
-        damping: c_t of its bearing [N m s/rad].
+        pivot: where it turns [m].
+        mass: its mass [kg].
+        center: its center of mass, at angle 0 [m].
+        inertia: its moment of inertia about the pivot [kg m^2].
+        stiffness: stiffness of its torsion spring, k_t [N m/rad].
+        free_angle: angle at which the spring is relaxed, theta_0 [degrees].
+        damping: damping of its bearing, c_t [N m s/rad].
         stops: lowest and highest angle [degrees]; None is none.
-        stop_stiffness: [N m/rad]; None is the drive's choice (`Drive.stop_stiffness`).
-        stop_damping: [N m s/rad]; None is the drive's choice (`Drive.stop_damping`).
+        stop_stiffness: stiffness of the stops [N m/rad]; None is the drive's choice (`Drive.stop_stiffness`).
+        stop_damping: damping of the stops [N m s/rad]; None is the drive's choice (`Drive.stop_damping`).
     """
 
     name: Name

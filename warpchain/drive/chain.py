@@ -60,7 +60,7 @@ class WornLink(Part):
 
     Attributes:
         link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
-        elongation: of this link [-], relative to the pitch and in place of the chain's.
+        elongation: wear of this link [-], relative to the pitch and in place of the chain's.
     """
 
     link: LinkIndex
@@ -71,11 +71,11 @@ class Joint(Part):
     """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.friction`).
 
     Attributes:
-        friction: mu_d [-], of pin and bush.
-        pin_radius: r_p [m]; None is half of the size's d2.
-        factor: kappa [-], by how the pressure is spread: 1 line contact, 4/pi worn in, pi/2 new.
-        static_friction: mu_s [-], at rest; None is mu_d.
-        stribeck_speed: v_s [m/s], over which mu falls from mu_s to mu_d; needed with static_friction.
+        friction: coefficient of friction of pin and bush, mu_d [-].
+        pin_radius: radius of the pins, r_p [m]; None is half of the size's d2.
+        factor: how the pressure is spread, kappa [-]: 1 line contact, 4/pi worn in, pi/2 new.
+        static_friction: coefficient of friction at rest, mu_s [-]; None is mu_d.
+        stribeck_speed: speed over which mu falls from mu_s to mu_d, v_s [m/s]; needed with static_friction.
     """
 
     friction: NonNegative
@@ -108,9 +108,9 @@ class OuterLinks(Part):
     """Values of the outer links; those left out are as in inner links.
 
     Attributes:
-        elongation: by wear [-], relative to the pitch.
-        stiffness: of one link [N/m].
-        damping: of one link [N s/m].
+        elongation: their wear [-], relative to the pitch.
+        stiffness: stiffness of one of them [N/m].
+        damping: damping of one of them [N s/m].
     """
 
     elongation: Elongation | None = None
@@ -125,17 +125,17 @@ class Chain(Part):
         size: ISO 606 size, which fills pitch, roller_radius and mass where they are not given.
         pitch: unloaded length of a link [m].
         links: number of links and of rollers, >= 3; even unless an offset link is meant.
-        roller_mass: mass of one pitch of chain [kg]; or
-        mass_per_length: [kg/m].
-        stiffness: of one link [N/m]; given as "estimate", the catalogue's for the size.
-        damping: of one link [N s/m], >= 0; or
-        damping_ratio: zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
-        roller_radius: [m], below half the pitch.
-        elongation: of every link by wear [-], relative to the pitch.
+        roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
+        mass_per_length: mass of one meter of chain [kg/m].
+        stiffness: stiffness of one link [N/m]; given as "estimate", the catalogue's for the size.
+        damping: damping of one link [N s/m], >= 0; this or damping_ratio.
+        damping_ratio: damping ratio of one link, zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
+        roller_radius: radius of the rollers [m], below half the pitch.
+        elongation: wear of every link [-], relative to the pitch.
         worn_links: links with an elongation of their own.
         joint: what rubs in its joints; None is no friction.
         outer: what the outer links, those of even index, have of their own; the rest are then inner links.
-        play: s [m], how far a link can be drawn out, and pushed in, before its spring acts; None is none.
+        play: how far a link can be drawn out, and pushed in, before its spring acts, s [m]; None is none.
     """
 
     size: Size | None = None
@@ -160,6 +160,8 @@ class Chain(Part):
         "damping": ("damping_ratio",),
         "damping_ratio": ("damping",),
     }
+    _filled: ClassVar[tuple[str, ...]] = ("pitch", "roller_radius")
+    """Keys that a size fills."""
     _judged: ClassVar[frozenset[str]] = frozenset({"links", "pitch", "roller_radius", "play", "worn_links"})
 
     @property
@@ -283,7 +285,7 @@ class Chain(Part):
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
             return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
         chain = CHAINS[size]
-        filled = {"pitch": chain.pitch, "roller_radius": chain.roller_radius}
+        filled = {key: getattr(chain, key) for key in cls._filled}
         if values.get("roller_mass") is None:
             filled["mass_per_length"] = chain.mass_per_length
         whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
@@ -291,7 +293,7 @@ class Chain(Part):
 
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:
-        if get(node, "size") is not None and key in ("pitch", "roller_radius"):
+        if get(node, "size") is not None and key in cls._filled:
             return Problem(("size",), get(node, "size"), SIZE_TEXT)
         return super()._missing(key, node)
 

@@ -51,8 +51,8 @@ class Material(Part):
     """An elastic, isotropic material.
 
     Attributes:
-        youngs_modulus: [Pa], > 0.
-        poissons_ratio: [-], above -1, at most 0.5.
+        youngs_modulus: Young's modulus [Pa], > 0.
+        poissons_ratio: Poisson's ratio [-], above -1, at most 0.5.
     """
 
     youngs_modulus: Positive
@@ -114,18 +114,18 @@ class ImpactLaw(Part):
 
     Attributes:
         law: name of the law.
-        restitution: e [-], above 0, at most 1.
+        restitution: coefficient of restitution, e [-], above 0, at most 1.
         restitution_means: "parameter", e of the law's own formula, which does not return it (see
             `contact.rebound_ratio`); or "rebound", what a free roller is to rebound by.
-        exponent: n [-], >= 1; 1 is the linearised cylinder contact.
+        exponent: exponent of the penetration, n [-], >= 1; 1 is the linearised cylinder contact.
         impact_speed_floor: least approach speed v0 at the begin of a contact [m/s], > 0.
-        stiffness: generalized stiffness K [N/m^n], > 0; or the next four.
+        stiffness: generalized stiffness K [N/m^n], > 0; or width, load and materials.
         width: length of the line contact [m], > 0.
         reference_load: load at which K is taken from the load-penetration curve [N], > 0.
         roller, partner: materials of the chain roller and of what it touches.
         friction: coefficient mu_d of dry friction [-], >= 0; None is none.
-        static_friction: mu_s at rest [-], at least mu_d, which it is if not given.
-        stribeck_speed: v_s [m/s], > 0: mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2); with mu_s.
+        static_friction: coefficient at rest, mu_s [-], at least mu_d, which it is if not given.
+        stribeck_speed: speed v_s of friction [m/s], > 0: mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2); with mu_s.
     """
 
     law: LawName = "lankarani-nikravesh"
@@ -167,7 +167,8 @@ class SprocketContact(ImpactLaw):
         gap: "minimum" or "maximum" gap, with profile "iso606" only.
         seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m], >= 0; needed with profile "circular".
-        bush_stiffness: of bush and pin, in series with the tooth [N/m], > 0; with exponent 1 only. None is rigid.
+        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m], > 0; with exponent 1 only. None
+            is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
@@ -199,6 +200,7 @@ class SprocketContact(ImpactLaw):
 class _Overrides(Part):
     """Values of one guide-bar's contact in place of `[contact.guide]`'s; the keys are those of `GuideContact`."""
 
+    _like: ClassVar[type[Part] | None] = GuideContact
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
 
     @classmethod

@@ -89,7 +89,7 @@ class Drive(Part):
 
     Attributes:
         chain: the chain.
-        sprockets: (S,) in the order in which the chain visits them; at least 2, at least one of them prescribed.
+        sprockets: (S,) sprockets in the order in which the chain visits them; at least 2, at least one prescribed.
         guides: (G,) guides.
         arms: (A,) bodies that turn about a pivot; they stand after the sprockets where bodies are counted.
         tensioners: (T,) what pushes arms, or sprockets on sliders.

@@ -75,8 +75,8 @@ class _Arc(Part):
     """An arc of a face, between two angles as seen from its center; counter-clockwise if `to` is the larger one.
 
     Attributes:
-        center: [m].
-        radius: [m].
+        center: its center [m].
+        radius: its radius [m].
         from, to: angles at which the face enters and leaves the arc [degrees]; less than a revolution apart.
     """
 
@@ -118,16 +118,16 @@ class Guide(Part):
 
     Attributes:
         name: unique among all parts.
-        start, end: ends of a flat face [m]; not the same point; or
-        points: a line whose corners are rounded [m]; or
-        arcs: that follow each other, with straight pieces where they only share a tangent; or
+        start, end: ends of a flat face [m]; not the same point.
+        points: corners of a line, which are rounded [m]; this, start and end, arcs, or a profile.
+        arcs: arcs that follow each other, with straight pieces where they only share a tangent.
         profile: points of a measured line [m], which biarcs follow; a drive file may name a CSV file instead.
         end_radius: radius of both ends [m]; needed with start and end, else a pitch unless given.
-        radius: of the rounded corners of `points` [m].
-        side: of the way from start to end on which the chain rides; None is the left.
-        offset: from the face to the rollers' centers [m]; None is the rollers' radius.
-        arm: that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
-        contact: what differs from `[contact.guide]`.
+        radius: radius of the rounded corners of `points` [m].
+        side: side of the way from start to end on which the chain rides; None is the left.
+        offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
+        arm: arm that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
+        contact: contact settings that differ from `[contact.guide]`.
     """
 
     name: Name

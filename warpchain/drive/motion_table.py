@@ -38,7 +38,7 @@ class Table(Part):
     """A quantity over time or over angle, row by row.
 
     Attributes:
-        time: instants [s], ascending; before the first and after the last the quantity stays as there; or
+        time: instants [s], ascending; before the first and after the last the quantity stays as there.
         angle: forward angle turned since the start [rad], ascending over a whole number of revolutions, after which
             the table begins anew; the last row repeats the first row's quantity.
         shaft: sprocket whose revolutions `angle` counts, in the ratio of teeth; None is the sprocket itself.
@@ -114,7 +114,7 @@ class SpeedTable(Table):
     """Forward angular speed over time or over the angle turned (see `Table`).
 
     Attributes:
-        speed: [rad/s], at least 0; over angle above 0.
+        speed: forward speed [rad/s], at least 0; over angle above 0.
     """
 
     speed: Column
@@ -137,7 +137,7 @@ class TorqueTable(Table):
     """Torque against forward rotation over time or over the angle turned (see `Table`).
 
     Attributes:
-        torque: [N m].
+        torque: moment against forward rotation [N m].
     """
 
     torque: Column

@@ -36,8 +36,8 @@ class RunSettings(Part):
         duration: simulated time [s].
         step: time step [s], at most the duration; or "auto".
         integrator: "leapfrog" or "rk4".
-        sample_rate: of trajectories [Hz]; the sampling interval is rounded to whole steps.
-        gravity: [m/s^2].
+        sample_rate: samples of trajectories a second [Hz]; the sampling interval is rounded to whole steps.
+        gravity: acceleration of gravity [m/s^2].
         phase: how far the drive has turned on at the start, in teeth of the driver [-]; what goes by the angle of a
             shaft (harmonics, tables over angle) goes with it.
         perturbation: seed of a displacement of every roller by some 1e-9 pitches before the first step; None is none.
@@ -66,7 +66,7 @@ class Probe(Part):
 
     Attributes:
         name: unique among all parts.
-        at: place [m].
+        at: its place [m].
         radius: how near the chain must come to be seen [m]; None is a pitch.
     """
 

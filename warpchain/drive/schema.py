@@ -28,6 +28,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
+from warpchain.drive.quantities import QUANTITY, converted, fitting, unit_of
 from warpchain.drive.toml import value_text, word_text
 from warpchain.errors import drive_error
 
@@ -253,6 +254,8 @@ class Part(BaseModel):
     """Keys that give way when a key is set in `Drive.with_values`, because they stand for the same thing."""
     _renamed: ClassVar[Mapping[str, str]] = {}
     """Keys that earlier versions wrote, and the keys that they are now."""
+    _like: ClassVar[type[Part] | None] = None
+    """The part that its keys override, where it is described."""
     _judged: ClassVar[frozenset[str] | None] = None
     """Keys of the numbers whose size the rules depend on, not only whether they are given; None is any."""
 
@@ -280,6 +283,28 @@ class Part(BaseModel):
             return values
         now = {key: cls._renamed.get(key, key) for key in values}
         return {key if now[key] != key and now[key] in values else now[key]: value for key, value in values.items()}
+
+    @classmethod
+    def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
+        """The values, with numbers for quantities such as "540 rpm", and what is wrong with their units."""
+        problems: list[Problem] = []
+
+        def number(value: Any, key: str, path: tuple[str | int, ...]) -> Any:
+            if isinstance(value, (list, tuple)) and any(isinstance(x, (str, list, tuple)) for x in value):
+                inner = [number(x, key, (*path, k)) for k, x in enumerate(value)]
+                return inner if isinstance(value, list) else tuple(inner)
+            if not isinstance(value, str) or not QUANTITY.fullmatch(value):
+                return value
+            found = converted(value, unit_of(cls, key))
+            if found is None:
+                units = ", ".join(fitting(unit_of(cls, key)))
+                problems.append(Problem(path, value, f"must be a number, or one with a unit that fits: {units}"))
+            return value if found is None else found
+
+        if not isinstance(values, Mapping):
+            return values, problems
+        keys = [key for key, x in values.items() if isinstance(x, (str, list, tuple)) and unit_of(cls, key)]
+        return (dict(values) | {key: number(values[key], key, (key,)) for key in keys} if keys else values), problems
 
     @classmethod
     def _completed(cls, values: Any) -> Any:
@@ -310,14 +335,14 @@ class Part(BaseModel):
     def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         if isinstance(values, cls):
             return values
-        values = cls._completed(cls._current(values))
-        problems: list[Problem] = []
+        values, problems = cls._measured(cls._completed(cls._current(values)))
         part = None
         try:
             part = handler(values)
         except ValidationError as error:
             details = error.errors(include_url=False, include_context=False)
-            problems = [cls._problem(detail, values) for detail in details]
+            wrong = {problem.path[0] for problem in problems}
+            problems += [cls._problem(detail, values) for detail in details if not wrong & set(detail["loc"][:1])]
         if part is not None or isinstance(values, Mapping):
             problems.extend(cls._rules(values if part is None else part))
         if part is None or problems:

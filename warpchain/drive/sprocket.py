@@ -40,7 +40,7 @@ class Harmonic(Part):
 
     Attributes:
         order: times per revolution of the sprocket itself [-], > 0; halves occur in four-stroke engines.
-        amplitude: relative to the mean speed [-] in a prescribed motion, a torque [N m] in a load.
+        amplitude: share of the mean speed [-] in a prescribed motion, a torque [N m] in a load.
         phase: phase at the sprocket's initial angle [rad].
         shaft: sprocket whose revolutions `order` counts, in the ratio of teeth (engine orders); None is the sprocket
             itself.
@@ -56,7 +56,7 @@ class Prescribed(Part):
     """A motion that nothing disturbs: speed (1 + sum of a_h cos(h phi + psi_h)), after a smooth start.
 
     Attributes:
-        speed: mean angular speed [rad/s], >= 0; its sense is the sprocket's `wrap`; or
+        speed: mean angular speed [rad/s], >= 0; its sense is the sprocket's `wrap`; this or a table.
         table: speed over time or over the angle turned: run-up, coast-down, measured fluctuation.
         ramp_time: time to reach that speed from rest [s]; 0 is at speed from the start; not with a table.
         harmonics: speed fluctuation.
@@ -95,8 +95,8 @@ class Load(Part):
     Attributes:
         torque: constant part [N m].
         table: a torque over time or over the angle turned, which adds to the rest.
-        viscous: [N m s], >= 0.
-        quadratic: [N m s^2], >= 0, as of a propeller.
+        viscous: torque over angular speed [N m s], >= 0.
+        quadratic: torque over its square [N m s^2], >= 0, as of a propeller.
         ramp_time: time over which the load comes on [s]; 0 is from the start.
         harmonics: torque harmonics, as of cams and fuel pumps.
     """
@@ -117,7 +117,7 @@ class BalanceWheel(Part):
     """An eccentric mass that turns with the sprocket.
 
     Attributes:
-        mass: [kg], >= 0.
+        mass: the eccentric mass [kg], >= 0.
         radius: distance from the sprocket's center [m], >= 0.
         phase: angle in the sprocket's own frame [rad].
     """
@@ -138,9 +138,10 @@ class PrescribedMount(Part):
 
     Attributes:
         direction: direction of the line; only its sense counts, not its length.
-        offset, amplitude: [m].
-        frequency: [Hz], >= 0.
-        phase: [rad].
+        offset: mean displacement along the line [m].
+        amplitude: amplitude of the displacement [m].
+        frequency: frequency of the displacement [Hz], >= 0.
+        phase: phase of the displacement at the start [rad].
     """
 
     kind: Literal["prescribed"]
@@ -155,8 +156,8 @@ class ElasticMount(Part):
     """The center rests on a spring and a damper along each axis.
 
     Attributes:
-        stiffness: along x and y [N/m], > 0.
-        damping: along x and y [N s/m], >= 0.
+        stiffness: stiffness along x and y [N/m], > 0.
+        damping: damping along x and y [N s/m], >= 0.
         preload: constant force on the center [N].
     """
 
@@ -171,8 +172,8 @@ class SliderMount(Part):
 
     Attributes:
         direction: direction of the line and of the preload; only its sense counts, not its length.
-        stiffness: [N/m], >= 0.
-        damping: [N s/m], >= 0.
+        stiffness: stiffness along the line [N/m], >= 0.
+        damping: damping along the line [N s/m], >= 0.
         preload: force along `direction` [N].
     """
 
@@ -195,12 +196,12 @@ class Sprocket(Part):
 
     Attributes:
         name: unique among all parts.
-        teeth: z, >= 5.
-        center: [m].
+        teeth: number of teeth, z >= 5.
+        center: where it stands [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
-        pitch: of its teeth, where worn [m]; None is the chain's.
-        mass: without the balance wheel [kg]; needed when the mount is elastic or a slider.
-        inertia: without the balance wheel [kg m^2]; needed unless prescribed.
+        pitch: pitch of its teeth, where worn [m]; None is the chain's.
+        mass: its mass without the balance wheel [kg]; needed when the mount is elastic or a slider.
+        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
         balance_wheel: eccentric mass that turns with it.

@@ -54,9 +54,9 @@ class Spring(Part):
     """The spring behind a plunger.
 
     Attributes:
-        stiffness: [N/m].
+        stiffness: its stiffness [N/m].
         preload: force as drawn, at extension 0 [N].
-        damping: [N s/m].
+        damping: its damping [N s/m].
     """
 
     stiffness: NonNegative
@@ -68,11 +68,11 @@ class Plunger(Part):
     """The plunger in its bore.
 
     Attributes:
-        diameter: d [m].
-        mass: [kg]; it moves with the point that it touches.
-        gap: h, radial, of plunger and bore [m].
-        length: L of the gap [m].
-        eccentricity: eps [-], 0 in the middle of its bore, 1 against its wall, to which side forces press it.
+        diameter: its diameter, d [m].
+        mass: its mass [kg]; it moves with the point that it touches.
+        gap: radial gap of plunger and bore, h [m].
+        length: length of the gap, L [m].
+        eccentricity: place in its bore, eps [-]: 0 in the middle, 1 against its wall, to which side forces press it.
     """
 
     diameter: Positive | None = None
@@ -92,7 +92,7 @@ class Chamber(Part):
     """The pressure chamber.
 
     Attributes:
-        volume: V_0 of oil as drawn, at extension 0 [m^3].
+        volume: volume of oil as drawn, at extension 0, V_0 [m^3].
     """
 
     volume: Positive
@@ -102,13 +102,13 @@ class Valve(Part):
     """The check valve between supply and chamber: a ball on a conical seat.
 
     Attributes:
-        ball_radius: r_B [m].
-        seat_diameter: of the hole that the ball closes [m].
-        lift: largest [m].
-        stiffness: k_cv of its spring [N/m].
-        preload: F_0 of its spring, closed [N].
-        seat_angle: gamma, of the cone's wall to its axis [degrees].
-        discharge: C_d [-].
+        ball_radius: radius of its ball, r_B [m].
+        seat_diameter: diameter of the hole that the ball closes [m].
+        lift: largest lift of the ball [m].
+        stiffness: stiffness of its spring, k_cv [N/m].
+        preload: force of its spring, closed, F_0 [N].
+        seat_angle: angle of the cone's wall to its axis, gamma [degrees].
+        discharge: discharge coefficient, C_d [-].
     """
 
     ball_radius: Positive
@@ -151,12 +151,12 @@ class Oil(Part):
     """The oil and its pressures, which are absolute.
 
     Attributes:
-        density: [kg/m^3].
-        viscosity: kinematic [m^2/s].
-        bulk_modulus: E_0 of oil without air [Pa].
+        density: its density [kg/m^3].
+        viscosity: its kinematic viscosity [m^2/s].
+        bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
         air: share of air in the volume at ambient pressure [-].
-        supply: P_s [Pa].
-        ambient: P_0 [Pa].
+        supply: pressure of the supply, P_s [Pa].
+        ambient: ambient pressure, P_0 [Pa].
     """
 
     density: Positive = 800.0
@@ -191,8 +191,8 @@ class Ratchet(Part):
     """A latch that lets the plunger out, tooth by tooth, and not back.
 
     Attributes:
-        pitch: a, of its teeth [m].
-        backlash: s, by which the plunger may go back behind the last tooth [m].
+        pitch: pitch of its teeth, a [m].
+        backlash: way by which the plunger may go back behind the last tooth, s [m].
     """
 
     pitch: Positive
@@ -206,12 +206,12 @@ class Tensioner(Part):
         name: unique among all parts.
         on: the arm or sprocket.
         at: where it touches that body, as drawn [m].
-        direction: in which it pushes; only its sense counts, not its length.
+        direction: direction in which it pushes; only its sense counts, not its length.
         kind: "spring" or "hydraulic".
         spring: its spring; needed with kind "spring".
-        plunger: needed with kind "hydraulic"; else only its mass counts.
-        chamber, valve, oil: needed with kind "hydraulic".
-        ratchet: None is none.
+        plunger: its plunger; needed with kind "hydraulic"; else only its mass counts.
+        chamber, valve, oil: its chamber, check valve and oil; needed with kind "hydraulic".
+        ratchet: its ratchet; None is none.
     """
 
     name: Name

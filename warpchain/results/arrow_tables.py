@@ -49,7 +49,7 @@ def unit_table(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.
 def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
     """An xarray dataset of a trajectory's time and channels, whose memory it shares.
 
-    Its dimensions are time, roller, link, sprocket and axis; its variables have `units`.
+    Its dimensions are time, roller, link, sprocket, arm, tensioner and axis; its variables have `units`.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -64,6 +64,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
         "roller": np.arange(drive.chain.links),
         "link": np.arange(drive.chain.links),
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
+        "arm": [arm.name for arm in drive.arms],
+        "tensioner": [tensioner.name for tensioner in drive.tensioners],
         "axis": list(AXES),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}

@@ -1,13 +1,22 @@
 """Statistics of chaotic motion: quantiles from counts, the standard error of a mean, and whether a mean drifts.
 
-With B batches of about equal length, x_k their means and X_j = sum x_k exp(-2 pi i j k / B), the variance of the mean
-is the spectrum at no frequency, for which its lowest ordinates stand (Heidelberger and Welch 1981):
+With B batches of about equal length, x_k their means and X_j = sum x_k exp(-i w_j k), w_j = 2 pi j / B, the ordinates
+of their spectrum are I_j = |X_j|^2 / B, each S(w_j) times an exponential variate, and the variance of the mean is
+S(0) / B. S(0) is found as by Heidelberger and Welch (1981), who extrapolate the log spectrum to no frequency, here by
+cosines:
 
-    standard error^2 = (|X_1|^2 + ... + |X_4|^2) / (4 B^2)                                                    (a)
+    log S(w) = b_0 + sum b_n (1 - cos n w), n = 1 to 3,    standard error = c sqrt(exp(b_0) / B)              (a)
 
-Of independent batches this is s^2 / B on the average; batches that resemble their neighbors raise it, and an
-oscillation of more than four periods in the window, which averages out of the mean, does not. It has 8 degrees of
-freedom: an error is itself uncertain by a quarter.
+An oscillation, of the teeth that pass or of any other period that is shorter than the batches or a part of the window,
+is a peak elsewhere and averages out of the mean. b is that of the largest likelihood, sum log S_j + I_j / S_j the least
+(Whittle 1953), where least squares of log I_j begin: they need a constant for their bias and lose 2/5 of what the
+ordinates tell. Its covariance is (A^T A)^-1, A the terms at w_j, so that log S(0) has the variance s^2 = 1.08, and (a)
+2 / s^2 = 1.86 degrees of freedom. c makes the median error that of independent batches. The mean plus and minus
+`INTERVAL` = 4 errors, about Student's t of these degrees, holds the long-run mean in 95 of 100 windows.
+
+A signal that repeats itself has no chance in it. Its ripple, which batches cut at other and other phases, shows in
+their means as a slow swing, and so does a start that is under way. Where one sine of less than `SLOW` periods leaves
+less than `DETERMINATE` of the variance of x_k, the window does not tell what lies behind it: the error is unknown.
 
 A drift is the slope of the line through x_k by least squares, times B: its change over the window. Its variance is that
 of independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error
@@ -16,13 +25,41 @@ is Student's t with B - 2 degrees of freedom.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-ORDINATES = 4
-"""Of the spectrum of the batches' means, that (a) takes."""
+ERROR = "_se"
+"""Ends the names of standard errors."""
+
+ORDER = 3
+"""Cosines of the log spectrum in (a)."""
+
+MEDIAN = 0.881
+"""Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
+
+INTERVAL = 4.0
+"""Errors on either side of a mean within which the long-run mean is with 95 %."""
+
+SLOW = 2.5
+"""Periods of a sine in the window that may be a ripple, a start or chance."""
+DETERMINATE = 0.05
+"""Share of the variance that chance seldom leaves beside a sine."""
+
+LEAST_TURNS = 3.95
+"""Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked, as speeds vary.
+
+Tensions hang on what happened up to a turn ago. A window of few of them may look calm by chance, and tells nothing."""
+
+ROUNDS = 30
+"""Of Fisher's scoring, whose steps are cut where an ordinate is more than twice what is fitted."""
+LOG_BIAS = -0.577
+"""Mean of the logarithm of an exponential variate of mean 1."""
+LEAST_SHARE, MOST_LOG = 1e-12, 60.0
+"""Of the mean ordinate, the least that one counts for, and the largest logarithm: what is smaller is round-off."""
 
 MOST_CORRELATED = 0.9
 """Residuals are taken to be no more alike than this: r of so few is uncertain, and 1 / (1 - r) without bound."""
@@ -99,10 +136,38 @@ def correlation(values: Array) -> Array:
 
 
 def standard_error(means: Array) -> Array:
-    """(a), of means of batches along the last axis."""
+    """(a), of means of batches along the last axis; nan where it is unknown."""
     count = means.shape[-1]
-    spectrum = np.abs(np.fft.rfft(means - means.mean(axis=-1, keepdims=True), axis=-1))[..., 1 : ORDINATES + 1]
-    return np.sqrt((spectrum * spectrum).mean(axis=-1)) / count
+    apart = means - means.mean(axis=-1, keepdims=True)
+    ordinates = np.abs(np.fft.rfft(apart, axis=-1))[..., 1:] ** 2 / count
+    mean = ordinates.mean(axis=-1, keepdims=True)
+    shares = np.maximum(ordinates / np.where(mean > 0.0, mean, 1.0), LEAST_SHARE)
+    terms, solved = _terms(count)
+    found = np.einsum("nj,...j->...n", solved, np.log(shares) - LOG_BIAS)  # row by row, unlike a product of matrices
+    for _ in range(ROUNDS):
+        fitted = np.clip(np.einsum("jn,...n->...j", terms, found), -MOST_LOG, MOST_LOG)
+        found = found + np.einsum("nj,...j->...n", solved, np.minimum(shares * np.exp(-fitted) - 1.0, 1.0))
+    error = np.sqrt(mean[..., 0] * np.exp(found[..., 0]) / count) / MEDIAN
+    explained = (np.einsum("fck,...k->...fc", _sines(count), apart) ** 2).sum(axis=-1).max(axis=-1)
+    return np.asarray(np.where(explained > (1.0 - DETERMINATE) * (apart * apart).sum(axis=-1), np.nan, error))
+
+
+@cache
+def _sines(count: int) -> Array:
+    """(frequencies, 2, count) what sines of up to `SLOW` periods span beside a constant, orthonormal."""
+    angle = 2.0 * np.pi * np.arange(0.3, SLOW + 0.05, 0.1)[:, None] * (np.arange(count) + 0.5) / count
+    pairs = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(np.linalg.qr(pairs - pairs.mean(axis=1, keepdims=True))[0].swapaxes(1, 2), dtype=np.float64)
+
+
+@cache
+def _terms(count: int) -> tuple[Array, Array]:
+    """(ordinates, terms) A of (a), and (terms, ordinates) (A^T W A)^-1 A^T W; the last of an even number tells half."""
+    frequency = 2.0 * np.pi * np.arange(1, count // 2 + 1) / count
+    terms = 1.0 - np.cos(frequency[:, None] * np.arange(ORDER + 1))
+    terms[:, 0] = 1.0
+    weight = np.where(2 * np.arange(1, count // 2 + 1) == count, 0.5, 1.0)
+    return terms, np.asarray(np.linalg.solve((terms.T * weight) @ terms, terms.T * weight), dtype=np.float64)
 
 
 def drift(means: Array) -> tuple[Array, Array]:

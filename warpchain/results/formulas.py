@@ -111,7 +111,7 @@ def rms(field: str) -> Callable[[Summed], Values]:
 
 
 LEAST_TURNOVER = 1e-3
-"""Least energy that a residual is held against, of the energy stored."""
+"""Least energy that a residual or a change is held against, of the energy stored."""
 
 
 def tension_quantile(share: float) -> Callable[[Summed], Values]:
@@ -205,6 +205,22 @@ class Balance:
     def residual(self) -> Values:
         """The energy that the balance misses."""
         return self.input - self.output - self.dissipated - self.change
+
+    @property
+    def efficiency(self) -> Values:
+        """Output over output and losses, masked where the loads drive or no work is done.
+
+        What the drive stores meanwhile is no work of its loads, nor lost.
+        """
+        taken = self.output + self.dissipated
+        given = (self.output >= 0.0) & (taken > 0.0)
+        return where(given, self.output / np.where(given, taken, 1.0))
+
+    @property
+    def relative_change(self) -> Values:
+        """The change of energy over the losses, or over `LEAST_TURNOVER` of the energy stored."""
+        losses = np.maximum(self.dissipated, LEAST_TURNOVER * abs(self.stored))
+        return np.where(losses == 0.0, 0.0, self.change / np.where(losses == 0.0, 1.0, losses))
 
     @property
     def relative(self) -> Values:

@@ -37,15 +37,17 @@ class Limits(Part):
 
     Attributes:
         energy_residual: what the energy balance misses, over the energy turned over.
+        energy_change: what the drive's energy changes by over the window, over the losses: they are those of a start.
         settle_residual: net force that settling left on a roller, over the largest link force of the window.
         breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
-        engaged: at least so many rollers on a sprocket at the end, over those of the wrap it was assembled with.
+        engaged: least number of rollers on a sprocket at the end, over those of the wrap it was assembled with.
         layout: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
     """
 
     energy_residual: Limit = 0.01
+    energy_change: Limit = 0.5
     settle_residual: Limit = 0.01
     breaking_load: Limit = 1.0
     slips: Limit = 0.0
@@ -116,6 +118,13 @@ RULES = (
         "of the energy turned over",
         lambda of, value: f"energy residual {100.0 * value:+.2g} % of the energy turned over",
         "take a smaller step (run.step), a higher impact_speed_floor, or float64",
+    ),
+    Rule(
+        "energy_change",
+        "energy_change_relative",
+        "of the losses",
+        lambda of, value: f"the drive's energy changes by {100.0 * value:+.2g} % of the losses",
+        "take a longer run or a later window, after the start",
     ),
     Rule(
         "settle_residual",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
+from warpchain.results.batch_means import ERROR
 from warpchain.results.formulas import (
     THINGS,
     Values,
@@ -34,7 +35,6 @@ from warpchain.results.formulas import (
     tension_quantile,
     tension_share_below,
     total,
-    where,
 )
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def error_column(column: Column) -> Column:
     """The column of the standard error of a mean, one for each mean."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
-    return Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True)
+    return Column(f"{column.name}{ERROR}", column.unit, title, error_of(column.value), aside=True)
 
 
 def with_errors(*columns: Column) -> tuple[Column, ...]:
@@ -268,11 +268,12 @@ BALANCE = Group(
         Column(
             "efficiency",
             "1",
-            "output work over input work",
-            lambda balance: where(balance.input > 0.0, balance.output / balance.input),
+            "output work over itself and the losses",
+            lambda balance: balance.efficiency,
         ),
         Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
         Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
+        Column("energy_change_relative", "1", "that change over the losses", lambda balance: balance.relative_change),
         Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
         Column(
             "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.drive.batch import LARGEST, Stack
 from warpchain.results.arrow_tables import unit_table
+from warpchain.results.batch_means import LEAST_TURNS
 from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
 from warpchain.results.judgement import Limits, judge
 from warpchain.results.metric_columns import (
@@ -135,10 +136,13 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     columns: Columns = {}
     duration = (ended.schedule("window_end") - ended.schedule("window_start")) * ended.schedule("step")
     links = np.array([drive.chain.links for drive in ended.drives])
+    driver = ended.drives[0].driver
+    teeth = np.array([drive.sprockets[driver].teeth for drive in ended.drives])
+    turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
     for prefix, index, group in of_drive(ended.drives[0], MEASURED):
         rows = sums[group.source]
         mine = rows if rows.ndim == 1 else rows[:, index]
-        batches = _batches(sums, group, index, links)
+        batches = _batches(sums, group, index, links, turns >= LEAST_TURNS)
         summed = Summed(mine, group.weight(mine, duration, links), batches, _tensions(sums, group, index))
         for column in group.columns:
             if column.value:
@@ -146,9 +150,12 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     return columns
 
 
-def _batches(sums: Mapping[str, Any], group: Group, index: int, links: NDArray[np.integer]) -> Summed | None:
-    """The sums of a group's thing batch by batch; None where they are not noted so."""
+def _batches(
+    sums: Mapping[str, Any], group: Group, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
+) -> Summed | None:
+    """The sums of a group's thing batch by batch, nan where the window is short; None where they are not noted so."""
     noted, durations = sums["batches"]
+    durations = np.where(long[:, None], durations, np.nan)
     if group.source not in noted:
         return None
     rows = noted[group.source]

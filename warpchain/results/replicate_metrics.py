@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.results.batch_means import ERROR
 from warpchain.results.judgement import DIVERGED, OK, STATUSES
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ DRIVE, COPY = "drive", "replicate"
 """Columns of a run's metrics: number of the drive that a variant is a copy of, and of the copy."""
 COUNT = "n"
 """Column of a summary: how many copies its means are of."""
-ERROR = "_se"
-"""The end of the name of a metric's standard error."""
 ROLE_OF_ERRORS = "error"
 """Role of their columns, in the fields' metadata."""
 RUN = ("diverged", "diverged_time", "window_start", "window_end")

@@ -124,6 +124,11 @@ class Trajectory:
     tensioner_force: NDArray[np.floating] | None = None
     chamber_pressure: NDArray[np.floating] | None = None
 
+    def __repr__(self) -> str:
+        """One line: frames, time, channels."""
+        end = f"{self.time[0]:g} to {self.time[-1]:g} s" if len(self.time) else "none"
+        return f"Trajectory({len(self.time)} frames, {end}: {', '.join(self.channels())})"
+
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
         return html(self)
@@ -145,7 +150,7 @@ class Trajectory:
         return to_arrow(self.time, self.channels())
 
     def to_xarray(self) -> xr.Dataset:
-        """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
+        """An xarray dataset (extra `xarray`) by time, roller, link, sprocket, arm, tensioner, axis; shares memory."""
         from warpchain.results.arrow_tables import to_xarray
 
         return to_xarray(self.time, self.channels(), self.drive)
@@ -210,6 +215,11 @@ class Run(Mapping[int, Trajectory]):
     metrics: pa.Table
     trajectories: Mapping[int, Trajectory] = field(repr=False)
     info: RunInfo
+
+    def __repr__(self) -> str:
+        """One line: how many variants, how many of them recorded, how they were run."""
+        shape = f"{len(self.drives)} variants, {len(self)} recorded, {self.metrics.num_columns} metrics"
+        return f"{type(self).__name__}({shape}, {self.info.device}, {self.info.precision}, {self.info.ended})"
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""

@@ -113,20 +113,20 @@ class Factor(Part):
         paths: key paths that all take the same value, instead of `path`; neither for a quantity that only expressions
             use.
         shift: key path of a guide-bar or a sprocket that the factor moves by its value [m], such as "guides.upper".
-        along: in which direction; "normal" is a guide-bar's, towards the chain (default).
+        along: direction in which it moves; "normal" is a guide-bar's, towards the chain (default).
         relative: the value multiplies the drive's own.
         offset: the value is added to the drive's own.
         hidden: varied, but no factor of the results: what it does is scatter.
         distribution: "uniform", "log-uniform", "normal", "truncated-normal" or "lognormal".
         range: (low, high): the ends of a distribution, or of a grid.
-        mean, std: of a normal distribution, or of a lognormal one (of the value, not of its logarithm).
+        mean, std: those of a normal distribution, or a lognormal one (of the value, not of its logarithm).
         levels: numbers in the order of a grid.
         choice: numbers, texts or switches without an order.
         expression: arithmetic of other factors.
         integer: whether values are rounded to whole numbers; of a uniform range, each is as likely.
         points: number of grid points between the ends of the range, for a full factorial design.
         group: factors of one group vary together, as one dimension of the design.
-        unit: for tables and figures.
+        unit: unit for tables and figures.
     """
 
     name: Word

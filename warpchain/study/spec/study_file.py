@@ -219,7 +219,7 @@ class Study(Part):
         run: run settings.
         metrics: which metrics are kept.
         record: which variants are recorded in full.
-        fatigue: of a link; with it, recorded variants have the objectives of `results.objectives` in the table.
+        fatigue: Woehler curve of a link; with it, recorded variants have the objectives of `results.objectives`.
         limits: what a variant may come to and still be ok.
         objectives: what should be small or large.
         bounds: limits on metrics, the entries of a list `limits` that name one.

@@ -66,8 +66,8 @@ class Design(Part):
     Attributes:
         kind: "factorial" (every combination), "latin-hypercube", "sobol", "halton", "central-composite",
             "plackett-burman" or "table".
-        count: number of rows, of the three that sample.
-        seed: of the sampling.
+        count: number of rows that the three that sample take.
+        seed: seed of the sampling.
         file: the table, CSV or Parquet, relative to the study file; a column for each factor without expression.
         axial: where a central composite design has its axial points: "face" on the ends of the ranges, "inscribed"
             with the corners drawn in, "circumscribed" beyond the ends.
@@ -132,10 +132,10 @@ class Adjust(Part):
 
     Attributes:
         sprocket: name of the sprocket that moves along a line.
-        direction: of that line.
+        direction: direction of that line.
         travel: farthest that it moves either way [m]; None is four pitches.
         links: "even" or "any": the number of links is chosen first, the nearest that fits.
-        strain: wanted strain at assembly [-]; or
+        strain: wanted strain at assembly [-]; this or preload.
         preload: wanted tension at assembly [N]; a number, or an expression of factors.
     """
 
@@ -172,7 +172,7 @@ class RunOptions(Part):
         duration: simulated time [s].
         step: time step [s], or "auto".
         precision: "float64" or "float32".
-        device: as in `simulate`; None is what is estimated to finish first.
+        device: the device as in `simulate`; None is what is estimated to finish first.
         window: (start, end) over which metrics are taken [s].
         shard: number of variants in a shard; None sizes shards to memory and device.
         keep_states: keep the state of each run at its window's end, so that a longer one goes on from it.
@@ -227,7 +227,7 @@ class Recording(Part):
         every: every k-th, from 0.
         worst: those with the most extreme value of a metric, simulated a second time when all are known.
         rate: samples a second of simulated time [Hz]; None is each drive's own.
-        channels: of `warpchain.results.channels.NAMES`; those on request only where they are named.
+        channels: names of `warpchain.results.channels.NAMES`; those on request only where they are named.
     """
 
     variants: Wholes = ()
@@ -247,9 +247,9 @@ class Fatigue(Part):
     """The Woehler curve of a link (`warpchain.results.fatigue.Woehler`), for the fatigue of recorded variants.
 
     Attributes:
-        exponent: of the curve.
+        exponent: exponent of the curve.
         range: range of tension that a link endures for `cycles` [N].
-        cycles: to failure at that range.
+        cycles: cycles to failure at that range.
     """
 
     exponent: Positive
@@ -274,7 +274,7 @@ class Bound(Part):
 
     Attributes:
         metric: a metric.
-        min, max: in its unit.
+        min, max: least and largest value, in its unit.
     """
 
     metric: Text
@@ -297,7 +297,7 @@ class Search(Part):
         engine: "bayes", few costly runs, or "population", many at once.
         count: rows in all, those of the design among them; the last round is run whole.
         batch: rows of a round, or of a generation.
-        seed: of everything that is drawn.
+        seed: seed of everything that is drawn.
         recommend: most designs that are recommended.
     """
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.drive import Drive
+from warpchain.results.batch_means import ERROR
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.formulas import THINGS
 from warpchain.results.metric_columns import COLUMNS, column_of
@@ -18,8 +19,6 @@ from warpchain.view.html import number, table
 
 DIGITS = 4
 """Significant digits of numbers in tables."""
-ERROR = "_se"
-"""Ends the names of standard errors."""
 
 
 def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
@@ -58,7 +57,9 @@ def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
             yield [name, str(value).lower() if isinstance(value, bool) else str(value), "", "", column.title]
             continue
         shown, unit = quantity(float(value), column.unit)
-        spread = "" if error is None else "\u00b1 " + quantity(float(error), column.unit, float(value))[0]
+        spread = "unknown" if own + ERROR in COLUMNS else ""
+        if error is not None:
+            spread = "\u00b1 " + quantity(float(error), column.unit, float(value))[0]
         yield [name, shown, spread, unit, column.title]
 
 

@@ -1,0 +1,124 @@
+"""Standard errors of means, held against how far means of windows are from the long-run mean."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from common.cases import Line, case, option
+from common.drives import Values, equal, example, pair
+from numpy.typing import NDArray
+
+from benches.drives import SMOOTH
+from warpchain import Drive, Record, simulate
+from warpchain.engine.checkpoint import States
+from warpchain.results import formulas
+from warpchain.results.batch_means import ERROR, INTERVAL, standard_error
+
+TURNS = 4.0
+"""Of the chain in a window."""
+JOINED = (1, 2, 4, 8)
+"""Windows one after the other that are also taken for one, its batches as many of theirs."""
+SAME = 1e-5
+"""A mean that scatters by less than this of itself is the same in all windows, or prescribed."""
+CHATTERING: Values = equal(17, 50, 0.05) | {
+    "sprockets.driver.prescribed": {"speed": 30.0, "ramp_time": 0.1},
+    "run.settle": True,
+    "run.gravity": [0.0, 0.0],
+}
+
+
+BARE = {key: value for key, value in SMOOTH.items() if "guide" not in key}
+"""The values that take friction from a drive without guide-bars."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Copies of a drive, the turns of the chain that are left out at the start, and windows that follow."""
+
+    drive: Drive
+    copies: int = 8
+    start: int = 5
+    windows: int = 8
+
+
+SAMPLES = {
+    "two": lambda: Sample(pair(CHATTERING), 32, 10, 16),
+    "motorcycle": lambda: Sample(example("motorcycle")),
+    "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
+    "marine": lambda: Sample(example("marine")),
+    "marine without friction": lambda: Sample(example("marine", SMOOTH), start=32),  # whose waves take so long to grow
+    "industrial without friction": lambda: Sample(example("industrial", BARE), start=10, windows=4),
+    "engine": lambda: Sample(example("engine"), 6, 4, 4),
+}
+
+
+def windows_of(sample: Sample) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means (W, M, copies), and those of their batches (W, M, copies, batches)."""
+    driver = sample.drive.sprockets[sample.drive.driver]
+    assert driver.prescribed is not None and driver.prescribed.speed is not None
+    turn = 2.0 * np.pi * sample.drive.chain.links / (driver.teeth * abs(driver.prescribed.speed))
+    states, noted, means, batches = States(), [], [], []
+
+    def noting(found: Any) -> Any:
+        noted.append(found)
+        return standard_error(found)
+
+    for w in range(-1, sample.windows):
+        begin, end = (sample.start + TURNS * k for k in (w, w + 1))
+        window = (turn * begin if w >= 0 else 0.0, turn * end)
+        following = States(begin=states.kept)
+        with patch.object(formulas, "standard_error", noting):
+            run = simulate(
+                sample.drive, device="cpu", duration=window[1], window=window, replicates=sample.copies,
+                record=Record("none"), states=following,
+            )  # fmt: skip
+        states = following
+        names = [name.removesuffix(ERROR) for name in run.metrics.column_names if name.endswith(f"_mean{ERROR}")]
+        if w >= 0:
+            means.append([run.metrics[name].to_pylist() for name in names])
+            batches.append(np.array(noted))
+        noted.clear()
+    return np.array(means), np.array(batches)
+
+
+def joined(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Batches (W, M, copies, batches) of `count` windows that follow one another as those of one."""
+    whole = len(values) // count
+    split = np.moveaxis(values[: whole * count].reshape(whole, count, *values.shape[1:]), 1, -2)
+    return split.reshape(whole, *values.shape[1:], count).mean(axis=-1)
+
+
+def lengths(name: str, means: NDArray[np.float64], batches: NDArray[np.float64]) -> Iterator[Line]:
+    """A row for windows of each length, as `coverage` says."""
+    truth = means.mean(axis=(0, 2))[:, None]
+    for count in (count for count in JOINED if count <= len(means)):
+        errors = standard_error(joined(batches, count))
+        off = joined(means[..., None], count)[..., 0] - truth
+        spread = np.sqrt((off * off).mean(axis=(0, 2)))
+        reported = (spread > SAME * np.abs(truth[:, 0])) & np.isfinite(errors).any(axis=(0, 2))
+        errors, off, spread = errors[:, reported], off[:, reported], spread[reported]
+        known = np.isfinite(errors)
+        covered = (np.abs(off) <= INTERVAL * errors).sum(axis=(0, 2)) / known.sum(axis=(0, 2))
+        widths = np.nanmedian(errors, axis=(0, 2)) / spread
+        shares = (f"{100.0 * share:.0f} %" for share in (1.0 - known.mean(), covered.mean(), covered.min()))
+        sizes = (f"{size:.2g}" for size in (np.median(widths), widths.min(), widths.max()))
+        yield (name, int(count * TURNS), off[:, 0].size, *shares, *sizes)
+
+
+@case(option("names", metavar="NAME", nargs="*", default=list(SAMPLES), help=f"of {', '.join(SAMPLES)}"))
+def coverage(asked: argparse.Namespace) -> Iterator[Line]:
+    """Do standard errors cover? Windows of drives whose long-run means are those of all their windows together.
+
+    python scripts/bench.py coverage two marine
+
+    Copies begin at other phases within a tooth. Unknown is the share of errors that are; covered that of windows whose
+    mean is within `INTERVAL` errors of the long-run mean, where they are known, of all means of the drive and of the
+    mean that is covered least; the width is the median error over the means' own scatter, of the median mean, and its
+    range.
+    """
+    yield ("drive", "turns", "windows", "unknown", "covered", "least", "width", "from", "to")
+    for name in asked.names:
+        yield from lengths(name, *windows_of(SAMPLES[name]()))

@@ -1,0 +1,71 @@
+"""Quantities with units in drive files: what they are in SI units, and the units that fit where one does not."""
+
+import math
+from argparse import ArgumentTypeError
+
+import pytest
+from loading import load_script
+
+from warpchain import load_drive
+from warpchain.cli import main
+from warpchain.cli.arguments import angular_speed
+from warpchain.drive import Drive
+from warpchain.drive.quantities import converted, unit_of
+from warpchain.errors import DriveError
+from warpchain.examples import drive_path
+
+sections = load_script("pages.reference").sections
+CAR = load_drive(drive_path("car"))
+
+
+@pytest.mark.parametrize(
+    ("path", "given", "value"),
+    [
+        ("sprockets.crank.prescribed.speed", "540 rpm", 540 * math.pi / 30),
+        ("sprockets.crank.center", ["12.7 mm", 0], (0.0127, 0.0)),
+        ("sprockets.crank.center.1", "1in", 0.0254),
+        ("arms.arm.free_angle", "15 deg", 15.0),
+        ("arms.arm.stops", ["-0.05 rad", 4.0], (-0.05 * 180 / math.pi, 4.0)),
+        ("chain.stiffness", "10 kN/mm", 1e7),
+        ("guides.blade.contact.friction", "5 %", 0.05),
+        ("guides.blade.contact.width", "6e0 mm", 0.006),
+        ("tensioners.tensioner.oil.viscosity", "80 mm^2/s", 8e-5),
+        ("guides.blade.points", [["-50 mm", 0.24], [-0.032, 0.15]], ((-0.05, 0.24), (-0.032, 0.15))),
+        ("run.step", "auto", "auto"),
+    ],
+)
+def test_a_quantity_is_its_number_in_the_keys_unit(path, given, value):
+    found = CAR.with_values({path: given}).get_value(path)
+    assert found == (pytest.approx(value, rel=1e-15) if isinstance(value, float) else value)
+
+
+@pytest.mark.parametrize(
+    ("path", "given", "units"),
+    [
+        ("sprockets.crank.prescribed.speed", "540 Hz", "rad/s, rpm"),
+        ("sprockets.crank.prescribed.speed", "1e999rpm", "rad/s, rpm"),
+        ("sprockets.crank.center.0", "3 kg", "m, mm, cm, um, in, inch"),
+        ("chain.damping_ratio", "2 mm^99999999", "-, %"),
+    ],
+)
+def test_another_unit_is_refused_with_those_that_fit(path, given, units):
+    with pytest.raises(DriveError) as caught:
+        CAR.with_values({path: given})
+    assert caught.value.errors == (f'{path} = "{given}": must be a number, or one with a unit that fits: {units}',)
+
+
+def test_on_the_command_line_units_need_no_quotes(capsys):
+    assert main(["check", "car", "--json", "--set", "sprockets.crank.prescribed.speed=540rpm"]) == 0
+    assert main(["check", "car", "--set", "run.duration=3 m"]) == 2
+    assert "a unit that fits: s, ms, us, min" in capsys.readouterr().err
+    with pytest.raises(ArgumentTypeError, match="'3000Hz': must be a number of rad/s, or one with rad/s or rpm"):
+        angular_speed("3000Hz")
+    assert angular_speed("30rpm") == math.pi and angular_speed("2.5") == 2.5
+
+
+def test_every_number_of_a_drive_file_has_a_unit():
+    """But directions, whose length does not count, factors of tables, and a stiffness whose unit its exponent makes."""
+    keys = {key for kind in sections(Drive) for key, field in kind.model_fields.items()
+            if "float" in str(field.annotation) and not unit_of(kind, key)}  # fmt: skip
+    assert keys == {"factor", "direction", "stiffness"}
+    assert converted("2 N s/m", "N s/m") == 2.0 and converted("2 kNm", "N m") == 2000.0

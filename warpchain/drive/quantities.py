@@ -1,0 +1,104 @@
+"""Quantities with units in drive files, "540 rpm" or "12.7 mm", and the units that keys have by their docstrings."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import math
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import cache
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A factor to SI units, a rational number times a power of pi, and powers of m, kg, s and rad."""
+
+    factor: Fraction
+    pi: int = 0
+    powers: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    def times(self, other: Unit, power: int) -> Unit:
+        """This unit times a power of another."""
+        powers = tuple(a + power * b for a, b in zip(self.powers, other.powers, strict=True))
+        return Unit(self.factor * other.factor**power, self.pi + power * other.pi, powers)  # type: ignore[arg-type]
+
+
+ONE = Unit(Fraction(1))
+METER, KILOGRAM, SECOND, RADIAN = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)
+NEWTON, TORQUE, PASCAL, HERTZ, TURNING = (1, 1, -2, 0), (2, 1, -2, 0), (-1, 1, -2, 0), (0, 0, -1, 0), (0, 0, -1, 1)
+UNITS = {
+    name: Unit(Fraction(factor), pi, powers)
+    for names, factor, pi, powers in (
+        ("m", "1", 0, METER), ("mm", "1e-3", 0, METER), ("cm", "1e-2", 0, METER), ("um µm μm", "1e-6", 0, METER),
+        ("in inch", "0.0254", 0, METER), ("kg", "1", 0, KILOGRAM), ("g", "1e-3", 0, KILOGRAM),
+        ("s", "1", 0, SECOND), ("ms", "1e-3", 0, SECOND), ("us µs μs", "1e-6", 0, SECOND), ("min", "60", 0, SECOND),
+        ("rad", "1", 0, RADIAN), ("deg degrees °", "1/180", 1, RADIAN), ("rev", "2", 1, RADIAN),
+        ("rpm", "1/30", 1, TURNING), ("Hz", "1", 0, HERTZ), ("kHz", "1e3", 0, HERTZ),
+        ("N", "1", 0, NEWTON), ("kN", "1e3", 0, NEWTON), ("Nm", "1", 0, TORQUE), ("kNm", "1e3", 0, TORQUE),
+        ("Pa", "1", 0, PASCAL), ("kPa", "1e3", 0, PASCAL), ("MPa", "1e6", 0, PASCAL), ("GPa", "1e9", 0, PASCAL),
+        ("bar", "1e5", 0, PASCAL), ("-", "1", 0, (0, 0, 0, 0)), ("%", "1e-2", 0, (0, 0, 0, 0)),
+    )
+    for name in names.split()
+}  # fmt: skip
+"""Units by their signs."""
+
+QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*([A-Za-z°µμ%].*?)\s*")
+FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
+
+
+@cache
+def unit(text: str) -> Unit | None:
+    """The unit that a text such as "N s/m" or "kg m^2" means, each slash dividing by what follows; None for none."""
+    found, end = ONE, 0
+    for match in FACTOR.finditer(text):
+        mark, sign, power = match.groups()
+        if match.start() != end or sign not in UNITS:
+            return None
+        found, end = found.times(UNITS[sign], int(power or 1) * (-1 if "/" in mark else 1)), match.end()
+    return found if text and end == len(text) else None
+
+
+@cache
+def descriptions(kind: type) -> dict[str, str]:
+    """Descriptions of attributes in the docstrings of a class, its bases and the part that it is like, by name."""
+    found: dict[str, str] = {}
+    like = getattr(kind, "_like", None) or object
+    for base in (*reversed(like.__mro__), *reversed(kind.__mro__)):
+        block = re.search(r"^Attributes:\n((?:    .*\n?|\n)*)", inspect.cleandoc(base.__doc__ or ""), re.MULTILINE)
+        entries = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {5,}.*)*)", block[1] if block else "", re.MULTILINE)
+        for names, words in entries:
+            found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
+    return found
+
+
+@cache
+def unit_of(kind: type, key: str) -> str:
+    """The unit of a part's key, as its docstring has it in brackets; "" for none."""
+    named = re.search(r"\[([^\]]+)\]", descriptions(kind).get(key, ""))
+    return named[1] if named and unit(named[1]) else ""
+
+
+def fitting(wanted: str) -> Iterator[str]:
+    """Signs of the unit that is wanted, and of those that measure the same."""
+    powers = (unit(wanted) or ONE).powers
+    yield from dict.fromkeys(
+        [wanted, *(name for name, one in UNITS.items() if one.powers == powers and name.isascii())]
+    )
+
+
+def converted(text: str, wanted: str) -> float | None:
+    """The number that a quantity is in another unit, rounded once but for pi; None for one of another kind.
+
+    Args:
+        text: such as "540 rpm", which `QUANTITY` matches.
+        wanted: the unit.
+    """
+    match, to = QUANTITY.fullmatch(text), unit(wanted)
+    given = unit(match[2]) if match else None
+    if match is None or to is None or given is None or given.powers != to.powers:
+        return None
+    with contextlib.suppress(OverflowError):
+        return float(Fraction(match[1]) * given.factor / to.factor) * math.pi ** (given.pi - to.pi)
+    return None
