@@ -8,7 +8,7 @@ import warp as wp
 from ..native import accessors, whole_lanes
 from ..physics.body import pose_of
 from ..physics.guide import carried
-from ..structs import PREDICTING, GROUND, Drive, Now, Pose, Totals, Wrench, types
+from ..structs import GROUND, PREDICTING, Drive, Now, Pose, Totals, Wrench, types
 from .contacts import contact_forces, contact_friction, contact_rows, contact_sums
 from .guides import guide_passes
 from .neighbor_list import GROUP, Group, lowest_bit, neighbor_list, next_bits
