@@ -34,7 +34,8 @@ def test_steel_seat_of_a_72b_roller():
 
 
 def test_bush_and_tooth_in_series():
-    # 1/K = 1/K_tooth + 1/K_bush, given or from materials; the step's limit follows, 2 / sqrt((4 k + K) / m + K z R^2 / J)
+    # 1/K = 1/K_tooth + 1/K_bush, given or from materials;
+    # the limit of the step, 2 / sqrt((4 k + K) / m + K z R^2 / J), follows
     tooth = drive().sprocket_stiffness(0)
     both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
     series = 1.0 / (1.0 / tooth + 1.0 / 8e8)

@@ -82,7 +82,10 @@ def test_a_batch_of_a_window_has_sixteen_looks_that_are_further_apart(longest, w
     assert look_every(longest, window) == expected
 
 
-@pytest.mark.parametrize(("name", "step", "looks"), [("marine", 1e-5, 64), ("marine", None, 32), ("industrial", None, 64)])
+LOOKS = [("marine", 1e-5, 64), ("marine", None, 32), ("industrial", None, 64)]  # None: the automatic 1.7e-5, 8e-6 s
+
+
+@pytest.mark.parametrize(("name", "step", "looks"), LOOKS)
 def test_examples_with_slow_teeth_are_looked_at_every_64_steps(name, step, looks):
-    drive = load_drive(drive_path(name))  # the marine drive's automatic step, 1.7e-5 s, is long for 64 of them
+    drive = load_drive(drive_path(name))
     assert int(longest_apart(drive, resolve_step(drive, step))) == looks
