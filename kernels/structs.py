@@ -86,7 +86,7 @@ class Motion:
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     sign: wp.float64  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float64  # 1 / J, of an arm about its pivot, with what moves along [1/(kg m^2)]
-    following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expected_after`)
+    following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expecting`)
     speed: wp.float64  # Omega [rad/s]
     ramp_time: wp.float64  # [s]
     start_angle: wp.float64  # theta_0 [rad]
@@ -206,6 +206,8 @@ class BodyState:
     speed: wp.float64  # omega [rad/s]
     center: wp.vec2d  # [m]
     velocity: wp.vec2d  # of the center [m/s]
+    straight: wp.vec2d  # acceleration of the center that contacts expect (`body.expecting`) [m/s^2]
+    angular: wp.float64  # the same of the angle [rad/s^2]
 
 
 @wp.struct
@@ -666,7 +668,6 @@ class State:
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
-    expected: wp.array[wp.vec3d]  # (all bodies,): accelerations that contacts expect (`body.expected_after`)
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
     extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
     stages: wp.array[wp.float64]  # (10 * all rollers,) for stages on blocks, else (1,): see `block_stages`
@@ -686,6 +687,8 @@ class Memory:
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
+    straight: wp.vec2d  # acceleration that contacts expect of the center of the partner's body [m/s^2]
+    angular: wp.float64  # the same of its angle [rad/s^2]
     lag: wp.float64  # how far the velocities are behind the forces [s]
     time: wp.float64  # the forces' instant [s]
 
@@ -776,7 +779,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates",) if blocks else ("rates", "expected"))
+        made[State] = at_float32(State, made, kept=("rates",))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

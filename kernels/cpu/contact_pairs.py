@@ -284,7 +284,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         group: Group,
         law: kinds.ContactLaw,
         sliding: kinds.Sliding,
-        seat: force.vec3,
         memory: Memory,
         chain: Chain,
         totals: wp.array[Totals],
@@ -302,16 +301,16 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         began = int(1)
         if law.exponent == Real(1.0) and sliding.rubs == 0:
             if measured:
-                changed, began = force.press_smoothly(w, group, law, seat, memory, chain, True)
+                changed, began = force.press_smoothly(w, group, law, memory, chain, True)
             else:
-                changed, began = force.press_smoothly(w, group, law, seat, memory, chain, False)
+                changed, began = force.press_smoothly(w, group, law, memory, chain, False)
         else:
-            changed = force.press(w, group, law, seat, chain)
+            changed = force.press(w, group, law, memory, chain)
             if sliding.rubs != 0:
                 rub_rollers(w, group, sliding, memory)
             force.add_forces(w, group)
             if measured:
-                force.lose(w, group, sliding, seat, memory, chain)
+                force.lose(w, group, sliding, memory, chain)
         if measured:
             sums.add_measured(w, group, law, sliding, memory.wanted, totals, slot)
             if began != 0:
@@ -353,12 +352,12 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             law = of.law_of(ensemble, drive, p)
             sliding = of.sliding_of(ensemble, drive, p)
             impacts = state.totals[slot].impacts
-            seat = force.vec3()
             body = of.carrier_of(ensemble, drive, p)
             if body != GROUND:
-                expected = state.expected[drive.first_body + body]
-                seat = force.vec3(Real(expected[0]), Real(expected[1]), Real(expected[2]))
-            changed = answer(w, group, law, sliding, seat, memory, chain, state.totals, slot)
+                pose = state.poses[drive.first_body + body]
+                memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
+                memory.angular = Real(pose.angular)
+            changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep(w, group.low, group.high, p, memory)

@@ -101,7 +101,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     """The forces of contacts whose `touch` is in the rows, with what dampers and friction take."""
     kinds = types(Real)
     Memory, Chain = kinds.Memory, kinds.Chain
-    vec2, vec3, acceleration = kinds.vec2, wp.types.vector(3, Real), passes(Real, capacity).acceleration
+    vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
 
@@ -121,22 +121,19 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return wp.where(load_row(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
-    def gaining(w: wp.array[Real], i: int, seat: vec3, chain: Chain):
-        """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far.
-
-        `seat` has those of the partner's body, which are expected: of its center (x, y), of its angle.
-        """
+    def gaining(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
+        """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far."""
         arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
-        return gained(vec2(seat[0], seat[1]), seat[2], arm, acceleration(w, i, chain.inverse_mass, chain.gravity))
+        return gained(memory.straight, memory.angular, arm, acceleration(w, i, chain.inverse_mass, chain.gravity))
 
     @wp.func
-    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, seat: vec3, chain: Chain):
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory, chain: Chain):
         """The normal force on roller i, and what its contact keeps; 1 if that is something else than before."""
         penetration = load_row(w, row.penetration + i)
         normal_x = load_row(w, row.normal_x + i)
         normal_y = load_row(w, row.normal_y + i)
         speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
-        more = gaining(w, i, seat, chain)
+        more = gaining(w, i, memory, chain)
         growth = more[0] * normal_x + more[1] * normal_y
         x = Real(0.0)
         y = Real(0.0)
@@ -164,18 +161,18 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
 
     @wp.func
-    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, seat: vec3, chain: Chain):
+    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain):
         """Normal forces; of a linear law in a loop of its own, which vectorizes. 1 if contacts keep something else."""
         changed = int(0)
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             while i < group.high:
-                changed = changed | press_one(w, i, law, seat, chain)
+                changed = changed | press_one(w, i, law, memory, chain)
                 i = i + 1
         else:
             while i < group.high:
-                changed = changed | press_one(w, i, law, seat, chain)
+                changed = changed | press_one(w, i, law, memory, chain)
                 i = i + 1
         return changed
 
@@ -197,27 +194,26 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return total
 
     @wp.func
-    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, seat: vec3, memory: Memory, chain: Chain):
+    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory, chain: Chain):
         """Power that a force on roller i takes, as `contact.dissipated`."""
-        more = gaining(w, i, seat, chain)
+        more = gaining(w, i, memory, chain)
         speed_x = load_row(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = load_row(w, row.relative_y + i) + memory.lag * more[1]
         return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
 
     @wp.func
-    def lose_one(w: wp.array[Real], i: int, seat: vec3, memory: Memory, chain: Chain):
+    def lose_one(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
         """Power that roller i's damper takes."""
         damper = load_row(w, row.damper + i)
         x = damper * load_row(w, row.normal_x + i)
         y = damper * load_row(w, row.normal_y + i)
-        store_row(w, row.damped + i, power_of(w, i, x, y, seat, memory, chain))
+        store_row(w, row.damped + i, power_of(w, i, x, y, memory, chain))
 
     @wp.func
     def press_smoothly(
         w: wp.array[Real],
         group: Group,
         law: kinds.ContactLaw,
-        seat: vec3,
         memory: Memory,
         chain: Chain,
         measured: bool,
@@ -231,10 +227,10 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         began = int(0)
         i = group.low
         while i < group.high:
-            changed = changed | press_one(w, i, law, seat, chain)
+            changed = changed | press_one(w, i, law, memory, chain)
             add_force(w, i)
             if measured:
-                lose_one(w, i, seat, memory, chain)
+                lose_one(w, i, memory, chain)
                 began = began | begins(w, i)
             i = i + 1
         return changed, began
@@ -248,18 +244,18 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, seat: vec3, memory: Memory, chain: Chain):
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory, chain: Chain):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
-            lose_one(w, i, seat, memory, chain)
+            lose_one(w, i, memory, chain)
             i = i + 1
         if sliding.rubs != 0:
             i = group.low
             while i < group.high:
                 x = load_row(w, row.drag_x + i)
                 y = load_row(w, row.drag_y + i)
-                store_row(w, row.rubbed + i, power_of(w, i, x, y, seat, memory, chain))
+                store_row(w, row.rubbed + i, power_of(w, i, x, y, memory, chain))
                 i = i + 1
 
     return SimpleNamespace(**locals())
@@ -287,7 +283,7 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def recall_holds(w: wp.array[Real], group: Group, memory: Memory):
-        """What the contacts have held until now; nothing of one that begins."""
+        """Puts the friction that contacts have held until now into their row; none of one that begins."""
         i = group.low
         while i < group.high:
             held = Real(0.0)

@@ -10,7 +10,7 @@ from ..native import accessors
 from ..physics.body import (
     body_at,
     body_rates,
-    expected_after,
+    expecting,
     heading_of,
     in_box,
     leapfrog_body,
@@ -98,8 +98,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
             moved = leapfrog_body(time + drive.step, kick, drive.step, body, rates, ahead, motion, mount)
-            state.expected[b] = expected_after(state.expected[b], body, moved, rates, kick, motion, mount)
-            state.bodies[b] = moved
+            state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             flow(ensemble, state, drive)
 
@@ -176,7 +175,9 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)
-                state.expected[b] = solved(state.expected[b], rates, state.wrenches[b], ensemble.motions[b])
+                before = state.poses[b].angular
+                state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
+                state.poses[b].angular = state.bodies[b].angular
 
     @wp.func
     def evaluate(

@@ -184,8 +184,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
         mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_of(state, number)
-        # threads without a roller read on
-        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
+        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
         now = loop.instant(state, mine, since)
@@ -219,8 +218,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         touch = on_warp.look(ensemble, state, shared, mine, now, touch)
-                    if wp.static(kind.parts.light > 0):
-                        do.predict(ensemble, state, out, shared, mine, now, touch)
+                    do.predict(ensemble, state, out, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.contacts(ensemble, state, tallies, shared, mine, on_warp.plain(now), touch)
                         do.load_moment_ahead(ensemble, shared, mine, now)
@@ -244,9 +242,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             now = loop.next_stage(now)
             if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = on_warp.look(ensemble, state, shared, mine, now, touch)
-            if wp.static(ahead):
-                if now.step < end and now.diverged == 0:  # joints must not remember a step that is not taken
-                    tension, rate = pull(state, shared, mine, now, lengths)
+            if wp.static(ahead) and now.step < end and now.diverged == 0:  # joints remember only steps that are taken
+                tension, rate = pull(state, shared, mine, now, lengths)
             barrier()
         loop.finish(ensemble, state, out, shared, mine, now)
 

@@ -12,7 +12,7 @@ from ..physics.body import (
     aligned,
     body_at,
     body_rates,
-    expected_after,
+    expecting,
     in_box,
     in_plain,
     leapfrog_body,
@@ -178,12 +178,9 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         body.speed = pose.speed
         body.center = pose.center
         body.velocity = pose.velocity
+        body.straight = pose.straight
+        body.angular = pose.angular
         return body
-
-    @wp.func
-    def expected_by(pose: Pose):
-        """Accelerations of a body's center and angle that contacts expect."""
-        return wp.vector(pose.straight[0], pose.straight[1], pose.angular)
 
     @wp.func
     def heading(pose: Pose):
@@ -209,9 +206,6 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         if b == 0:
             of.share_chain(ensemble, shared, drive, mine.variant)
         pose = pose_from(ensemble, state, drive, b)
-        expected = state.expected[drive.first_body + b]
-        pose.straight = wp.vector(expected[0], expected[1])
-        pose.angular = expected[2]
         shared.motions[b] = ensemble.motions[drive.first_body + b]
         if b < wp.static(mounted):
             angle, speed = led_at(ensemble, shared, mine, b, step)
@@ -238,7 +232,6 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         body.center = trimmed(body.center)
         body.velocity = trimmed(body.velocity)
         state.bodies[drive.first_body + b] = body
-        state.expected[drive.first_body + b] = expected_by(shared.poses[b])
         if wp.static(measuring):
             if b < wp.static(sprockets):
                 at = drive.first_sprocket + b
@@ -273,7 +266,6 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     of, access, motions = contact_geometry(kind), body_access(kind), prescribed_motion(kind)
     vec2 = kinds.vec2
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
-    expected_by = access.expected_by
     # a load is found ahead by threads that else would wait for the contacts of others
     loading_ahead = not staged and (kind.shape.body_warp or (kind.shape.threads > WARP and not kind.paired))
 
@@ -337,8 +329,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
         if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
             load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            rates = wp.vector(Real(0.0), Real(0.0), (wrench.moment + load) * motion.inverse_inertia)
-            shared.poses[mine.body].angular = solved(expected_by(pose), rates, wrench, motion)[2]
+            acceleration = (wrench.moment + load) * motion.inverse_inertia
+            shared.poses[mine.body].angular = solved(pose.angular, acceleration, wrench, motion)
 
     @wp.func
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
@@ -363,9 +355,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             after = time + step_number(mine)
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
             moved = leapfrog_body(after, kick, h, body, rates, angle, motion, mount)
-            expected = expected_after(expected_by(pose), body, moved, rates, kick, motion, mount)
-            pose.straight = wp.vector(expected[0], expected[1])
-            pose.angular = expected[2]
+            moved = expecting(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
         return seen, wrench

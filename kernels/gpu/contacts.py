@@ -40,6 +40,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         penetration: Real  # [m]
         normal: vec2
         relative: vec2  # velocity [m/s]
+        gaining: vec2  # acceleration of that velocity without this contact [m/s^2]
 
     @wp.func
     def placed(touch: Touch, penetration: Real, normal: vec2, relative: vec2):
@@ -134,15 +135,13 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         now: Now,
         j: int,
         touch: Touch,
-        more: vec2,
         law: kinds.ContactLaw,
     ):
         """Adds the force of roller j's contact at hand, which is closed, to the roller's.
 
-        `more` is `gaining` without it. Returns it [N] and, where accelerations are predicted, by what it answers a
-        closing one of 1 m/s^2 [N].
+        Returns it [N] and, where accelerations are predicted, by what it answers a closing one of 1 m/s^2 [N].
         """
-        p, before, normal, relative = touch.partner, touch.before, touch.normal, touch.relative
+        p, before, normal, relative, more = touch.partner, touch.before, touch.normal, touch.relative, touch.gaining
         at = mine.memory + j + p * mine.rollers
         force, size, first, damper, energy = respond(touch.penetration, normal, relative, more, before, as_known(law))
         if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here

@@ -96,8 +96,8 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
             if wp.static(profiles):
                 arm = arm_on(shared, j, bar.body)
                 carrier = shared.poses[bar.body]
-            more = gaining(shared, carrier, arm, j)
-            force, answer = press(state, tallies, shared, mine, now, j, touch, more, bar.law)
+            touch.gaining = gaining(shared, carrier, arm, j)
+            force, answer = press(state, tallies, shared, mine, now, j, touch, bar.law)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
                     add_yielding(shared, mine, now, bar.body, j, arm, normal, answer)

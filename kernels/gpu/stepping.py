@@ -58,7 +58,9 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 move(shared, j, h * v[0], h * v[1])
 
     @wp.func
-    def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+    def predict_all(
+        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
+    ):
         """Evaluates the contacts to find what accelerations light bodies will have, and leaves forces as they were.
 
         All threads together, links' forces done.
@@ -85,6 +87,12 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
+
+    @wp.func
+    def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+        """As `predict_all`, where there are light bodies."""
+        if wp.static(kind.parts.light > 0):
+            predict_all(ensemble, state, out, shared, mine, now, touch)
 
     @wp.func
     def chain_on(state: State, shared: Shared, mine: Mine, now: Now):
@@ -225,8 +233,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        if wp.static(kind.parts.light > 0):
-            do.predict(ensemble, state, out, shared, mine, now, touch)
+        do.predict(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)

@@ -139,8 +139,8 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         at = mine.memory + j + s * mine.rollers
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
         if closer.penetration > Real(0.0):
-            more = gaining(shared, shared.poses[s], arm, j)
-            force, answer = press(state, tallies, shared, mine, now, j, closer, more, shared.teeth[s].law)
+            closer.gaining = gaining(shared, shared.poses[s], arm, j)
+            force, answer = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
             add_yielding(shared, mine, now, s, j, arm, closer.normal, answer)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)

@@ -93,6 +93,8 @@ def posed(pose: Any, body: Any):
     pose.speed = body.speed
     pose.center = body.center
     pose.velocity = body.velocity
+    pose.straight = body.straight
+    pose.angular = body.angular
     return pose
 
 
@@ -169,8 +171,8 @@ def leapfrog_body(after: Any, kick: Any, h: Any, body: Any, rates: Any, ahead: A
 
 
 @wp.func
-def expected_after(expected: Any, before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2] that contacts expect in the next step.
+def expecting(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
+    """A body after a leapfrog step, with the accelerations that contacts expect of it in the next one.
 
     They expect part of what it had more than was expected. Contacts' dampers answer an acceleration by a force that
     takes, of z rollers of mass m at R, at most g = z m R^2 / J of it away again. With 1 / (1 + g) as that part, a light
@@ -178,7 +180,6 @@ def expected_after(expected: Any, before: Any, after: Any, rates: Any, kick: Any
     is that of the step before.
 
     Args:
-        expected: for this step.
         before, after: the body at this step and the next.
         rates: its accelerations in this step.
         kick: as `leapfrog_kick` [s].
@@ -190,29 +191,26 @@ def expected_after(expected: Any, before: Any, after: Any, rates: Any, kick: Any
     straight = wp.vector(rates[0], rates[1])
     if mount.moves == PRESCRIBED:
         straight = rounded(difference(after.velocity, before.velocity)) * reciprocal(kick)
-    return wp.vector(
-        expected[0] + mount.following * (straight[0] - expected[0]),
-        expected[1] + mount.following * (straight[1] - expected[1]),
-        expected[2] + motion.following * (angular - expected[2]),
-    )
+    after.straight = before.straight + mount.following * (straight - before.straight)
+    after.angular = before.angular + motion.following * (angular - before.angular)
+    return after
 
 
 @wp.func
-def solved(expected: Any, rates: Any, wrench: Any, motion: Any):
-    """Accelerations of a body with which its contacts agree, from what they do to it where they expect others.
+def solved(expected: Any, acceleration: Any, wrench: Any, motion: Any):
+    """Acceleration of a body's angle [rad/s^2] with which its contacts agree.
 
-    Contact forces are linear in the acceleration of its angle, M = M_0 - S (alpha - alpha_0), so that alpha =
-    (M_0 + S alpha_0) / (J + S), M_0 all moments where alpha_0 is expected.
+    Contact forces are linear in it, M = M_0 - S (alpha - alpha_0), so that alpha = (M_0 + S alpha_0) / (J + S), M_0 all
+    moments where alpha_0 is expected.
 
     Args:
-        expected: those that the contacts expected, alpha_0 among them.
-        rates: its accelerations by what they then did, M_0 / J among them.
+        expected: alpha_0 [rad/s^2].
+        acceleration: M_0 / J [rad/s^2].
         wrench: with S [kg m^2].
         motion: with 1 / J.
     """
     share = wrench.yielding * motion.inverse_inertia
-    angular = (rates[2] + share * expected[2]) / (type(share)(1.0) + share)
-    return wp.vector(expected[0], expected[1], angular)
+    return (acceleration + share * expected) / (type(share)(1.0) + share)
 
 
 @wp.func

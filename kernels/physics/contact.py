@@ -159,7 +159,7 @@ def surface_velocity(body: Any, arm: Any):
 def gained(straight: Any, angular: Any, arm: Any, acceleration: Any):
     """Acceleration [m/s^2] of the velocity of a body's material point less a roller's.
 
-    Of the body those count that are expected of its center and its angle (`body.expected_after`), of the roller all
+    Of the body those count that are expected of its center and its angle (`body.expecting`), of the roller all
     that is known. The arm is the one of the forces' instant, so nothing centripetal is in it.
 
     Args:

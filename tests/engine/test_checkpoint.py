@@ -17,7 +17,7 @@ SHORT, LONG = 1024 * STEP, 2048 * STEP
 
 def ensemble():
     """A settled drive with a guide-bar, one with arm and tensioner, one that slides, one that begins elsewhere."""
-    marine = load_drive(drive_path("marine")).with_values({"run.settle": True})
+    marine = load_drive(drive_path("marine")).with_values({"run.settle": True, "run.step": 1e-5})
     car = load_drive(drive_path("car"))
     rubbing = two_sprockets().with_values({"contact.sprocket.friction": 0.1, "run.integrator": "rk4"})
     drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25})]

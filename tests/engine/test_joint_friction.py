@@ -77,8 +77,8 @@ def test_powers_of_the_joints_add_up_to_their_loss(integrator, tmp_path):
     weight = np.full(2001, run.info.step)
     weight[[0, -1]] *= 0.5
     assert weight @ power.sum(axis=1) == pytest.approx(run.metrics["joints.friction"][0].as_py(), rel=1e-12)
-    # a joint that hardly turns may gain a little at the mean of two velocities, that of one velocity never
-    assert power.min() >= (-1e-3 * power.max() if integrator == "leapfrog" else 0.0)
+    # a joint that turns back is given what its bristle has stored, less than a hundredth of the largest power
+    assert power.min() >= -1e-2 * power.max()
 
 
 def test_a_drive_without_joint_friction_has_no_friction_power():

@@ -64,7 +64,7 @@ def mad(count, seed=0):
         values = {
             "sprockets.driven.load.viscous": 10.0 ** rng.uniform(5, 9),
             "sprockets.driven.load.quadratic": 10.0 ** rng.uniform(2, 9),
-            "sprockets.driven.inertia": 10.0 ** rng.uniform(-7, -2),
+            "sprockets.driven.inertia": 10.0 ** rng.uniform(-3, -1),
             "contact.sprocket.impact_speed_floor": 10.0 ** rng.uniform(-9, -2),
         }
         yield drive.with_values(values)

@@ -148,7 +148,6 @@ TABLE = {
         "impact_speed": Array("contact", kept=True),
         "contact_hold": Array("contact", kept=True),
         "joint_hold": Array("roller", kept=True),
-        "expected": Array("body", kept=True),
         "totals": Array("partner", kept=True),
         "progress": Array("variant", kept=True),
         "poses": Array("body", where="cpu"),
