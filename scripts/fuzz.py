@@ -259,7 +259,8 @@ class Fuzz:
         (folder / "t.csv").write_text("torque,double\n1000.0,74\n1500.0,76\n")
         softer = {"chain.stiffness": 0.9 * self.base.chain.stiffness}
         record = Record("all", 5000.0, ("position", "tension", "sprocket_angle"))
-        self.run = simulate([self.base, self.base.with_values(softer)], device="cpu", duration=1e-3, record=record)
+        both = [self.base, self.base.with_values(softer)]
+        self.run = simulate(both, device="cpu", duration=1e-3, step=1e-5, record=record)
         options = [ArchiveOptions("zstd"), ArchiveOptions("lz4"), ArchiveOptions("none")]
         files = [write_archive(self.run, folder / f"{of.compression}.mcap", options=of) for of in options]
         self.files = [path.read_bytes() for path in files]

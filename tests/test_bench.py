@@ -10,6 +10,7 @@ from loading import load_script
 from matplotlib.figure import Figure
 
 from warpchain import load_drive
+from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
@@ -60,10 +61,11 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
 
     monkeypatch.setattr(gpu, "timed", timed)
     row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, ""))
-    last = (2.0 - 1e-5, 2.0)  # its last step
+    step = resolve_step(load_drive(drive_path("marine")))
+    last = (2.0 - step, 2.0)  # its last step
     assert asked == [(16896, last, "float32"), (16896, None, "float32")] * rounds
     best = 10.0 if rounds == 1 else 8.5
-    rate = 16896 * 162 * 2.0 / 1e-5 / 1e9
+    rate = 16896 * 162 * 2.0 / step / 1e9
     assert row == pytest.approx((2.0, 8.0, best, 8.0 / best, rate / 8.0, rate / best))
 
 

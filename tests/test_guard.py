@@ -78,8 +78,8 @@ class Launched:
         pass
 
 
-@pytest.mark.parametrize(("name", "links"), [("two", 118), ("smooth", 162), ("engine", 132)])
-def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeypatch, name, links):
+@pytest.mark.parametrize(("name", "links", "looks"), [("two", 118, 64), ("smooth", 162, 32), ("engine", 132, 32)])
+def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeypatch, name, links, looks):
     probe = load_script("benches.probe")
     Launched.asked.clear()
     monkeypatch.setattr(probe, "engine_on", Launched)
@@ -99,7 +99,8 @@ def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeyp
     )
     cases = [(variants, window) for variants in (1, 4224) for window in (probe.FOREVER - 1, 3000)]
     each = [[(*case, steps) for steps in (3064, 50)] for case in cases]
-    assert Launched.asked == [(n, links, window, 64, wp.float32, steps) for rows in each for n, window, steps in rows]
+    wanted = [(n, links, window, looks, wp.float32, steps) for rows in each for n, window, steps in rows]
+    assert Launched.asked == wanted
     assert list(found.values()) == pytest.approx([variants * links * 50 / 1e6 / 1e-3 for variants, _ in cases])
 
 

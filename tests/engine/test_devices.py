@@ -48,7 +48,7 @@ def mixed():
 def packed_with_frames(drives):
     every = [10, 0, 20, 10, 0]
     packed = pack(
-        drives, [Schedule(drive.run.step, STEPS, 50, STEPS, k) for drive, k in zip(drives, every, strict=True)]
+        drives, [Schedule(resolve_step(drive), STEPS, 50, STEPS, k) for drive, k in zip(drives, every, strict=True)]
     )
     first = 0
     for v, (drive, k) in enumerate(zip(drives, every, strict=True)):

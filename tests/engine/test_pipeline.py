@@ -189,8 +189,8 @@ def test_a_chain_that_does_not_fit_is_named_and_stops_the_others(gpus, bad, tmp_
 def test_steps_beyond_their_limit_are_told_before_anything_is_packed(gpus, monkeypatch):
     monkeypatch.setattr(share, "pack", lambda *_: pytest.fail("packed"))
     drives = [short(), short(), short(), short(stiffness=1.5e8, contact=1.5e8)]
-    with pytest.raises(DriveError, match=r"variant 3: run\.step = 8e-05"):
-        run(drives, device="cuda", step=8e-5)
+    with pytest.raises(DriveError, match=r"variant 3: run\.step = 7e-05"):
+        run(drives, device="cuda", step=7e-5)
 
 
 def test_what_fails_on_a_gpu_ends_the_run(gpus, monkeypatch):

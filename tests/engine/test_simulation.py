@@ -219,8 +219,8 @@ def test_sums_and_statistics_count_in_the_memory_budget():
 
 @pytest.mark.usefixtures("device")
 def test_step_beyond_the_limit_states_the_limit():
-    with pytest.raises(DriveError, match=r"variant 1: run\.step = 8e-05: must be above 0 and below 6\.3\d*e-05 s"):
-        simulate([short(), short(stiffness=1.5e8, contact=1.5e8)], step=8e-5)
+    with pytest.raises(DriveError, match=r"variant 1: run\.step = 7e-05: must be above 0 and below 6\.18\d*e-05 s"):
+        simulate([short(), short(stiffness=1.5e8, contact=1.5e8)], step=7e-5)
 
 
 def test_bad_records():

@@ -7,6 +7,7 @@ from drives import STARTING, two_sprockets
 from grown import grown, recipe, run_in
 
 from warpchain import Record, dumps_drive, load_drive, simulate
+from warpchain.assembly.timestep import resolve_step
 from warpchain.examples import drive_path, example_names
 from warpchain.results.batch_means import ERROR
 from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
@@ -54,7 +55,7 @@ def test_the_recipe_of_a_metric(tmp_path):
 
 @pytest.mark.parametrize("drive", drives(), ids=lambda drive: f"{len(drive.sprockets)}-{drive.chain.links}")
 def test_the_registry_has_every_column(drive):
-    whole = 700 * drive.run.step  # enough steps for batches
+    whole = 700 * resolve_step(drive)  # enough steps for batches
     table = simulate(drive, duration=whole, window=(0.0, whole), device="cpu", record=Record("none")).metrics
     facts = [column.name for column in RUN.columns]
     names = [name for name in metric_names(drive) if not name.endswith(ERROR)]  # the window is short

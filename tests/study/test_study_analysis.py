@@ -182,7 +182,8 @@ def test_roles_are_read_from_the_fields():
 def test_refusals_are_one_line(tmp_path):
     table = pa.table({"a": [1.0, 2.0], "law": ["x", "y"], "y": [1.0, 2.0]})
     ok = read_results(table, ["a", "law"])
-    (tmp_path / "bad.parquet").write_text("no")
+    for name in ("bad.parquet", "t.xlsx"):
+        (tmp_path / name).write_text("no")
     cases = [
         (lambda: read_results(table), "factors: none given"),
         (lambda: read_results(table, ["z"]), "factors: 'z' is not in the table"),

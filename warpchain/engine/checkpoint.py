@@ -289,8 +289,8 @@ def _set(
     for name, values in arrays.items():
         place = slice(places[name][v], places[name][v + 1])
         kind = repack_fields(values.dtype, recurse=True)
-        size = (place.stop - place.start) * kind.itemsize
-        held = np.frombuffer(kept.data[at : at + size], dtype=kind)
+        size = values[place].size * kind.itemsize  # vectors have several numbers in a place
+        held = np.frombuffer(kept.data[at : at + size], dtype=kind).reshape(-1, *values.shape[1:])
         at += size
         if name[0] == "state" or (sums and not name[1].endswith("_notes")):
             values[place] = held
