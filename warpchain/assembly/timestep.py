@@ -21,8 +21,11 @@ from warpchain.drive.mounts import moving_mass, on_springs, spring, wheel_inerti
 from warpchain.drive.oil import oil_stiffness
 from warpchain.errors import DriveError
 
-AUTOMATIC = 0.6
+AUTOMATIC = {"leapfrog": 0.6}
 """The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
+
+STAGED = 0.3
+"""The same of schemes with stages, which hold bristles and dampers at step starts and by bounds."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
 
 def automatic_step(drive: Drive) -> float:
     """The step that "auto" stands for [s]."""
-    return AUTOMATIC * step_limit(drive)
+    return AUTOMATIC.get(drive.run.integrator, STAGED) * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
