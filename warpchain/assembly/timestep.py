@@ -21,7 +21,7 @@ from warpchain.drive.mounts import moving_mass, on_springs, spring, wheel_inerti
 from warpchain.drive.oil import oil_stiffness
 from warpchain.errors import DriveError
 
-AUTOMATIC = {"leapfrog": 0.6}
+AUTOMATIC = 0.6
 """The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
 
 STAGED = 0.3
@@ -145,7 +145,7 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
 
 def automatic_step(drive: Drive) -> float:
     """The step that "auto" stands for [s]."""
-    return AUTOMATIC.get(drive.run.integrator, STAGED) * step_limit(drive)
+    return (AUTOMATIC if drive.run.integrator == "leapfrog" else STAGED) * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
