@@ -34,7 +34,7 @@ def lever(point, along, pivot):
 def test_mean_moment_of_the_chain_on_an_arm(device):
     # model, section 14: frictionless it is (T - m v^2/p)(h_out - h_in) whatever the profile, T and the lines of the two
     # strands in the mean. What is left over of a run's window is what the arm gains in it and how the strands whip:
-    # 2 % of the moment's own size
+    # 3 % of the moment's own size
     drive = timing(**{"run.duration": 0.08, "arms.0.damping": 0.5}).with_values(BARE)
     run = simulate(drive, record=Record(rate=20_000.0), window=(0.04, 0.08))
     row, late = run.metrics.to_pylist()[0], run[0].time >= 0.04
@@ -47,7 +47,7 @@ def test_mean_moment_of_the_chain_on_an_arm(device):
     flow = drive.chain.mass * speed**2 / drive.chain.pitch
     expected = (tension - flow) * (h_out - h_in)
     assert flow > 0.05 * tension  # the moving chain's part would be missed
-    assert row["arm.moment_mean"] == pytest.approx(expected, rel=0.02)
+    assert row["arm.moment_mean"] == pytest.approx(expected, rel=0.03)
     assert row["status"] == "ok", row["reason"]
 
 

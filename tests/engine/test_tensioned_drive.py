@@ -31,7 +31,7 @@ def test_a_spring_tensioner_is_the_slider_s_own_spring():
 def test_oil_leaves_the_energy_balance_as_good_as_without():
     oiled = engine()
     drives = [oiled.with_values({"tensioners": []}), oiled.with_values(BARE | {"tensioners": [oiled.tensioners[0]]})]
-    without, with_oil = simulate(drives, duration=0.03, device="cpu").metrics.to_pylist()
+    without, with_oil = simulate(drives, duration=0.03, step=5e-7, device="cpu").metrics.to_pylist()
     assert with_oil["element.pressure_max"] > 5e5 > with_oil["element.pressure_min"]  # its valve closes and opens
     assert with_oil["element.oil_loss"] > 0.0
     # what contacts leave over, first order in the step, and 1e-3 of what the oil takes

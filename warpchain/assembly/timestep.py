@@ -24,6 +24,9 @@ from warpchain.errors import DriveError
 AUTOMATIC = 0.6
 """The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
 
+STAGED = 0.3
+"""The same of schemes with stages, which hold bristles and dampers at step starts and by bounds."""
+
 
 @dataclass(frozen=True)
 class Body:
@@ -142,7 +145,7 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
 
 def automatic_step(drive: Drive) -> float:
     """The step that "auto" stands for [s]."""
-    return AUTOMATIC * step_limit(drive)
+    return (AUTOMATIC if drive.run.integrator == "leapfrog" else STAGED) * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:

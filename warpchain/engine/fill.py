@@ -239,17 +239,17 @@ def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
 
 
 def fill_mount(
-    row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0, following: float = 1.0
+    row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0, rollers: float = 0.0
 ) -> None:
     """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel.
 
-    `plungers` is the mass of those that move with its center [kg]; `following` as in `Motion`.
+    `plungers` is the mass of those that move with its center, `rollers` of as many rollers as it has teeth [kg].
     """
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
-    row["following"] = following
+    row["following"] = mass / (mass + rollers)
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)

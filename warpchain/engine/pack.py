@@ -173,8 +173,8 @@ def _pack_sprocket(
     with _rows(packed.motions, body) as row:
         fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
     with _rows(packed.mounts, body) as row:
-        following = tooth_effective_mass(drive, s) / drive.chain.mass
-        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s), following)
+        rollers = sprocket.teeth * drive.chain.mass
+        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s), rollers)
     with _rows(packed.bodies, body) as row:
         fill_body(row, sprocket, assembly, s)
 
