@@ -75,6 +75,7 @@ def at_speed(rpm: float) -> Drive:
         "sprockets.crank.prescribed.harmonics": [{"order": 2, "amplitude": ripple(rpm)}],
         "sprockets.crank.prescribed.ramp_time": ramp,
         "run.duration": duration,
+        "run.step": 2.5e-6,  # of which frames are a whole number: the automatic step's last comes short of the cycle
     }
     for cam, lead in LEAD.items():
         values[f"sprockets.{cam}.load.harmonics"] = [
