@@ -15,7 +15,7 @@ from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
 from .shared_memory import parts_of_a_body, yielding_row
-from .sync import group, lanes, raise_to, sync, widened
+from .sync import add_to, group, lanes, raise_to, sync, widened
 
 
 @cache
@@ -102,9 +102,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def measure_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
         """Adds the powers [W] of a closed contact's damping and friction to its sums."""
-        wp.atomic_add(tallies.dissipated, at, in_full(now.weight * damped))
+        add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
-            wp.atomic_add(tallies.friction, at, in_full(now.weight * rubbed))
+            add_to(tallies.friction, at, in_full(now.weight * rubbed))
 
     @wp.func
     def measure_force(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
@@ -113,12 +113,12 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         Rollers pass sprockets, where first touches count.
         """
         if now.watched != 0:
-            wp.atomic_add(tallies.impulse, at, in_full(now.watch_weight * size))
+            add_to(tallies.impulse, at, in_full(now.watch_weight * size))
             raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
-            wp.atomic_add(tallies.impacts, at, 1)
+            add_to(tallies.impacts, at, 1)
             if passing and before == Real(UNTOUCHED):
-                wp.atomic_add(tallies.contacts, at, 1)
+                add_to(tallies.contacts, at, 1)
 
     @wp.func
     def keep(state: State, now: Now, at: int, before: Real, kept: Real):

@@ -15,6 +15,7 @@ from .geometry import contact_geometry
 from .kind import START, BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
+from .sync import add_to
 
 
 @cache
@@ -87,7 +88,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                wp.atomic_add(tallies.missed, at, 1)
+                add_to(tallies.missed, at, 1)
             keep(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             touch = placed(touch, penetration, normal, relative)

@@ -74,6 +74,23 @@ def lowest_bit(mask: int) -> int:
     """Position of the lowest bit set in `mask`, which is not zero."""
 
 
+def _added(of: str, letter: str) -> str:
+    """Adds `value` in global memory; of an address that may be anywhere the compiler would try again and again."""
+    place = "__cvta_generic_to_global(sums.data + at)"
+    red = f'asm volatile("red.global.add.{of} [%0], %1;" :: "l"({place}), "{letter}"(value));'
+    return by_device(red, "sums.data[at] += value;")
+
+
+@wp.func_native(_added("f64", "d"))
+def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
+    """Adds `value` to what stands at `at` in global memory, and does not wait for it."""
+
+
+@wp.func_native(_added("u32", "r"))
+def add_to(sums: wp.array[wp.int32], at: int, value: int):
+    """The same of counts."""
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     asm volatile("red.global.max.s64 [%0], %1;" ::
