@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from drives import MARINE, two_sprockets
 
-from warpchain import load_drive
+from warpchain import load_drive, progress
 from warpchain.engine import buckets, compiling
 from warpchain.engine.buckets import COLLECTING, GpuKernels
 from warpchain.engine.compiling import Wanted, compile_in_processes, compile_job, jobs_of
@@ -101,3 +101,13 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
     assert len(steps) == 5
     relax = GpuKernels(still, "cuda:0").wanted("relax") if settles else []
     assert [job.wanted for job in asked] == [*steps, *relax]
+
+
+def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    with progress.reporter(True) as report:
+        for told in (("simulating", 0, 8), ("compiling", 1, 2), ("simulating", 4, 8)):
+            report(*told)
+    _, compiling_line, last = capsys.readouterr().err.splitlines()
+    assert compiling_line.startswith("compiling: 50 % of 2 kernel, ")
+    assert last.startswith("simulating: 50 % of 8 roller-step, ")
