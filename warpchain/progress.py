@@ -14,6 +14,9 @@ from typing import Any
 Report = Callable[[str, float, float], None]
 """Called with (phase, done, total)."""
 
+COMPILING = "compiling"
+"""The phase that counts kernels, where others count roller-steps."""
+
 
 class Lines:
     """A bar for what is no terminal, such as a job's log: a line every `EVERY` seconds, and none of quick work.
@@ -76,20 +79,24 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
     if not progress:
         yield lambda phase, done, total: None
         return
-    bars: dict[str, Any] = {}
+    shown: dict[str, Any] = {}  # the bar of the phase that goes on
+
+    def close() -> None:
+        for of in shown.values():
+            of.close()
+        shown.clear()
 
     def report(phase: str, done: float, total: float) -> None:
-        if phase not in bars:
-            for shown in bars.values():
-                shown.close()
-            bars[phase] = bar(total, phase, "roller-step", unit_scale=True)
-        bars[phase].update(done - bars[phase].n)
+        if phase not in shown:
+            close()
+            counts = phase == COMPILING
+            shown[phase] = bar(total, phase, "kernel" if counts else "roller-step", unit_scale=not counts)
+        shown[phase].update(done - shown[phase].n)
 
     try:
         yield report
     finally:
-        for shown in bars.values():
-            shown.close()
+        close()
 
 
 class Stop:

@@ -31,6 +31,7 @@ def gpus(monkeypatch):
     monkeypatch.setattr(devices, "_gpus", lambda: {"cuda:0": 90, "cuda:1": 90})
     monkeypatch.setattr(devices, "quickest", lambda names, *_: devices.Choice(tuple(names), "as told"))
     monkeypatch.setattr(gpu, "GpuEngine", lambda packed, name: Frames(packed, 1))
+    monkeypatch.setattr(gpu, "compile_lacking", lambda *_: None)
     monkeypatch.setattr(pipeline, "LEAST", 2)
     monkeypatch.setattr(pipeline, "WORTH", 1)
     monkeypatch.setattr(pipeline, "MOST", 2)
@@ -168,6 +169,25 @@ def test_progress_is_one_bar_told_by_the_caller(gpus):
     assert done == sorted(done) and done[-1] == 8 * 60 * 401
 
 
+def test_progress_of_compiling_is_told_by_the_caller_too(gpus, monkeypatch):
+    """A share that compiles waits here until the caller has told; steps follow."""
+    seen, told = [], threading.Event()
+
+    def compile_lacking(parts, precision, settles, cores, report, stop):
+        report("compiling", 1, 2)
+        assert told.wait(30.0)
+        report("compiling", 2, 2)
+
+    def report(phase, done, total):
+        seen.append((phase, done, total))
+        if phase == "compiling":
+            told.set()
+
+    monkeypatch.setattr(gpu, "compile_lacking", compile_lacking)
+    run([short()] * 8, device="cuda", progress=report)
+    assert ("compiling", 1, 2) in seen and seen[-1][0] == "simulating"
+
+
 def gone():
     """Whether all threads of shares have ended."""
     return not [thread for thread in threading.enumerate() if thread.name.startswith("warpchain")]
@@ -230,6 +250,14 @@ def test_ctrl_c_keeps_all_variants_in_their_order(gpus):
     assert found.metrics["variant"].to_pylist() == list(range(8))
     means = whole.metrics["tension_mean"].to_pylist()
     assert found.metrics["tension_mean"].to_pylist() == [means[0], None, means[1], *[None] * 5]
+
+
+def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
+    monkeypatch.setattr(gpu, "compile_lacking", lambda *rest: rest[-1].ask())
+    for name in ("settle", "advance"):
+        monkeypatch.setattr(Frames, name, lambda *_: pytest.fail("launched"))
+    found, _ = run([two_sprockets(duration=0.002)] * 8, device="cuda")
+    assert found.info.ended == "interrupted" and found.metrics["variant"].to_pylist() == list(range(8))
 
 
 @pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [4, 4])])

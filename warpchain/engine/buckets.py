@@ -14,11 +14,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpchain.engine.compiling import Wanted
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import asked_of_a_block, room
+from warpchain.kernels.gpu.statistics import collect_kernel
 
 ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 """Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
@@ -31,6 +33,9 @@ FEW = 1
 
 VARIANTS_PER_BLOCK = 4
 """Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
+
+COLLECTING = 256
+"""Threads of a block that adds up what the others have noted."""
 
 RESERVED = 1024
 """Bytes of a multiprocessor's shared memory that each block takes beside its own."""
@@ -193,11 +198,12 @@ def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
 
 
 class Made(NamedTuple):
-    """A kernel of a bucket, its kind, and how many variants a multiprocessor is to hold in its blocks."""
+    """A kernel of a bucket, its kind, how many variants a multiprocessor is to hold of it, and what makes it."""
 
     kernel: Any
     kind: BlockKind
     resident: int
+    wanted: Wanted
 
 
 class GpuKernels:
@@ -215,7 +221,7 @@ class GpuKernels:
         self._kernels: dict[tuple[str, int], Made] = {}
         drives = packed.drives
         measuring = bool((drives["window_start"] < drives["steps"]).any())
-        self._names = ("advance", "measure") if measuring else ("advance",)
+        self._names = ("measure", "advance") if measuring else ("advance",)  # what takes longest to compile first
         self.buckets = self._bucketed()
 
     def _bucketed(self) -> list[Bucket]:
@@ -239,14 +245,16 @@ class GpuKernels:
         if key not in self._kernels:
             kind = kernel_kind(name, bucket)
             held = resident(kind)
-            kernel = block_relax_kernel(kind, held) if name == "relax" else block_kernel(kind, held, self.packed.frame)
-            self._kernels[key] = Made(kernel, kind, held)
+            settling = name == "relax"
+            factory = block_relax_kernel if settling else block_kernel
+            form = (kind, held) if settling else (kind, held, self.packed.frame)
+            self._kernels[key] = Made(factory(*form), kind, held, Wanted(factory, form, kind.shape.block_threads))
         return self._kernels[key]
 
-    def modules(self, *names: str) -> list[tuple[Any, int]]:
-        """The modules of the kernels of these names, by default of those that take steps, and their threads a block.
+    def wanted(self, *names: str) -> list[Wanted]:
+        """The kernels of these names, by default of those that take steps, with which goes what adds up their sums.
 
         They are made by the calling thread, as they share functions.
         """
-        made = [self._made(name, bucket) for bucket in self.buckets for name in names or self._names]
-        return [(each.kernel.module, each.kind.shape.block_threads) for each in made]
+        blocks = [self._made(name, bucket).wanted for name in names or self._names for bucket in self.buckets]
+        return blocks if names else [*blocks, Wanted(collect_kernel, (self.packed.real,), COLLECTING)]

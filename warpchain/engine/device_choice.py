@@ -28,7 +28,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from warpchain.engine.compiling import in_cache
 from warpchain.files import write_text
+from warpchain.progress import Stop
 from warpchain.version import installed
 
 if TYPE_CHECKING:
@@ -177,21 +179,7 @@ def modules_of(device: str, packed: Packed, precision: str) -> list[tuple[Any, i
         return [(kernel_of("advance", packed, precision).module, 1)]
     from warpchain.engine.buckets import GpuKernels
 
-    return GpuKernels(replace(packed, precision=precision), device).modules()
-
-
-def in_cache(module: Any, device: str, threads: int) -> bool:
-    """Whether Warp finds a module compiled, for a device and blocks of so many threads.
-
-    True where this version of Warp does not tell.
-    """
-    import warp as wp
-
-    try:
-        name = module._get_compile_output_name(wp.get_device(device), block_dim=threads)
-        return (Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(threads) / name).exists()
-    except (AttributeError, TypeError):
-        return True
+    return [(of.module, of.threads) for of in GpuKernels(replace(packed, precision=precision), device).wanted()]
 
 
 def _best(found: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
@@ -263,7 +251,7 @@ def measured(gpus: Sequence[str], precision: str, cores: int) -> dict[str, Speed
     found = {}
     for device in ("cpu", *gpus[:1]):
         try:
-            speed = measured_cpu(precision, cores) if device == "cpu" else measured_gpu(device, precision)
+            speed = measured_cpu(precision, cores) if device == "cpu" else measured_gpu(device, precision, cores)
         except Exception:  # of whatever kind: Warp raises it bare where a compiler fails
             speed = class_speed(device, precision, cores)
         found[f"{device} {precision}"] = speed
@@ -278,27 +266,27 @@ def measured_cpu(precision: str, cores: int) -> Speed:
     """Measure the CPU for half a second of an example drive: one variant on one core, and several on each."""
     from warpchain.engine.cpu import CpuEngine
 
-    compiling = _compile_seconds("cpu", precision)
+    compiling = _compile_seconds("cpu", precision, cores)
     one = _rate(lambda: CpuEngine(_sample(precision, 1), 1))
     every = _rate(lambda: CpuEngine(_sample(precision, 8 * cores), cores)) if cores > 1 else one
     return Speed(one.rate, cores=max(1.0, every.rate / one.rate), compiling=compiling)
 
 
-def measured_gpu(device: str, precision: str) -> Speed:
+def measured_gpu(device: str, precision: str, cores: int) -> Speed:
     """Measure a GPU for a second of an example drive: one variant, and many."""
     import warp as wp
 
     from warpchain.engine.gpu import GpuEngine
 
     many = 32 * int(wp.get_device(device).sm_count)
-    compiling = _compile_seconds(device, precision)
+    compiling = _compile_seconds(device, precision, cores)
     alone = _rate(lambda: GpuEngine(_sample(precision, 1), device))
     full = _rate(lambda: GpuEngine(_sample(precision, many), device))
     rollers = float(_sample(precision, 1).drives["rollers"][0])
     return Speed(full.rate, latency=rollers / alone.rate, start=BEGINNING + alone.start, compiling=compiling)
 
 
-def _compile_seconds(device: str, precision: str) -> float:
+def _compile_seconds(device: str, precision: str, cores: int) -> float:
     """Seconds to compile the kernel of one variant; where it is in the cache, those of the device's class."""
     import warp as wp
 
@@ -306,6 +294,10 @@ def _compile_seconds(device: str, precision: str) -> float:
     if not uncompiled(device, packed, precision):
         return class_speed(device, precision, 1).compiling
     begin = time.perf_counter()
+    if device != "cpu":
+        from warpchain.engine.gpu import compile_lacking
+
+        compile_lacking([(device, packed)], precision, False, cores, lambda *_: None, Stop())
     for module, threads in modules_of(device, packed, precision):
         wp.load_module(module, device=device, block_dim=threads)
     return time.perf_counter() - begin

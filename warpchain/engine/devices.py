@@ -15,6 +15,7 @@ from warpchain.engine.arrays import TABLE, Engine, starts
 from warpchain.engine.device_choice import Choice, modules_of, quickest
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
+from warpchain.progress import Report, Stop
 
 
 def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
@@ -115,20 +116,39 @@ def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
         return CpuEngine(packed, cores)
     from warpchain.engine.gpu import GpuEngine
 
-    cuts = cuts_of(packed.drives["rollers"] * (packed.drives["steps"] + 1.0), len(devices))
-    parts = [(name, a, b) for name, a, b in zip(devices, cuts[:-1], cuts[1:], strict=True) if b > a]
+    parts = _cut(devices, packed)
     if len(parts) == 1:
         return GpuEngine(packed, parts[0][0])
     return SeveralEngines(packed, parts, GpuEngine)
 
 
-@contextmanager
-def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[None]:
-    """Loads the CPU's kernel of steps while what stands within, such as settling, is done with another one.
+def _cut(devices: Sequence[str], packed: Packed) -> list[tuple[str, int, int]]:
+    """GPUs, each with the first of its variants and the one after the last, of about the same work."""
+    cuts = cuts_of(packed.drives["rollers"] * (packed.drives["steps"] + 1.0), len(devices))
+    return [(name, a, b) for name, a, b in zip(devices, cuts[:-1], cuts[1:], strict=True) if b > a]
 
-    Where nothing is cached they are then compiled side by side.
+
+@contextmanager
+def loading(
+    devices: Sequence[str], packed: Packed, precision: str, settles: bool, cores: int, report: Report, stop: Stop
+) -> Iterator[None]:
+    """Sees to the kernels of a run before what stands within, settling; where nothing is cached, side by side.
+
+    Those of GPUs are compiled before it. The CPU's kernel of steps is loaded while it is done with another one.
+
+    Args:
+        devices, packed, cores: as in `engine_on`.
+        precision: of the steps.
+        settles: whether any variant is to be settled.
+        report, stop: of the run.
     """
     if tuple(devices) != ("cpu",):
+        from warpchain.engine.gpu import compile_lacking
+
+        parts = _cut(devices, packed)
+        whole = len(parts) == 1
+        of_devices = [(name, packed if whole else packed.part(a, b)) for name, a, b in parts]
+        compile_lacking(of_devices, precision, settles, cores, report, stop)
         yield
         return
     import warp as wp

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from threading import Lock
 from typing import Any
 
@@ -32,13 +33,15 @@ from warpchain.engine.arrays import (
     upload_ensemble,
     upload_state,
 )
-from warpchain.engine.buckets import ROOMS, Bucket, GpuKernels, rows_apart
+from warpchain.engine.buckets import COLLECTING, ROOMS, Bucket, GpuKernels, rows_apart
+from warpchain.engine.compiling import Job, compile_in_processes, jobs_of
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.near import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.structs import DIVERGENCE_CHECK
+from warpchain.progress import Report, Stop
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
@@ -51,9 +54,6 @@ LAUNCH_WORK = 1.0e10
 
 STREAMS = 4
 """On which launches of unlike variants go side by side."""
-
-COLLECTING = 256
-"""Threads of a block that adds up what the others have noted."""
 
 LOADING = Lock()
 """Held to make and load kernels: GPUs share them, each of which may have a thread of its own."""
@@ -130,6 +130,27 @@ def _memory_named(device: str, packed: Packed) -> Iterator[None]:
         ) from error
 
 
+def compile_lacking(
+    parts: Sequence[tuple[str, Packed]], precision: str, settles: bool, cores: int, report: Report, stop: Stop
+) -> None:
+    """Compiles what Warp's cache lacks of the kernels that a run needs: of steps and, in float64, of settling.
+
+    Args:
+        parts: GPUs, and what runs on each.
+        precision: of the steps.
+        settles: whether any variant is to be settled.
+        cores, report, stop: as in `compiling.compile_in_processes`.
+    """
+    with LOADING:
+        jobs: list[Job] = []
+        for device, packed in parts:
+            wanted = GpuKernels(replace(packed, precision=precision), device).wanted()
+            if settles:
+                wanted += GpuKernels(packed, device).wanted("relax")
+            jobs += jobs_of(wanted, device)
+        compile_in_processes(jobs, cores, report, stop)
+
+
 class FrameBuffer:
     """A launch's frames: on the device, and in the host's memory once `numpy` is called."""
 
@@ -158,7 +179,7 @@ class GpuEngine(GpuKernels, Engine):
     """
 
     def __init__(self, packed: Packed, device: str) -> None:
-        self._loaded: set[str] = set()
+        self._loaded: set[tuple[str, ...]] = set()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
         with _memory_named(device, packed):
             self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
@@ -179,16 +200,15 @@ class GpuEngine(GpuKernels, Engine):
         self._settling_now: NDArray[Any] = np.zeros(0)
 
     def _load(self, *names: str) -> None:
-        """Compiles and loads the kernels of these names, once, side by side."""
-        if self._loaded.issuperset(names):
+        """Loads the kernels of these names, by default of those that take steps, once; compiles what is missing."""
+        if names in self._loaded:
             return
-        with LOADING:
-            jobs = [*self.modules(*names), (collect_kernel(self.packed.real).module, COLLECTING)]
-            with ThreadPoolExecutor(8) as pool:
-                load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
-                for loading in load:
-                    loading.result()
-        self._loaded.update(names)
+        with LOADING, ThreadPoolExecutor(8) as pool:
+            wanted = self.wanted(*names)
+            load = [pool.submit(wp.load_module, of.module, device=self.device, block_dim=of.threads) for of in wanted]
+            for loading in load:
+                loading.result()
+        self._loaded.add(names)
 
     def _phases(self, number: int, steps: int) -> list[Phase]:
         """The launches that take a bucket `steps` steps on: kernel, steps, and steps before in this call.
@@ -224,7 +244,7 @@ class GpuEngine(GpuKernels, Engine):
         return lanes
 
     def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
-        self._load(*self._names)
+        self._load()
 
         def work() -> None:
             with _memory_named(self.device, self.packed):

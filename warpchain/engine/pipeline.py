@@ -21,7 +21,7 @@ from warpchain.engine.devices import cuts_of, devices_for, gpus_named
 from warpchain.engine.recorder import Recorder
 from warpchain.engine.share import How, Members, Outcome, Share
 from warpchain.errors import SimulationError
-from warpchain.progress import Report, Stop
+from warpchain.progress import COMPILING, Report, Stop
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, joined
 
@@ -95,6 +95,7 @@ class Shares:
         self._running: list[Future[tuple[Ended, float, Future[Blocks]]]] = []
         self._done: list[float] = []
         self._total, self._report, self._stop = total, report, stop
+        self._compiling: tuple[str, float, float] | None = None
 
     def __enter__(self) -> Shares:
         return self
@@ -120,9 +121,11 @@ class Shares:
         number = len(self._running)
         self._done.append(0.0)
 
-        def note(phase: str, done: float, _: float) -> None:
+        def note(phase: str, done: float, total: float) -> None:
             if phase == "simulating":
                 self._done[number] = done
+            elif phase == COMPILING:
+                self._compiling = (phase, done, total) if done < total else None
 
         def run() -> tuple[Ended, float, Future[Blocks]]:
             outcome = share.run(self._hows[number % len(self._hows)], recorder, note, self._stop)
@@ -145,4 +148,4 @@ class Shares:
         for future in self._running:
             if future.done():
                 future.result()
-        self._report("simulating", sum(self._done), self._total)
+        self._report(*(self._compiling or ("simulating", sum(self._done), self._total)))

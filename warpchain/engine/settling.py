@@ -106,6 +106,7 @@ def settle(
         cores: CPU threads.
         steps: of one launch.
         run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
+            It is asked before the first launch, too, with none to wait for.
         stacks: the drives sorted into kinds, where they are.
 
     Returns:
@@ -133,7 +134,7 @@ def settle(
 
     try:
         engine.start_settling(state)
-        going = True
+        now, going = state, run([], done)
         while going:
             going = run(engine.settle(steps), done)
             now = engine.settling()

@@ -141,7 +141,8 @@ class Share:
             _await(futures, stop, lambda: report("settling", *done()))
             return not stop.asked
 
-        with loading(how.devices, packed, how.precision):
+        settles = any(drive.run.settle for drive in settling)
+        with loading(how.devices, packed, how.precision, settles, how.cores, report, stop):
             settled = settle(packed, settling, how.devices, how.cores, steps, settle_on, of)
         left = net_force(packed, settled["residual"])
         perturb(packed, drives)

@@ -89,7 +89,8 @@ def simulate(
         step: time step [s], or "auto"; None takes each drive's own.
         record: which trajectories to keep; None keeps all, at each drive's own sample rate.
         window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
-        progress: True shows a bar; a function is called with (phase, done, total) in roller-steps.
+        progress: True shows a bar; a function is called with (phase, done, total), in roller-steps, and in kernels
+            while those of a GPU are compiled.
         memory: budget for sums and statistics, buffers and kept trajectories [bytes].
         archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
             from it.
