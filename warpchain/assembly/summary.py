@@ -229,6 +229,17 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _step_lines(values: dict[str, Any]) -> list[str]:
+    """Lines on the step: how long, of which limit, and what half and double of it would change."""
+    step, limit = values["step"], values["step_limit"]
+    double = "double is beyond the limit" if 2.0 * step >= limit else f"double is {2.0 * step / limit:.2f} of it"
+    return [
+        f"step: {step:.4g} s; limit {limit:.4g} s, automatic {values['automatic_step']:.4g} s",
+        f"  {step / limit:.2f} of the limit, set by {values['stiffest_part']}",
+        f"  half of it takes twice as long (docs/model.md has what that changes); {double}",
+    ]
+
+
 def _joint_lines(values: dict[str, Any]) -> list[str]:
     """Lines on joints, outer links and play, of those that are set."""
     lines = []
@@ -410,7 +421,6 @@ def report(values: dict[str, Any]) -> str:
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
-        f"step: {values['step']:.4g} s; limit {values['step_limit']:.4g} s, automatic {values['automatic_step']:.4g} s",
-        f"stiffest: {values['stiffest_part']}",
+        *_step_lines(values),
     ]
     return "\n".join(lines)

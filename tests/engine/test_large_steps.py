@@ -1,0 +1,69 @@
+"""Runs at steps of up to 0.6 of their limit against those at a sixteenth of it: damping, light wheels, quantiles."""
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from scipy.optimize import least_squares
+
+from warpchain import Record, load_drive, simulate
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive.examples import drive_path
+
+PITCH, MASS = 0.0127, 0.0088
+OWN = {
+    "chain.pitch": PITCH, "chain.roller_radius": 0.004255, "contact.sprocket.restitution_means": "rebound",
+    "contact.sprocket.seat_angle": None, "sprockets.driven.center": [26.5 * 1.004 * PITCH, 0.0],
+}  # fmt: skip
+
+
+def pair(step, **values):
+    """Two 19-tooth sprockets on 72 links of 1.2e7 N/m, contacts of 2.4e7 N/m that return 0.3; limit 22 us."""
+    base = two_sprockets(teeth=19, links=72, stiffness=1.2e7, contact=2.4e7, damping=30.0, torque=2.0, restitution=0.3,
+                         clearance=5e-5, mass=MASS, **values)  # fmt: skip
+    return base.with_values(OWN | {"run.step": step})
+
+
+def test_a_free_decay_is_that_of_the_law_at_any_step():
+    # the first sprocket is held, the second let go under 2 N m: an independent Jacobian with contacts at their speed
+    # floor gives zeta = 1.4717e-3 at 25.0749 Hz
+    drives = [pair(step, speed=0.0, inertia=0.05, duration=1.0) for step in (1e-6, 2e-6, 4e-6, 8e-6)]
+    run = simulate(drives, record=Record(rate=2000.0), device="cpu")
+    for v in range(len(drives)):
+        time, angle = run[v].time, run[v].sprocket_angle[:, 1]
+
+        def misses(p, time=time, angle=angle):
+            wave = np.exp(-p[0] * p[1] * time) * np.exp(1j * p[1] * time)
+            rows = np.stack([wave.real, wave.imag, np.ones_like(time)], axis=1)
+            return rows @ np.linalg.lstsq(rows, angle, rcond=None)[0] - angle
+
+        zeta, omega = least_squares(misses, [1e-3, 2.0 * np.pi * 25.0], x_scale=[1e-3, 100.0]).x
+        assert zeta == pytest.approx(1.4717e-3, rel=5e-3)
+        assert omega / (2.0 * np.pi) == pytest.approx(25.0749, rel=1e-4)
+
+
+def test_a_wheel_of_one_rollers_inertia_ripples_the_same_at_any_step():
+    # J = m R^2: nine seated rollers can answer nine times what the wheel itself resists an acceleration with
+    radius = PITCH / (2.0 * np.sin(np.pi / 19))
+    light = {"speed": 258.0, "ramp": 0.02, "load_ramp": 0.02, "inertia": MASS * radius**2, "duration": 0.2}
+    steps = 5e-7, 2e-6, 8e-6
+    run = simulate([pair(step, **light) for step in steps], record=Record("none"), window=(0.1, 0.2), device="cpu")
+    rows = run.metrics.to_pylist()
+    ripple = [row["driven.speed_std"] for row in rows]
+    for row in rows:
+        assert row["driven.speed_mean"] == pytest.approx(258.0, rel=3e-4)  # by a tooth more or less
+        assert abs(row["energy_residual_relative"]) < 5e-3
+    assert ripple[1:] == pytest.approx([ripple[0]] * 2, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["industrial", "engine"])
+def test_an_example_has_the_results_of_a_quarter_of_its_step(name):
+    drive = load_drive(drive_path(name)).with_values({"run.duration": 0.2})
+    step = float(resolve_step(drive))
+    run = simulate(
+        [drive.with_values({"run.step": h}) for h in (step, step / 4.0)], record=Record("none"), device="cpu"
+    )
+    coarse, fine = run.metrics.to_pylist()
+    for name in ("tension_mean", "tension_q999"):
+        assert coarse[name] == pytest.approx(fine[name], rel=1e-2), name
+    # single blows that take less than three steps are not that sure
+    assert coarse["tension_max"] == pytest.approx(fine["tension_max"], rel=4e-2)
