@@ -18,10 +18,11 @@ from typing import Any
 import warp as wp
 from warp._src import context
 
+from .by_reference import by_reference
 from .physics import impact
 
 KNOWN = ("1.19.",)
-"""Warp's versions whose modules are known to take their hash from a hasher, as here."""
+"""Warp's versions whose modules are known to take their hash from a hasher and to generate code as here."""
 SAME_BINARY = ("use_precompiled_headers",)
 """Options that leave the compiled kernel as it is; the command line sets one that calls from Python do not."""
 
@@ -90,7 +91,7 @@ class _Hasher(context.ModuleHasher):
 
 
 class _Module(context.Module):  # type: ignore[misc]
-    """Warp's, with that hasher."""
+    """Warp's, with that hasher, and with structs handed by reference in the code that it generates."""
 
     def __init__(self, name: str, made_of: bytes) -> None:
         super().__init__(name, None)
@@ -105,6 +106,11 @@ class _Module(context.Module):  # type: ignore[misc]
             self.hashers[block_dim] = _Hasher(self.made_of, self._get_live_kernels(), options)
             self.resolved_options[block_dim] = options
         return super().get_module_hash(block_dim)
+
+    def _run_codegen(self, options: dict[str, Any], is_cpu: bool) -> tuple[Any, ...]:
+        """The source that is compiled, and what goes with it."""
+        source, *more = super()._run_codegen(options, is_cpu)
+        return by_reference(source), *more
 
 
 @cache
