@@ -30,7 +30,7 @@ LEVELS = (
 KERNEL_LEVELS = (
     ("native",),
     ("number",),
-    ("precision",),
+    ("precision", "by_reference"),
     ("structs",),
     ("integrate",),
     ("physics",),

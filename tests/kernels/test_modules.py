@@ -126,6 +126,7 @@ def copied(tmp_path, monkeypatch):
         ("relaxation.py", ["cpu/relax.py", "gpu/relax.py"]),
         ("gpu/contacts.py", ["gpu/block.py", "gpu/relax.py"]),
         ("physics/link.py", list(KERNEL_FILES)),
+        ("by_reference.py", list(KERNEL_FILES)),
         ("cpu/rig.py", []),
     ],
 )
