@@ -22,7 +22,7 @@ RUN = ["run", "marine", "-o", "x.mcap"]
 def test_check_prints_the_drive(capsys):
     status, out, err = run(capsys, "check", "marine")
     assert (status, err) == (0, [])
-    told = ["162 links", "once seated", "crankshaft", "1.03744 m", "tight strand", "limit 2.754e-05 s", "86.45 Hz"]
+    told = ["162 links", "once seated", "crankshaft", "1.03744 m", "tight strand", "limit 2.757e-05 s", "86.45 Hz"]
     told += ["0.60 of the limit, set by the dampers of the links", "double is beyond the limit"]
     assert not [words for words in told if words not in "\n".join(out)]
 

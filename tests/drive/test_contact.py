@@ -35,13 +35,13 @@ def test_steel_seat_of_a_72b_roller():
 
 def test_bush_and_tooth_in_series():
     # 1/K = 1/K_tooth + 1/K_bush, given or from materials;
-    # the limit of the step, 2 / sqrt((4 k + K) / m + K z R^2 / J), follows
+    # the limit of the step, 2 / sqrt((4 k + K) / m + K (z - 1) R^2 / J), follows
     tooth = drive().sprocket_stiffness(0)
     both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
     series = 1.0 / (1.0 / tooth + 1.0 / 8e8)
     assert both.sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
     turns = [(s, both.sprockets[s]) for s in (1, 2)]  # freely: the fastest of them counts
-    turning = max(series * of.teeth * both.pitch_radius(s) ** 2 / of.inertia for s, of in turns)
+    turning = max(series * (of.teeth - 1) * both.pitch_radius(s) ** 2 / of.inertia for s, of in turns)
     longest = 2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95 + turning)
     assert step_limit(both, damped_links=False) == pytest.approx(longest, rel=1e-12)
     assert drive(**{"contact.sprocket.bush_stiffness": 1e30}).sprocket_stiffness(0) == pytest.approx(tooth, rel=1e-12)

@@ -141,11 +141,11 @@ def test_energy_balance_of_every_law(law):
 @pytest.mark.usefixtures("device")
 def test_dampers_of_links_shorten_the_longest_step_and_those_of_contacts_do_not():
     # leapfrog with dampers' speeds half a step late: omega^2 h^2 + 2 (c/m) h = 4, of links c = 4 times one link's;
-    # contacts' are centered in time. The sprocket that turns freely adds K z R^2 / J
+    # contacts' are centered in time. The sprocket that turns freely adds K (z - 1) R^2 / J
     free, damped = drive("lankarani-nikravesh", 0.05), drive("kelvin-voigt", 0.05)
     h = step_limit(damped)
     driven = damped.sprockets[1]
-    turning = driven.teeth * STIFFNESS * damped.pitch_radius(1) ** 2 / driven.inertia
+    turning = (driven.teeth - 1) * STIFFNESS * damped.pitch_radius(1) ** 2 / driven.inertia
     omega_square, links = (4 * 5e7 + STIFFNESS) / MASS + turning, 4 * damped.chain.damping / MASS
     assert omega_square * h * h + 2 * links * h == pytest.approx(4.0, rel=1e-12)
     assert step_limit(free) == pytest.approx(h, rel=1e-12)

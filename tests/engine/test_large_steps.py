@@ -51,13 +51,13 @@ def test_a_wheel_of_one_rollers_inertia_ripples_the_same_at_any_step():
     ripple = [row["driven.speed_std"] for row in rows]
     for row in rows:
         assert row["driven.speed_mean"] == pytest.approx(258.0, rel=3e-4)  # by a tooth more or less
-        assert abs(row["energy_residual_relative"]) < 5e-3
+        assert abs(row["energy_residual_relative"]) < 1e-2
     assert ripple[1:] == pytest.approx([ripple[0]] * 2, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["industrial", "engine"])
-def test_an_example_has_the_results_of_a_quarter_of_its_step(name):
-    drive = load_drive(drive_path(name)).with_values({"run.duration": 0.2})
+@pytest.mark.parametrize(("name", "duration"), [("industrial", 0.4), ("engine", 0.2)])
+def test_an_example_has_the_results_of_a_quarter_of_its_step(name, duration):
+    drive = load_drive(drive_path(name)).with_values({"run.duration": duration})
     step = float(resolve_step(drive))
     run = simulate(
         [drive.with_values({"run.step": h}) for h in (step, step / 4.0)], record=Record("none"), device="cpu"

@@ -77,7 +77,8 @@ def test_lengths_alternate_and_close_the_chain():
 
 def test_step_limit_takes_one_link_of_each_kind():
     drive = two_sprockets(stiffness=5e7, contact=2e8).with_values({"chain.outer": {"stiffness": 9e7}})
-    turning = 20 * 2e8 * (0.025 / np.sin(np.pi / 20)) ** 2 / 2.0  # K z R^2 / J of the sprocket that turns freely
+    # K (z - 1) R^2 / J of the sprocket that turns freely
+    turning = 19 * 2e8 * (0.025 / np.sin(np.pi / 20)) ** 2 / 2.0
     expected = np.sqrt((2 * (5e7 + 9e7) + 2e8) / 1.0 + turning)
     assert highest_frequency(drive, damped_links=False) == pytest.approx(expected, rel=1e-12)
 

@@ -47,7 +47,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
     """Sprockets on springs, sprockets that turn freely, then arms.
 
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
-    line; one that turns K z R^2 / J; an arm
+    line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
     (k_t + k_stop + K sum r^2 + k_T l^2) / I, r the places a pitch apart where its faces can be touched, from its
     pivot, k_T a tensioner's spring, oil and stop, l its lever.
     """
@@ -63,7 +63,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
         if sprocket.prescribed is None and not on_springs(sprocket):
             assert sprocket.inertia is not None  # the drive's own check
             inertia = sprocket.inertia + wheel_inertia(sprocket)
-            turning = sprocket.teeth * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
+            turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             found.append(Body(f'sprocket "{sprocket.name}"', turning / inertia, 0.0))
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
