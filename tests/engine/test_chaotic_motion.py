@@ -78,15 +78,16 @@ def test_a_ramp_in_the_window_is_not_steady():
 def test_errors_of_a_chaotic_drive():
     """Twelve copies whose loads differ by 1e-4, over 4.2 turns: the mean of each is as near to that of all as it says.
 
-    The scatter of 12 is known to 20 %, so that the median error is between half of it and twice. By chance more than
-    two are beyond their nominal 95 % in 2 % of cases.
+    The scatter of 12 is known to 20 %, their median error to 30, and it comes out at 0.75 of the scatter in windows of
+    this length (docs/metrics.md): so it is between 0.35 of it and twice. By chance more than two are beyond their
+    nominal 95 % in 2 % of cases.
     """
     drives = [chattering(span=8.0, links=36, gravity=-9.81, duration=1.6, torque=300.0 + 0.03 * v) for v in range(12)]
     table = simulate(drives, device="cpu", record=Record("none"), window=(0.4, 1.6)).metrics
     for name in ("tension_mean", "driver->driven.tension_mean", "driven->driver.tension_mean"):
         means, errors = table[name].to_numpy(), table[f"{name}_se"].to_numpy()
         assert (np.abs(means - means.mean()) > INTERVAL * errors).sum() <= 2
-        assert 0.5 < np.median(errors) / means.std(ddof=1) < 2.0
+        assert 0.35 < np.median(errors) / means.std(ddof=1) < 2.0
 
 
 @pytest.mark.parametrize(("turns", "known"), [(3.9, False), (4.0, True)])

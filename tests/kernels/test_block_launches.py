@@ -123,7 +123,7 @@ def test_block_kernel_settles_an_arm(fibers):
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     cushion(packed)
     quickened(packed, stacks_of([drive]))
-    serial, start = raw.settling(packed, 0.7 * step_limit(drive), 1e-3, 20_000)
+    serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=True), 1e-3, 20_000)
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")

@@ -43,8 +43,8 @@ class Body:
     rate: float
 
 
-def moving_bodies(drive: Drive) -> list[Body]:
-    """Sprockets on springs, sprockets that turn freely, then arms.
+def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
+    """Sprockets on springs, sprockets that turn freely unless all are `held`, then arms.
 
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
     line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
@@ -60,7 +60,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for s, sprocket in enumerate(drive.sprockets):
-        if sprocket.prescribed is None and not on_springs(sprocket):
+        if not held and sprocket.prescribed is None and not on_springs(sprocket):
             assert sprocket.inertia is not None  # the drive's own check
             inertia = sprocket.inertia + wheel_inertia(sprocket)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
@@ -97,7 +97,7 @@ def _contacts(drive: Drive) -> list[tuple[str, float]]:
     return teeth + [(f'guide "{guide.name}"', drive.guide_stiffness(g)) for g, guide in enumerate(drive.guides)]
 
 
-def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
+def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = False) -> float:
     """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
 
     The fastest of the bodies that move (`moving_bodies`) adds its own omega^2: two coupled parts oscillate no faster
@@ -105,7 +105,7 @@ def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
     With dampers of links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, g + sqrt(g^2 +
     omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable; not if `damped_links` is false.
     """
-    return _highest_frequency(drive, damped_links, moving_bodies(drive))
+    return _highest_frequency(drive, damped_links, moving_bodies(drive, held))
 
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
@@ -132,12 +132,12 @@ def stiffest_part(drive: Drive) -> str:
     return max(parts, key=parts.__getitem__)
 
 
-def step_limit(drive: Drive, damped_links: bool = True) -> float:
-    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability.
+def step_limit(drive: Drive, damped_links: bool = True, held: bool = False) -> float:
+    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability; `held` as `moving_bodies`.
 
     Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """
-    bodies = moving_bodies(drive)
+    bodies = moving_bodies(drive, held)
     omega = _highest_frequency(drive, damped_links, bodies)
     rate = largest(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))

@@ -82,8 +82,8 @@ def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
     for stack in stacks:
         drive, count = stack.drive, len(stack.drive.arms)
         if count:
-            squares = [body.square for body in moving_bodies(drive)]
-            other = power(highest_frequency(drive, damped_links=False), 2) - largest(*squares)
+            squares = [body.square for body in moving_bodies(drive, held=True)]
+            other = power(highest_frequency(drive, damped_links=False, held=True), 2) - largest(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
             arms = spread(packed.drives["first_body"][stack.members] + len(drive.sprockets), count)
             packed.motions["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
@@ -116,7 +116,7 @@ def settle(
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
     stacks = stacks_of(drives) if stacks is None else stacks
     for stack in stacks:
-        state["step"][stack.members] = SETTLE_STEP * step_limit(stack.drive)
+        state["step"][stack.members] = SETTLE_STEP * step_limit(stack.drive, held=True)
     state["tolerance"] = SETTLE_TOLERANCE
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
