@@ -20,10 +20,13 @@ turning = (d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) / (d * d).sum(axis=2)
 rate = np.abs(turning - np.roll(turning, 1, axis=1))
 pressed = np.maximum(np.abs(one.tension), np.abs(np.roll(one.tension, 1, axis=1)))
 moment = 0.1 * 4 / np.pi * 0.0075 * pressed + 0.5
-limit = 0.375 * 1.0 * 0.05**2 / 6 * rate / run.info.step
-assert (moment < limit).any() and (limit < moment).any()
+power = one.joint_friction_power
+# whatever the bristle holds, its damper slides from twice the moment on; it is never more
+slides = 0.5 * 0.6 * 1.0 * 0.05**2 / 6 * rate / run.info.step > 2.0 * moment
+assert slides.any() and not slides.all()
 # rk4 has positions, velocities and forces of the frame's instant: round-off of differences of positions
-np.testing.assert_allclose(one.joint_friction_power, np.minimum(moment, limit) * rate, rtol=1e-8, atol=1e-9)
+np.testing.assert_allclose(power[slides], (moment * rate)[slides], rtol=1e-8, atol=1e-9)
+assert (np.abs(power) <= moment * rate * (1.0 + 1e-8) + 1e-9).all()
 assert abs(run.metrics["energy_residual_relative"][0].as_py()) < 1e-5
 """
 

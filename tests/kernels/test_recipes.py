@@ -15,8 +15,8 @@ from blocks import assert_steps_of_the_cpu
 from warpchain import load_drive
 
 wp.config.enable_cpu_blocks = True
-law = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound"}
-new = law | {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
+new = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound", "run.step": 1e-5}
+new |= {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
 assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in sys.argv[2:]], True, sys.argv[1])
 """
 
