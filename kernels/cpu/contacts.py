@@ -68,24 +68,6 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
         return wp.where(load_row(w, row.penetration + i) > Real(0.0) and load_row(w, row.before + i) <= Real(0.0), 1, 0)
 
     @wp.func
-    def clear_forces(w: wp.array[Real], n: int):
-        """Begins the sums of contact forces anew."""
-        i = int(0)
-        while i < n:
-            store_row(w, row.fx + i, Real(0.0))
-            store_row(w, row.fy + i, Real(0.0))
-            i = i + 1
-
-    @wp.func
-    def clear_sizes(w: wp.array[Real], n: int):
-        """Begins the sums of the forces' magnitudes anew."""
-        i = int(0)
-        while i < n:
-            store_row(w, row.sprocket_force + i, Real(0.0))
-            store_row(w, row.guide_force + i, Real(0.0))
-            i = i + 1
-
-    @wp.func
     def add_sizes(w: wp.array[Real], group: Group, sizes: int):
         """Adds the forces' magnitudes to those in row `sizes`, which frames show."""
         i = group.low
@@ -184,9 +166,8 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         while i < group.high:
             penetration = load_row(w, row.penetration + i)
             if penetration > Real(0.0):
-                lever = load_row(w, row.arm_x + i) * load_row(w, row.normal_y + i) - load_row(
-                    w, row.arm_y + i
-                ) * load_row(w, row.normal_x + i)
+                arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
+                lever = reaction(arm, normal_of(w, i))
                 elastic = elastic_force(penetration, law.stiffness, law.exponent)
                 size, first = load_row(w, row.size + i), load_row(w, row.kept + i)
                 total += wp.float64(lever * lever * force_by_growth(elastic, size, first, law))
@@ -211,12 +192,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def press_smoothly(
-        w: wp.array[Real],
-        group: Group,
-        law: kinds.ContactLaw,
-        memory: Memory,
-        chain: Chain,
-        measured: bool,
+        w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain, measured: bool
     ):
         """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
 
@@ -305,18 +281,17 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
     def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
         """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         recall_holds(w, group, memory)
-        stretched = memory.stretched
         i = group.low
         if sliding.law.mu_static == sliding.law.mu_dynamic:
             while i < group.high:
                 size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
-                drag, holds = rub_evenly(size, normal_of(w, i), relative_of(w, i), held, sliding, stretched)
+                drag, holds = rub_evenly(size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
                 add_drag(w, i, drag, holds)
                 i = i + 1
         else:
             while i < group.high:
                 size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
-                drag, holds = rub(size, normal_of(w, i), relative_of(w, i), held, sliding, stretched)
+                drag, holds = rub(size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
                 add_drag(w, i, drag, holds)
                 i = i + 1
         if memory.stage == 0:

@@ -22,7 +22,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
     evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, nearness(Real, capacity, plain).memory_of
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row = accessors(Real).load_row
     rates_of = moving(Real, plain).rates_of
 
     @wp.func
@@ -68,14 +68,6 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
             state.bodies[b] = relaxed_arm(body, rates[2], kick, h)
 
     @wp.func
-    def stop(w: wp.array[Real], n: int):
-        i = int(0)
-        while i < n:
-            store_row(w, row.vx + i, Real(0.0))
-            store_row(w, row.vy + i, Real(0.0))
-            i = i + 1
-
-    @wp.func
     def residual(w: wp.array[Real], n: int, chain: Chain, beside: wp.float64):
         """Largest net force on a roller or an arm (`beside`), relative as in `relative_residual`."""
         worst = Real(beside)
@@ -115,7 +107,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
                     energy = energy + arms_energy(ensemble, state, drive)
                 s, restart = judged(s, energy, residual(w, n, chain, beside))
                 if restart == 1:
-                    stop(w, n)
+                    part.clear(w, row.vx, row.vy, n)
             if s.settled == 0:
                 if wp.static(not plain):
                     turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)

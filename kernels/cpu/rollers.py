@@ -141,6 +141,15 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         state.joint_hold[first] = w[row.joint_hold + n]
 
     @wp.func
+    def clear(w: wp.array[Real], first: int, second: int, n: int):
+        """Sets two rows to zero, which begin at `first` and `second`."""
+        i = int(0)
+        while i < n:
+            store_row(w, first + i, Real(0.0))
+            store_row(w, second + i, Real(0.0))
+            i = i + 1
+
+    @wp.func
     def place(w: wp.array[Real], i: int):
         """Position of roller i in float64 [m]."""
         if wp.static(compensated):

@@ -26,7 +26,6 @@ from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..structs import PREDICTING, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
-from .contacts import contact_rows
 from .joints import joint_passes
 from .neighbor_list import neighbor_list
 from .rollers import passes, rows
@@ -152,8 +151,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear_sizes, clear_forces = contact_rows(Real, capacity).clear_sizes, contact_rows(Real, capacity).clear_forces
-    rates_of = moving(Real, plain).rates_of
+    clear, row, rates_of = passes(Real, capacity).clear, rows(capacity), moving(Real, plain).rates_of
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -171,7 +169,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
-        clear_forces(w, drive.rollers)
+        clear(w, row.fx, row.fy, drive.rollers)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)
@@ -204,7 +202,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             joints.rub_joints(w, n, joint, memory)
             joints.bend_links(w, n)
         if memory.wanted.sizes != 0:
-            clear_sizes(w, n)
+            clear(w, row.sprocket_force, row.guide_force, n)
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]

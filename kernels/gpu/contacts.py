@@ -8,7 +8,7 @@ import warp as wp
 
 from ..integrate import stretching
 from ..native import accessors
-from ..physics.contact import UNTOUCHED, dissipated, gained, respond, rub, rub_evenly
+from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly
 from ..physics.impact import elastic_force, force_by_growth
 from ..structs import PREDICTING, Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
@@ -225,7 +225,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         """Adds how roller j's contact answers an acceleration of body s, where those are predicted."""
         if wp.static(kind.parts.light > 0):
             if now.stage == PREDICTING:
-                lever = arm[0] * normal[1] - arm[1] * normal[0]
+                lever = reaction(arm, normal)
                 add_part(shared, place_of(mine, wp.static(yielding_row(kind)), s, j), lever * lever * answer)
 
     @wp.func

@@ -110,10 +110,8 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
     mass = drive.chain.mass
-    half_rate = 0.0
+    half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
     stiffest = largest(0.0, *(stiffness for _, stiffness in _contacts(drive)))
-    if damped_links:
-        half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
     square = (springs + stiffest) / mass + largest(0.0, *(body.square for body in bodies))
     return half_rate + sqrt(half_rate * half_rate + square)

@@ -86,8 +86,8 @@ def pack(
     for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["inertia"][: len(steps)] /= steps
-    fewest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
-    packed.drives["light"] = fewest < LIGHT
+    lightest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
+    packed.drives["light"] = lightest < LIGHT
     packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()

@@ -113,6 +113,12 @@ class Packed(Arrays):
         arrays["seat"][:] = -1
         return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
 
+    def without_lag(self) -> None:
+        """Makes contacts take speeds as they are, where no step of the drives is taken."""
+        self.drives["light"] = 0
+        for law in (self.sprockets["law"], self.guides["law"]):
+            law["lag"] = law["yielding"] = law["most_damping"] = 0.0
+
     def copy(self) -> Packed:
         """The ensemble with arrays of its own."""
         return replace(self, **{name: getattr(self, name).copy() for name in PACKED})

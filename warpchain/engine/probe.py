@@ -70,9 +70,7 @@ class Probe:
         row = base.drives[0]
         row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], STEP, 2
         row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
-        row["light"] = 0
-        for law in (base.sprockets["law"], base.guides["law"]):
-            law["lag"] = law["yielding"] = law["most_damping"] = 0.0
+        base.without_lag()
         self.base = base
         self.rollers = int(base.drives["rollers"][0])
         self.sprockets = int(base.drives["sprockets"][0])

@@ -50,9 +50,9 @@ def elastic(packed: Packed) -> Packed:
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
     for law in (still.sprockets["law"], still.guides["law"]):
-        law["damping"] = law["lag"] = law["yielding"] = law["most_damping"] = 0.0
+        law["damping"] = 0.0
+    still.without_lag()
     still.guides["deepest_entry"] = np.inf
-    still.drives["light"] = 0
     still.arms["damping"], still.arms["stop_damping"] = 0.0, 0.0
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for _, first, count in packed.alike():
