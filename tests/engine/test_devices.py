@@ -288,7 +288,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
         ends.append((engine.rollers()[-6 * drive.chain.links :], engine.sums()["chain"][-1], kind))
         engine.close()
     assert len({kind for _, _, kind in ends}) == 2  # a roller a thread, and a variant a warp
-    assert ends[-1][2].variants_per_block == (VARIANTS_PER_BLOCK if teeth == 30 and precision == "float32" else 1)
+    assert ends[-1][2].shape.variants_per_block == (VARIANTS_PER_BLOCK if teeth == 30 and precision == "float32" else 1)
     for rollers, chain, _ in ends[1:]:
         np.testing.assert_array_equal(rollers, ends[0][0])
         assert chain == ends[0][1]
