@@ -276,7 +276,6 @@ class Now:
     lag: wp.float64  # how far behind it the velocities are [s]
     weight: wp.float64  # time that the step stands for in the window's sums [s]
     measures: wp.int32  # powers that contacts take, and how many begin
-    forces: wp.int32  # of them too, the sum and the largest of the contacts' magnitudes
     ends: wp.int32  # 1 at the window's ends: of them too, elastic energies
     sizes: wp.int32  # magnitudes of the contact forces on each roller
 
@@ -425,7 +424,7 @@ class Totals:
 
 @wp.struct
 class ContactSums:
-    """Sums over the window of one sprocket's or guide-bar's contacts; forces: of watched steps (`sums.WATCH_EVERY`)."""
+    """Sums over the window of one sprocket's or guide-bar's contacts."""
 
     force_max: wp.float64  # [N]
     impacts: wp.int32  # contacts that began
@@ -438,7 +437,7 @@ class ContactSums:
 
 @wp.struct
 class SprocketSums:
-    """Sums over the window of a sprocket: moment and work of every step (trapezoidal), the rest of watched steps."""
+    """Sums over the window of a sprocket: by the trapezoidal rule."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -508,7 +507,7 @@ class StrandSums:
     """Sums over the samples of one strand in the window: its links' tension, mid-strand transverse displacement."""
 
     links: wp.int64  # tension samples
-    tension_min: wp.float64  # of watched steps [N]
+    tension_min: wp.float64  # [N]
     tension_max: wp.float64
     tension: wp.float64
     tension_square: wp.float64
@@ -523,7 +522,7 @@ class StrandSums:
 class ChainSums:
     """Sums over the window of the whole chain, and the energy balance's two ends."""
 
-    tension_min: wp.float64  # of watched steps [N]
+    tension_min: wp.float64  # [N]
     tension_max: wp.float64
     tension: wp.float64  # sum over links and looks
     tension_square: wp.float64

@@ -20,31 +20,11 @@ Looks at the chain (which links lie on a strand, their tensions, where mid-stran
 two times as far (`Drive.look_every`). The chain moves a small part of a pitch in between.
 """
 
-WATCH_EVERY = wp.constant(1)
-"""Steps between two at which forces and speeds are held against the largest so far, and added up for their means.
-
-The fastest oscillation takes some five automatic steps (`assembly.timestep`), so every step is watched.
-"""
-
 
 @wp.func
 def is_look(drive: Drive, step: int):
     """Whether the chain is looked at, at a step in the window: the window's first has a look too."""
     return step & (drive.look_every - 1) == 0 or step == drive.window_start
-
-
-@wp.func
-def is_watched(drive: Drive, step: int):
-    """Whether a step in the window is watched."""
-    return step % WATCH_EVERY == 0 or step == drive.window_start
-
-
-@wp.func
-def watch_weight(step: Any):
-    """The time that each watched step stands for, where steps are `step` [s] long, wherever the window ends
-    (`warpchain.engine.sums` mends that).
-    """
-    return type(step)(WATCH_EVERY) * step
 
 
 @wp.func
@@ -106,15 +86,9 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 @wp.func
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
-    """Adds the powers of dampers and friction of a partner's contacts in one step, which stands for `weight` [s]."""
+    """Adds forces of a partner's contacts, and powers of their dampers and friction, in one step of `weight` [s]."""
     sums.dissipated = sums.dissipated + weight * totals.dissipated
     sums.friction = sums.friction + weight * totals.friction
-    return sums
-
-
-@wp.func
-def add_contact_force(sums: ContactSums, totals: Totals, weight: wp.float64):
-    """The forces of a partner's contacts at a watched step, which stands for `weight` [s]."""
     sums.impulse = sums.impulse + weight * totals.force
     sums.force_max = wp.max(sums.force_max, totals.force_max)
     return sums
@@ -148,11 +122,15 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, weight: Any):
-    """The chain's moment on a sprocket, and what it and the load's do in one step, which stands for `weight` [s]."""
+    """A sprocket's speed, the chain's moment on it, and what that and the load's do in one step of `weight` [s]."""
     way = weight * speed
     sums.moment = added(sums.moment, weight * moment)
     sums.contact_work = added(sums.contact_work, way * moment)
     sums.load_work = added(sums.load_work, way * load)
+    sums.speed_min = wp.min(sums.speed_min, speed)
+    sums.speed_max = wp.max(sums.speed_max, speed)
+    sums.speed = added(sums.speed, way)
+    sums.speed_square = added(sums.speed_square, way * speed)
     return sums
 
 
@@ -166,19 +144,8 @@ def gathered_powers(sums: Any):
 
 
 @wp.func
-def add_speed(sums: Any, speed: Any, weight: Any):
-    """One sprocket's speed at a watched step, which stands for `weight` [s]."""
-    way = weight * speed
-    sums.speed_min = wp.min(sums.speed_min, speed)
-    sums.speed_max = wp.max(sums.speed_max, speed)
-    sums.speed = added(sums.speed, way)
-    sums.speed_square = added(sums.speed_square, way * speed)
-    return sums
-
-
-@wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
-    """The chain's force on one sprocket at a watched step, which stands for `weight` [s]."""
+    """The chain's force on one sprocket in one step, which stands for `weight` [s]."""
     sums.force = added(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums

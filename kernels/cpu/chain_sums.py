@@ -49,7 +49,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def widen(w: wp.array[Real], n: int):
-        """Holds a watched step's tensions against the links' extremes."""
+        """Holds a step's tensions against the links' extremes."""
         i = int(0)
         while i < whole(n):
             tension = load_row(w, row.tension + i)

@@ -316,7 +316,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             if began != 0:
                 totals[slot].impacts += sums.begun(w, group)
         else:
-            sums.add_up(w, group, totals, slot, False, False)
+            sums.add_up(w, group, totals, slot, False)
         return changed
 
     @wp.func

@@ -308,9 +308,9 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool, watched: bool):
-        """Adds what the group's contacts add up to, roller by roller: where `measured`, what dampers take too, and
-        where `watched`, the magnitudes of the forces.
+    def add_up(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool):
+        """Adds what the group's contacts add up to, roller by roller: where `measured`, what dampers take and the
+        magnitudes of the forces, too.
         """
         moment = totals[slot].moment
         x = Real(totals[slot].push[0])
@@ -325,7 +325,6 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
             y -= load_row(w, row.press_y + i)
             if measured:
                 damped += wp.float64(load_row(w, row.damped + i))
-            if watched:
                 size = wp.float64(load_row(w, row.size + i))
                 force += size
                 largest = wp.max(largest, size)
@@ -334,7 +333,6 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         totals[slot].push = wp.vec2d(wp.float64(x), wp.float64(y))
         if measured:
             totals[slot].dissipated = damped
-        if watched:
             totals[slot].force = force
             totals[slot].force_max = largest
 
@@ -372,10 +370,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         slot: int,
     ):
         """Adds what only metrics want to the totals."""
-        if wanted.forces != 0:
-            add_up(w, group, totals, slot, True, True)
-        else:
-            add_up(w, group, totals, slot, True, False)
+        add_up(w, group, totals, slot, True)
         if wanted.ends != 0:
             add_energies(w, group, law, totals, slot)
         if sliding.rubs != 0:

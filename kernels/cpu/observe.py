@@ -21,17 +21,13 @@ from ..sums import (
     MERGE_EVERY,
     add_arm,
     add_contact,
-    add_contact_force,
     add_energy,
     add_hub_force,
     add_meter,
     add_mount,
     add_powers,
-    add_speed,
     add_tensioner,
     add_touches,
-    is_watched,
-    watch_weight,
 )
 from .chain_sums import chain_sums
 from .joints import joint_passes
@@ -50,7 +46,6 @@ def now_at(drive: Drive, step: int):
     now.weight = drive.step
     if step >= drive.window_start and step <= drive.window_end:
         now.measures = 1
-        now.forces = wp.where(is_watched(drive, step), 1, 0)
         now.ends = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
     if now.ends != 0:
         now.weight = wp.float64(0.5) * now.weight
@@ -106,8 +101,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
-        if now.forces != 0:
-            sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
+        sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
 
     @wp.func
     def add_arm_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
@@ -129,18 +123,6 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         added = add_tensioner(sums.tensioner[t], push, power, now.weight)
         starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
-
-    @wp.func
-    def watch(state: State, sums: Sums, drive: Drive, w: wp.array[Real]):
-        """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
-        sums_of.widen(w, drive.rollers)
-        weight = watch_weight(drive.step)
-        for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            sums.sprocket[i] = add_hub_force(sums.sprocket[i], state.wrenches[drive.first_body + s].force, weight)
-        first = drive.first_sprocket + drive.first_guide
-        for i in range(first, first + drive.sprockets + drive.guides):
-            sums.contact[i] = add_contact_force(sums.contact[i], state.totals[i], weight)
 
     @wp.func
     def measure_contacts(state: State, sums: Sums, drive: Drive, now: Now):
@@ -167,8 +149,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         n = drive.rollers
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             sums_of.gather(ensemble, state, sums, variant, drive, w, now.step)
-        if now.forces != 0:
-            watch(state, sums, drive, w)
+        sums_of.widen(w, n)
         sums_of.add_rates(w, n, Real(now.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:
             lost = now.weight * friction_power(w, n, chain, Real(now.lag))

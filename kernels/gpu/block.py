@@ -17,11 +17,10 @@ import warp as wp
 from ..integrate import stages_of
 from ..modules import own_module
 from ..structs import Tallies
-from ..sums import WATCH_EVERY, watch_weight
 from .bodies import body_access, prescribed_motion
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
-from .events import END, ENDS, START, block_sampling
+from .events import END, ENDS, block_sampling
 from .kind import WARP, BlockKind, Mine, mine_of
 from .links import block_joints, link_forces
 from .near import near_partners
@@ -65,16 +64,12 @@ def launching(kind: BlockKind) -> SimpleNamespace:
     def wanted(mine: Mine, now: Now):
         """Sets which sums this evaluation adds to: metrics at a step's start, and moments of which sprockets."""
         now.measured = 0
-        now.watched = 0
         if wp.static(measuring):
             now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.watch_weight = watch_weight(step_of(mine))
             if now.stage == 0:
                 now.measured = now.window
-                if now.step % WATCH_EVERY == 0 or now.flags & START != 0:
-                    now.watched = now.window
         else:
             now.summed = now.driven
             if now.flags != 0:

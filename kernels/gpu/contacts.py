@@ -108,13 +108,12 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def measure_force(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
-        """Adds a closed contact's force [N] to its sums where that is watched, and counts it at its first instant.
+        """Adds a closed contact's force [N] to its sums, and counts it at its first instant.
 
         Rollers pass sprockets, where first touches count.
         """
-        if now.watched != 0:
-            add_to(tallies.impulse, at, in_full(now.watch_weight * size))
-            raise_to(tallies.force_max, at, in_full(size))
+        add_to(tallies.impulse, at, in_full(now.weight * size))
+        raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
             add_to(tallies.impacts, at, 1)
             if passing and before == Real(UNTOUCHED):
@@ -188,12 +187,12 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
     of_rollers = width != threads
 
     @wp.func
-    def pushed(watched: int):
+    def pushed(measured: int):
         """Whether the force on sprockets is wanted beside the moment."""
         if wp.static(moving):
             return True
         else:
-            return wp.static(kind.measuring) and watched != 0
+            return wp.static(kind.measuring) and measured != 0
 
     @wp.func
     def place_of(mine: Mine, k: int, s: int, j: int):
@@ -234,10 +233,10 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         return sum_of(shared, wp.static(yielding_row(kind)), i)
 
     @wp.func
-    def add_wrench(shared: Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
+    def add_wrench(shared: Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, measured: int):
         """Adds the moment [N m] and, if that is wanted, the opposite of roller j's force [N] to body s."""
         add_moment(shared, mine, s, j, moment)
-        if pushed(watched):
+        if pushed(measured):
             add_push(shared, mine, s, j, force)
 
     @wp.func
@@ -304,11 +303,11 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         return sum_of(shared, 0, i)
 
     @wp.func
-    def acting_on(shared: Shared, i: int, moment: Real, watched: int):
+    def acting_on(shared: Shared, i: int, moment: Real, measured: int):
         """That moment and, if it is wanted, the chain's force (x, y) [N]; all threads together, as `sum_of`."""
         acting = of_three()
         acting[0] = moment
-        if pushed(watched):
+        if pushed(measured):
             acting[1] = sum_of(shared, 1, i)
             acting[2] = sum_of(shared, 2, i)
         return acting

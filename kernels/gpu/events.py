@@ -144,8 +144,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
             observe.add_rates(shared, mine.thread, rate, now.weight)
-            if now.watched != 0:
-                observe.watch(shared, mine.thread, tension)
+            observe.hold_extremes(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:

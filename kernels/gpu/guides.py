@@ -103,7 +103,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
                 if bar.body < wp.static(bodies):
                     add_yielding(shared, mine, now, bar.body, j, arm, normal, answer)
                     moment = reaction(arm, force)
-                    add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
+                    add_wrench(shared, mine, bar.body, j, moment, force, now.measured)
         else:
             keep(state, now, at, before, Real(UNTOUCHED))
 

@@ -69,8 +69,6 @@ def block_types(Real: type) -> SimpleNamespace:
         measured: wp.int32  # 1 in the window, at a step's start
         window: wp.int32  # 1 in the window
         weight: Real  # time that this step stands for in the window's sums [s]
-        watch_weight: Real  # time that a watched step stands for [s]
-        watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

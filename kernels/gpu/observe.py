@@ -1,6 +1,6 @@
 """Observation of an evaluated step by a block's threads: sums of the window, and the energy balance.
 
-Every step a thread adds up the squared rates of its own links; at watched ones it holds their tensions
+Every step a thread adds up the squared rates of its own links and holds their tensions
 against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
 link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
@@ -22,7 +22,6 @@ from ..sums import (
     add_energy,
     add_mount,
     add_powers,
-    add_speed,
     add_tension,
     after,
     displacement,
@@ -164,7 +163,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
                 store_row(shared.seen, at + 1, tension[k])
 
     @wp.func
-    def watch(shared: Shared, i: int, tension: of_each):
+    def hold_extremes(shared: Shared, i: int, tension: of_each):
         """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond.
 
         Those threads that have such a link then take turns.
@@ -294,8 +293,6 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
-        if now.watched != 0:
-            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], seen.speed, now.watch_weight)
 
     @wp.func
     def observe_arm(ensemble: Ensemble, sums: kinds.Sums, mine: Mine, now: Now, seen: kinds.Instant, moment: Real):

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..structs import PREDICTING
-from ..sums import WATCH_EVERY, add_hub_force
+from ..sums import add_hub_force
 from .bodies import block_tensioners, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
@@ -74,7 +74,6 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.stage = PREDICTING
         now.flags = EVENT
         now.measured = 0
-        now.watched = 0
         now.summed = SPROCKETS
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
@@ -103,7 +102,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         moment = moment_on(shared, mine.thread)
         if wp.static(not ahead):
             advance_rollers(state, shared, mine, now)
-        return acting_on(shared, mine.thread, moment, now.watched)
+        return acting_on(shared, mine.thread, moment, now.measured)
 
     @wp.func
     def advance_body(
@@ -119,15 +118,13 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:
                 observe.observe_sprocket(ensemble, shared, mine, now, before, seen, wrench.moment, whole)
+                sums = shared.sprocket_sums[mine.sprocket]
+                shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, vec2(acting[1], acting[2]), now.weight)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
-            if now.watched != 0 and mine.sprocket >= 0:
-                hub = vec2(acting[1], acting[2])
-                sums = shared.sprocket_sums[mine.sprocket]
-                shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, hub, now.watch_weight)
             if wp.static(kind.parts.tensioners > 0):
                 tensioners.observe_pushes(ensemble, state, out, mine, now, before, seen)
         sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0])
@@ -260,8 +257,6 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if now.step >= end:
                 break
             wait_for_others(now)
-            if wp.static(measuring):
-                now.watched = wp.where(now.step % WATCH_EVERY == 0, 1, 0)
         return now, touch
 
     return SimpleNamespace(**locals())

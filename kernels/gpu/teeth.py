@@ -143,7 +143,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             force, answer = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
             add_yielding(shared, mine, now, s, j, arm, closer.normal, answer)
             if is_summed(now, s):
-                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
+                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.measured)
         else:
             keep(state, now, at, touch.before, after_teeth(touch.before))
 
@@ -184,9 +184,8 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
                 damped, rubbed = powers(mine, damper * normal, drag, relative, after)
                 if closed:
                     measure_powers(tallies, now, at, damped, rubbed)
-                if closed and (now.watched != 0 or before <= Real(0.0)):
                     measure_force(tallies, now, at, before, size, True)
-                    if wp.static(not moving) and now.watched != 0:
+                    if wp.static(not moving):
                         add_push(shared, mine, s, j, force)
         return applies
 

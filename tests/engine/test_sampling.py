@@ -1,6 +1,5 @@
 """What is not looked at every step is as good as if it were."""
 
-import numpy as np
 import pytest
 from drives import two_sprockets
 from loading import load_script
@@ -9,10 +8,8 @@ from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
-from warpchain.engine.outcomes import batch_durations, note_steps, watched_in_batches, watched_time
 from warpchain.engine.simulation import longest_apart, look_every
-from warpchain.kernels.structs import Drive
-from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
+from warpchain.kernels.sums import MERGE_EVERY
 from warpchain.results.schedule import LOOK_EVERY
 
 looks_study = load_script("drawings.sampling")
@@ -40,23 +37,8 @@ def test_spreads_and_integrals_stay(missed):
 
 
 def test_of_peaks_nothing_is_missed(missed):
-    assert int(WATCH_EVERY) == 1
     for name in ("tension_max", "tension_min", "force_max", "hub_force_max", "speed_range"):
         assert abs(missed[name]) < 1e-9, name
-
-
-@pytest.mark.parametrize("window", [(0, 640, 32), (3, 1000, 32), (101, 2111, 32), (160, 5301, 64)])
-def test_what_watched_steps_add_up_to_is_scaled_to_what_they_stand_for(window):
-    start, end, every = window
-    drives = np.zeros(1, dtype=Drive.numpy_dtype())
-    drives["window_start"], drives["window_end"], drives["step"] = start, end, 1e-5
-    drives["look_every"] = every
-    weight = int(WATCH_EVERY) * 1e-5  # which every watched step is added with
-    watched = np.array([n for n in range(start, end + 1) if n % int(WATCH_EVERY) == 0 or n == start])
-    assert watched_time(drives)[0] * len(watched) * weight == pytest.approx((end - start) * 1e-5, rel=1e-12)
-    edges = [start, *note_steps(start, end, every), end + 1]  # a batch's note is taken before its step is added
-    counts = np.histogram(watched, np.array(edges) - 0.5)[0]
-    np.testing.assert_allclose(watched_in_batches(drives)[0] * counts * weight, batch_durations(drives)[0], rtol=1e-12)
 
 
 def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_same():

@@ -508,7 +508,7 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
     every, loop = time_loop(ptx)
     free, branches = loop_without_float64(ptx)
-    # contacts' sums, watched forces and all of the motion are in what goes around without float64
+    # contacts' sums, forces and all of the motion are in what goes around without float64
     assert len(free) > 0.7 * len(loop)
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
     if not MEASURING[name].staged:  # of the two steps in the code the one that nearly all are has none at all

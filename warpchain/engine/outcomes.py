@@ -18,12 +18,8 @@ from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
 from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
-from warpchain.kernels.sums import WATCH_EVERY
 
 Rows = Mapping[str, NDArray[Any]]
-
-WATCHED = ("speed", "speed_square", "force")
-"""Sums of sprockets that are of watched steps."""
 
 ON_TOP = 0.5
 """A roller has left the teeth where its center is this share of its radius beyond their tips; on top of one it is 1."""
@@ -36,13 +32,6 @@ TORN = 2.0
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
     """(V, bins + 1) edges of the bins of tension for V scales (`kernels.statistics`) [N]."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
-
-
-def watched_time(drives: NDArray[Any]) -> NDArray[np.float64]:
-    """(V,) how long a window is, over the time that its watched steps stand for (`kernels.sums.watch_weight`)."""
-    every, start, end = int(WATCH_EVERY), drives["window_start"].astype(int), drives["window_end"].astype(int)
-    watched = end // every - start // every + 1  # the multiples of `every`, and the window's first step
-    return np.asarray((end - start) / (every * np.maximum(watched, 1)))
 
 
 def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
@@ -63,12 +52,6 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
         found[name] = values[begin if row.kind == "variant" else spread(begin, count)]
     noted = [name for name in found if f"{name}_notes" in found]
     batches = {name: batch_sums(found[f"{name}_notes"], found[name]) for name in noted}
-    watched, of_batches = watched_time(drives), watched_in_batches(drives)
-    found["contact"]["impulse"] *= watched[:, None]
-    for name in WATCHED:
-        of_all, of_each = found["sprocket"][name], batches["sprocket"][name]
-        of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
-        of_each *= of_batches.reshape(len(drives), 1, -1, *[1] * (of_each.ndim - 3))
     tension = found["tension_counts"], tension_edges(drives["tension_scale"])
     return found | {"batches": (batches, batch_durations(drives)), "tension": tension}
 
@@ -103,15 +86,6 @@ def _edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], 
     """Steps at which windows begin (V, 1), notes are taken (V, notes) and windows end (V, 1)."""
     start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
     return start, note_steps(*(drives[name] for name in ("window_start", "window_end", "look_every"))), end
-
-
-def watched_in_batches(drives: NDArray[Any]) -> NDArray[np.float64]:
-    """(V, batches) how long each batch is, over the time that its watched steps stand for."""
-    every = int(WATCH_EVERY)
-    start, noted, end = _edges(drives)
-    before = -(-np.concatenate([noted, end + 1], axis=1) // every)  # multiples of `every` before the batch's end
-    watched = np.diff(np.concatenate([start // every, before], axis=1), axis=1)
-    return np.asarray(batch_durations(drives) / (every * np.maximum(watched, 1) * drives["step"][:, None]))
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
