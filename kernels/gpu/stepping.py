@@ -243,7 +243,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
-    @wp.func
+    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
     def to_event(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
     ):

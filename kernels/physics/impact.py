@@ -29,7 +29,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, quotient, smaller
+from ..native import larger, product, quotient, smaller
 
 UNBOUNDED = 1.0e30
 
@@ -38,7 +38,7 @@ UNBOUNDED = 1.0e30
 def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
     """K pen^n [N], eq. (15) without damping; `penetration` > 0 [m]."""
     if exponent == type(exponent)(1.0):
-        return stiffness * penetration
+        return product(stiffness, penetration)
     return stiffness * wp.exp(exponent * wp.log(penetration))
 
 
@@ -92,7 +92,8 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law:
         law: the contact's parameters (`structs.ContactLaw`).
     """
     damper, slowest, fastest = damper_of(elastic, impact_speed, law)
-    now = quotient(speed + law.lag * growth - law.yielding * elastic, type(elastic)(1.0) + law.yielding * damper)
+    led = speed + product(law.lag, growth) - product(law.yielding, elastic)
+    now = quotient(led, type(elastic)(1.0) + law.yielding * damper)
     return larger(elastic + damper * smaller(larger(now, slowest), fastest), type(elastic)(0.0))
 
 

@@ -121,7 +121,7 @@ def test_float32_follows_a_moving_sprocket():
         abs(simulate(drive, precision=precision, duration=0.1).metrics["energy_residual_relative"][0].as_py())
         for precision in ("float64", "float32")
     ]
-    assert residuals[1] < 2 * residuals[0]
+    assert residuals[1] < max(2 * residuals[0], 2e-6)  # energies rounded to 6e-8 of themselves, some tens of terms
 
 
 @pytest.mark.parametrize("case", CASES)
