@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import STARTING, two_sprockets
 from scipy.optimize import least_squares
 
 from warpchain import Record, load_drive, simulate
-from warpchain.assembly.timestep import resolve_step
+from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.drive.examples import drive_path
 
 PITCH, MASS = 0.0127, 0.0088
@@ -67,3 +67,38 @@ def test_an_example_has_the_results_of_a_quarter_of_its_step(name, duration):
         assert coarse[name] == pytest.approx(fine[name], rel=1e-2), name
     # single blows that take less than three steps are not that sure
     assert coarse["tension_max"] == pytest.approx(fine["tension_max"], rel=4e-2)
+
+
+def test_what_sticks_on_a_guide_and_in_joints_stays_for_a_million_steps():
+    # a strand on a guide-bar, tilted so that it would slide down: at first it swings, then friction holds it. Half of
+    # the steps later no roller has moved by more than what is left of the swing, and friction on the bar is the same
+    bar = {"name": "bar", "start": [0.3, 0.152], "end": [0.7, 0.152], "end_radius": 0.05}
+    rubs = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6, "friction": 0.3}
+    drive = two_sprockets(speed=0.0, settle="false", step=2e-5, duration=20.0, torque=300.0).with_values(
+        {"contact.guide": rubs, "guides": (bar,), "chain.joint": {"friction": 0.3, "pin_radius": 0.008},
+         "contact.sprocket.friction": 0.3, "run.gravity": [9.81, -9.81]}
+    )  # fmt: skip
+    run = simulate(drive, record=Record(rate=0.1), window=(19.0, 20.0), device="cpu", limits=STARTING)[0]
+    assert np.abs(run.position[-1] - run.position[1]).max() < 1e-9
+    held = []
+    for n in (1, 2):
+        ahead = np.roll(run.position[n], -1, axis=0) - run.position[n]
+        pull = run.tension[n][:, None] * ahead / np.linalg.norm(ahead, axis=1)[:, None]
+        along = (pull - np.roll(pull, 1, axis=0))[:, 0] + 9.81 * drive.chain.roller_mass
+        held.append(-along[run.guide_force[n] > 0.0].sum())
+    assert 5.0 < abs(held[0]) <= 0.3 * run.guide_force[1].sum()
+    assert held[1] == pytest.approx(held[0], rel=1e-6)
+
+
+def test_an_arm_of_little_inertia_runs_to_near_the_limit_of_its_step():
+    # 0.003 of the car's shoe: one seated roller's inertia about the pivot is some hundred times as much
+    car = load_drive(drive_path("car"))
+    light = car.with_values({"arms.arm.inertia": 0.003 * car.arms[0].inertia, "run.duration": 0.06})
+    steps = [part * float(step_limit(light)) for part in (0.9, 0.15)]
+    run = simulate([light.with_values({"run.step": h}) for h in steps], record=Record("none"), device="cpu",
+                   limits=STARTING)  # fmt: skip
+    coarse, fine = run.metrics.to_pylist()
+    assert coarse["status"] == fine["status"] == "ok"
+    assert coarse["tension_mean"] == pytest.approx(fine["tension_mean"], rel=5e-3)
+    assert coarse["arm.angle_std"] == pytest.approx(fine["arm.angle_std"], rel=3e-2)
+    assert coarse["tension_q999"] == pytest.approx(fine["tension_q999"], rel=4e-2)

@@ -6,6 +6,8 @@ import warp as wp
 from bouncing import KINDS, bounce, leap, response
 from scipy.optimize import brentq
 
+from warpchain.kernels.physics.impact import contact_force
+
 
 def rebound(e, stiffness=1e6, exponent=1.0, mass=2.0, speed=0.7, h=None):
     law = KINDS.ContactLaw()
@@ -128,3 +130,33 @@ def test_a_coarse_step_keeps_the_restitution(steps, exact):
     phases = [-leaps(law, mass, 0.0, (-part * h * speed, speed), h, 4 * steps)[-1, 1] / speed
               for part in np.linspace(0.05, 0.95, 19)]  # fmt: skip
     assert np.mean(phases) == pytest.approx(0.68422, abs=exact)
+
+
+@wp.kernel(enable_backward=False)
+def squeeze(law: KINDS.ContactLaw, mass: wp.float64, depth: wp.float64, begin: wp.float64, h: wp.float64,
+            out: wp.array[wp.float64]):  # fmt: skip
+    """Places of a mass between two contacts, which press on it from both sides: the second sees the first."""
+    x = begin
+    v = wp.float64(0.0)
+    for i in range(out.shape[0]):
+        out[i] = x
+        first = contact_force(law.stiffness * (depth - x), -v, wp.float64(0.0), law.speed_floor, law)
+        second = contact_force(law.stiffness * (depth + x), v, first / mass, law.speed_floor, law)
+        v += h * (first - second) / mass
+        x += h * v
+
+
+@pytest.mark.parametrize("h", [1.5e-5, 3e-5])
+def test_a_mass_between_two_contacts_decays_by_both_dampers(h):
+    # m x'' = -2 K x - 2 c x', c = d N / v_min: amplitudes fall by exp(-c t / m). What the first contact does not know
+    # of the second shifts the place of rest by c h / (4 m) of the depth, of first order in h; 5 % as of one contact
+    mass, stiffness, factor, pull, floor = 1.0, 1e8, 2e-3, 1e4, 0.01
+    law, depth = law_of(0, stiffness, factor, floor), pull / stiffness
+    law.lag, law.yielding = 0.5 * h, 0.5 * h / mass
+    out = wp.zeros(4000, dtype=wp.float64, device="cpu")
+    wp.launch(squeeze, dim=1, inputs=[law, mass, depth, 1e-3 * depth, h, out], device="cpu")
+    place, damper = out.numpy(), factor * pull / floor
+    assert place[-1] == pytest.approx(-0.25 * damper * h / mass * depth, rel=0.1)
+    swing = np.abs(place[:300] - place[-1])
+    peaks = np.flatnonzero((swing[1:-1] > swing[:-2]) & (swing[1:-1] > swing[2:])) + 1
+    assert -np.polyfit(h * peaks, np.log(swing[peaks]), 1)[0] == pytest.approx(damper / mass, rel=0.05)
