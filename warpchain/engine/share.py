@@ -5,6 +5,7 @@ A run is one share, or several where some can be stepped while others are packed
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
@@ -57,6 +58,11 @@ class Members:
     schedules: Sequence[Schedule]
     stacks: Sequence[Stack]
     first: int = 0
+
+    @cached_property
+    def simulated(self) -> float:
+        """Simulated time of all [s]."""
+        return math.fsum(schedule.steps * schedule.step for schedule in self.schedules)
 
     @cached_property
     def work(self) -> NDArray[np.float64]:
@@ -154,7 +160,8 @@ class Share:
         try:
             if keeper is not None:
                 keeper.restore(engine)
-            _march(engine, steps, buffer_values, recorder, report, stop, keeper)
+            in_time = partial(_in_time, report, self.members.simulated)
+            _march(engine, steps, buffer_values, recorder, in_time, stop, keeper)
             at = time.monotonic()
             state = engine.progress()
             diverged = state["diverged"] != 0
@@ -181,6 +188,11 @@ def _blocks(ended: Ended, sums: dict[str, NDArray[Any]], packed: Packed, first: 
     return [(first + variants, columns) for variants, columns in found]
 
 
+def _in_time(report: Report, simulated: float, part: float) -> None:
+    """Reports a part of the work of variants as the same part of their simulated time [s]."""
+    report("simulating", part * simulated, simulated)
+
+
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
     """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
     pending = set(futures)
@@ -200,11 +212,14 @@ def _march(
     steps: int,
     buffer_values: int,
     recorder: Recorder,
-    report: Report,
+    report: Callable[[float], None],
     stop: Stop,
     keeper: Keeper | None = None,
 ) -> None:
-    """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
+    """Launches steps until every variant has ended; the frames of one are taken while the next runs.
+
+    `report` is called with the part of the roller-steps that is done.
+    """
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total = float(((last + 1) * rollers).sum())
@@ -215,7 +230,7 @@ def _march(
     def tick() -> None:
         state = engine.progress()
         done = np.where(state["diverged"] == 1, last + 1, state["step"])
-        report("simulating", float((done * rollers).sum()), total)
+        report(float((done * rollers).sum()) / total)
 
     before = engine.progress()
     turn = 0
