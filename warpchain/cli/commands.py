@@ -55,7 +55,7 @@ def check(arguments: argparse.Namespace) -> int:
     if arguments.json:
         import json
 
-        print(json.dumps(values, indent=2))
+        print(json.dumps({"units": "SI, angles in degrees", **values}, indent=2))
     else:
         print(report(values))
     return DONE
