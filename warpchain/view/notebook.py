@@ -80,7 +80,7 @@ def _beside(left: str, right: str) -> str:
 
 def _picture(of: Drive | Trajectory, frame: int | None = None) -> str:
     try:
-        return picture(drive_figure(of, frame, size=SIZE), "the drive")
+        return picture(drive_figure(of, frame, size=SIZE), "the drive", "png")
     except WarpchainError as error:
         return f"<p>{escape(str(error))}</p>"
 
