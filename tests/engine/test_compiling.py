@@ -66,8 +66,10 @@ def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
 
 def test_where_processes_gain_nothing_there_are_none(cache, monkeypatch):
     monkeypatch.setattr(compiling, "_started", lambda job: pytest.fail("started"))
-    jobs = list(jobs_of(COLLECT, "cuda:0"))
-    assert not any(compiled([]) or compiled(jobs[:1]) or compiled(jobs, cores=1))
+    jobs, seen = list(jobs_of(COLLECT, "cuda:0")), []
+    assert not any(compiled([]) or compiled(jobs, cores=1))
+    assert not any(compiled(jobs[:1], report=lambda *told: seen.append(told)))
+    assert seen == [("compiling", 0, 1)]  # the caller compiles it
     monkeypatch.setattr(sys, "executable", "")
     assert not any(compiled(jobs))
 

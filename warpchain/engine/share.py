@@ -5,7 +5,6 @@ A run is one share, or several where some can be stepped while others are packed
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
@@ -58,11 +57,6 @@ class Members:
     schedules: Sequence[Schedule]
     stacks: Sequence[Stack]
     first: int = 0
-
-    @cached_property
-    def simulated(self) -> float:
-        """Simulated time of all [s]."""
-        return math.fsum(schedule.steps * schedule.step for schedule in self.schedules)
 
     @cached_property
     def work(self) -> NDArray[np.float64]:
@@ -160,8 +154,7 @@ class Share:
         try:
             if keeper is not None:
                 keeper.restore(engine)
-            in_time = partial(_in_time, report, self.members.simulated)
-            _march(engine, steps, buffer_values, recorder, in_time, stop, keeper)
+            _march(engine, steps, buffer_values, recorder, report, stop, keeper)
             at = time.monotonic()
             state = engine.progress()
             diverged = state["diverged"] != 0
@@ -188,11 +181,6 @@ def _blocks(ended: Ended, sums: dict[str, NDArray[Any]], packed: Packed, first: 
     return [(first + variants, columns) for variants, columns in found]
 
 
-def _in_time(report: Report, simulated: float, part: float) -> None:
-    """Reports a part of the work of variants as the same part of their simulated time [s]."""
-    report("simulating", part * simulated, simulated)
-
-
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
     """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
     pending = set(futures)
@@ -212,17 +200,14 @@ def _march(
     steps: int,
     buffer_values: int,
     recorder: Recorder,
-    report: Callable[[float], None],
+    report: Report,
     stop: Stop,
     keeper: Keeper | None = None,
 ) -> None:
-    """Launches steps until every variant has ended; the frames of one are taken while the next runs.
-
-    `report` is called with the part of the roller-steps that is done.
-    """
+    """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
-    total = float(((last + 1) * rollers).sum())
+    total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
     batched = bool(np.isfinite(batch_durations(drives)).any())
     taken: tuple[Any, Any, Any] | None = None
@@ -230,7 +215,7 @@ def _march(
     def tick() -> None:
         state = engine.progress()
         done = np.where(state["diverged"] == 1, last + 1, state["step"])
-        report(float((done * rollers).sum()) / total)
+        report("simulating", simulated * (float((done * rollers).sum()) / total), simulated)
 
     before = engine.progress()
     turn = 0

@@ -155,7 +155,7 @@ def simulate(
             if len(parts) == 1:
                 outcome = share.run(how, recorder, report, stop, keeper)
             else:
-                with Shares(how, members.simulated, report, stop) as shares:
+                with Shares(how, sum(of.steps * of.step for of in schedules), report, stop) as shares:
                     shares.add(share, recorder)
                     layouts = share.layouts
                     for part in parts[1:]:

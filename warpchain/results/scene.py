@@ -85,14 +85,10 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
     """The bodies at a frame; those of which nothing was recorded are where the run began."""
-    channels = "sprocket_center", "sprocket_angle", "arm_angle"
-    held = [None if (values := getattr(trajectory, name)) is None else values[f] for name in channels]
-    if held[2] is None or held[0] is None:
-        start = pose_at_start(trajectory.drive)
-        held = [own if own is not None else other for own, other in zip(held, start, strict=True)]
-    if held[1] is None:
-        held[1] = np.zeros(len(trajectory.drive.sprockets))
-    return Pose(*(np.asarray(values, dtype=float) for values in held))
+    values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
+    start = pose_at_start(trajectory.drive)
+    held = (own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True))
+    return Pose(*held)
 
 
 def chain_line(drive: Drive, path: ChainPath) -> Array:
