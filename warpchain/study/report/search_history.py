@@ -22,7 +22,7 @@ MOST_FACTORS = 12
 
 
 def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.Section | None:
-    """How a search went; none without objectives, or of a table that is no search's.
+    """The course of a search; none without objectives, or of a table that is no search's.
 
     Rows stand in the order in which they were evaluated.
     """

@@ -1,4 +1,4 @@
-"""Figures of shafts: hub forces as hodographs, phase errors over time, by engine order and over two turns of the driver."""
+"""Figures of shafts: hub forces as hodographs, phase errors over time, by order, and over two turns of the driver."""
 
 from __future__ import annotations
 
