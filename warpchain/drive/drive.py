@@ -32,6 +32,8 @@ from warpchain.drive.csv_files import with_files
 from warpchain.drive.drive_rules import (
     PLACES,
     arm_rules,
+    count_rules,
+    face_rules,
     guide_rules,
     name_rules,
     place_rules,
@@ -61,6 +63,7 @@ from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
 
 RULES = (
+    count_rules,
     sprocket_rules,
     name_rules,
     place_rules,
@@ -69,16 +72,19 @@ RULES = (
     rolling_rules,
     size_rules,
     profile_rules,
+    face_rules,
     arm_rules,
     tensioner_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
+FACES = ("start", "end", "points", "radius", "arcs", "profile", "end_radius")
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
     size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
+    face_rules: {"chain.pitch", *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
