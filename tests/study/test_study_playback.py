@@ -49,7 +49,7 @@ class Stream:
 
     def log(self, path, *what, static):
         assert static
-        if path.rsplit("/", 1)[-1].replace("\\ ", " ") in ("variants", "Pareto front", "recorded variants"):
+        if path.rsplit("/", 1)[-1].replace("\\ ", " ") in ("variants", "Pareto front", "best", "recorded variants"):
             self.dots[path] = [str(label) for label in what[0].labels.as_arrow_array().to_pylist()]
 
 
@@ -66,6 +66,17 @@ def test_scatters_hold_every_variant_that_is_ok(study):
     assert len(of_max["recorded variants"]) == 1
     assert of_max["recorded variants"][0].startswith("variant 3: torque = 400, tension_max = ")
     assert any(word.startswith("variant 0:") for word in of_max["Pareto front"])  # the lowest tension
+
+
+def test_objectives_have_panels_whatever_else_is_shown(study):
+    results, _ = study
+    stream = Stream()
+    shown = {"metrics": ("tension_max",), "objectives": {"driven.force_max": "min"}}
+    charts, _ = log_scatters(stream, results, [], **shown)
+    assert [chart.path[-1].split(" ")[0] for chart in charts] == ["driven.force_max", "tension_max"]
+    best = [words for path, words in stream.dots.items() if path.endswith("/best")]
+    least = int(np.argmin(np.where(results.ok, results.values("driven.force_max"), np.inf)))
+    assert [word.split(":")[0] for words in best for word in words] == [f"variant {least}"] * 2
 
 
 def test_recorded_variants_come_from_the_archives(study):
