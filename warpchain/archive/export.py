@@ -79,6 +79,8 @@ def flat(trajectory: Trajectory) -> pa.Table:
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
         "arm": [arm.name for arm in drive.arms],
         "tensioner": [tensioner.name for tensioner in drive.tensioners],
+        "shaft": [shaft.name for shaft in drive.shafts],
+        "coupling": [coupling.name for coupling in drive.couplings],
     }
     for channel, array in trajectory.channels().items():
         of = named.get(CHANNEL[channel].per) or [str(i) for i in range(array.shape[1])]

@@ -19,6 +19,7 @@ from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.stiffness import contact_rebound
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -36,10 +37,11 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     rise = [0.0] * count
     for turn in range(1, count):
         s = (drive.driver + turn) % count
-        load, radius = drive.sprockets[s].load, drive.pitch_radius(s)
-        moment = 0.0
-        if load is not None and drive.sprockets[s].prescribed is None:
-            moment = load.steady(chain_speed / radius)
+        radius, moment = drive.pitch_radius(s), 0.0
+        for b, load in loads_of(drive):
+            if nearest_sprocket(drive, b) == s and not stands(drive, s):
+                beside = 1.0 if b == s else speed_ratio(drive, b, s)
+                moment += beside * load.steady(beside * chain_speed / radius)
         rise[s] = rise[s - 1] + moment / radius
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))
@@ -76,9 +78,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
-    driver = drive.sprockets[drive.driver]
-    assert driver.prescribed is not None
-    speed = driver.prescribed.top_speed
+    driver, speed = drive.sprockets[drive.driver], drive.driver_speed
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly)
     strands = _strands(drive, assembly, preload, resting, running)
     return {

@@ -262,9 +262,8 @@ def sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.Section]:
 
 def heading(found: HandedIn) -> str:
     """Heading of the page: the driver and its speed."""
-    travel = found.drive.sprockets[found.drive.driver].prescribed
-    assert travel is not None
-    return f"Chain drive, {found.drive.sprockets[found.drive.driver].name} at {rpm(travel.top_speed):.4g} rpm"
+    drive = found.drive
+    return f"Chain drive, {drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
 
 
 def report_html(
