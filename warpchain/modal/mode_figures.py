@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
     """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
     each time."""
-    first, lines = len(drive.sprockets), []
+    first, lines = drive.first_arm_body, []
     for a, arm in enumerate(drive.arms):
         own = arm_outline(drive, a) + [guide_outline(drive, g) for g in drive.guides_of(a)]
         lines += [turned(line, arm.pivot, float(bodies[first + a, 2])) for line in own]
