@@ -401,11 +401,13 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
     """
     count = len(drive.sprockets)
     known: dict[int, Any] = {}
-    for b, part in enumerate((*drive.sprockets, *drive.shafts)):
+    parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
+    for b, part in enumerate(parts):
         if part.prescribed is not None:
             known[b] = turning_sign(drive, b) * _prescribed_speed(drive, part)
-        elif b >= count and part.initial_speed is not None:
-            known[b] = turning_sign(drive, b) * part.initial_speed
+    for b, shaft in enumerate(drive.shafts, count):
+        if shaft.initial_speed is not None:
+            known[b] = turning_sign(drive, b) * shaft.initial_speed
     tied, before = ties(drive), -1
     while len(known) > before:
         before = len(known)

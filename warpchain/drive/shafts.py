@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.motion_table import MotorTable
@@ -64,7 +63,9 @@ class Motor(Part):
 
     def at(self, speed: Any) -> Any:
         """The moment [N m] at a forward speed [rad/s], once on; the mean of a table over time or angle."""
-        torque = self.torque
+        import numpy as np
+
+        torque: Any = self.torque
         if self.table is not None and self.table.speed is not None:
             torque = np.interp(speed, self.table.over, self.table.values)
         elif self.table is not None:
@@ -79,7 +80,8 @@ class Motor(Part):
         """Steepest fall of the moment with the speed [N m s]."""
         fall = 0.0
         if self.table is not None and self.table.speed is not None:
-            fall = max(0.0, *(-np.diff(self.table.values) / np.diff(self.table.over)).tolist())
+            rows = list(zip(self.table.over, self.table.values, strict=True))
+            fall = max(0.0, *((m - n) / (w - v) for (v, m), (w, n) in zip(rows, rows[1:], strict=False)))
             fall *= 1.5 if self.table.interpolation == "cubic" else 1.0
         if self.torque is not None and self.power is not None:
             fall = fall + self.torque**2 / self.power  # where the limits meet, P / w^2 at w = P / M

@@ -124,7 +124,7 @@ def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) 
     a, b = names[tie.a], names[tie.b]
     has = f'the rest of the drive turns "{b}" {_times(known)} as "{a}"'
     if tie.kind == "gears":
-        teeth = get(elements(drive, "gears")[tie.path[1]], "teeth")  # type: ignore[call-overload]
+        teeth = get(elements(drive, "gears")[int(tie.path[1])], "teeth")
         fits = f"teeth as {abs(known).numerator} to {abs(known).denominator}, internal = {str(known > 0).lower()}"
         return Problem((*tie.path, "teeth"), list(teeth), f"{has}; {fits} would fit")
     if tie.kind == "shaft":

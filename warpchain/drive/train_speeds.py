@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from warpchain.drive.batch_math import largest, power
+from warpchain.drive.batch_math import largest, many, power, where
 from warpchain.drive.trains import (
     driving_body,
     driving_sprocket,
@@ -51,5 +49,5 @@ def top_speed(drive: Any) -> Any:
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         above = moment(middle) > 0.0
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return high if np.ndim(high) else float(high)
+        low, high = where(above, middle, low), where(above, high, middle)
+    return high if many(high) else float(high)

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from warpchain.drive.mounts import wheel_inertia
 from warpchain.drive.schema import elements, get
 from warpchain.drive.sprocket import Load
 
@@ -143,6 +142,8 @@ def turned_part(drive: Any, b: int) -> Any:
 
 def own_inertia(drive: Any, b: int) -> Any:
     """Inertia of body b itself [kg m^2]; 0 where it is not given."""
+    from warpchain.drive.mounts import wheel_inertia  # here, since it takes numpy
+
     part = turned_part(drive, b)
     inertia = 0.0 if part.inertia is None else part.inertia
     return inertia + wheel_inertia(part) if b < len(drive.sprockets) else inertia
