@@ -142,7 +142,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, acting: of_three):
-        """What bodies pass on to each other, and what is seen of it; all threads together, before any body moves."""
+        """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
         if mine.body >= 0:
             trains.pass_on(ensemble, state, shared, mine, now, wrench_of(acting))
         barrier()

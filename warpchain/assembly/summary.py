@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.assembly import guide_report, statics
+from warpchain.assembly import guide_report, statics, train_report
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
@@ -120,6 +120,11 @@ def derive(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, assembly, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
+        **{
+            part: getattr(train_report, part)(drive)
+            for part in ("shafts", "gears", "couplings")
+            if getattr(drive, part)
+        },
         "mounts": [
             {
                 "name": sprocket.name,
@@ -165,7 +170,7 @@ def _findings(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -
     tensions = [strand["working_tension"] for strand in strands]
     return {
         "layout": list(findings(drive, assembly.path)),
-        "advice": list(advice(drive, assembly.path, tensions)),
+        "advice": [*advice(drive, assembly.path, tensions), *train_report.advice(drive)],
     }
 
 
@@ -378,6 +383,42 @@ def _milli(value: float | None) -> float | None:
     return None if value is None else 1e3 * value
 
 
+def _train_lines(values: dict[str, Any]) -> list[str]:
+    """Shafts, gears and couplings; nothing where there are none."""
+    lines: list[str] = []
+    if "shafts" in values:
+        rows = [
+            (
+                s["name"],
+                ", ".join(s["with"]) or "-",
+                f"{s['speed']:.4g} rad/s",
+                *_cells([s["inertia"]], "{:.4g} kg m^2"),
+                *_cells([s["motor_at_rest"], s["motor_at_work"]], "{:.4g} N m"),
+            )
+            for s in values["shafts"]
+        ]
+        lines += ["", *_table(("shaft", "as one with", "at work", "inertia seen", "motor at rest", "at work"), rows)]
+    if "gears" in values:
+        rows = [
+            (g["name"], " and ".join(g["between"]), "{} to {}".format(*g["teeth"]), f"{g['ratio']:+.6g}")
+            for g in values["gears"]
+        ]
+        lines += ["", *_table(("gears", "between", "teeth", "second over first"), rows)]
+    if "couplings" in values:
+        rows = [
+            (
+                c["name"],
+                " and ".join(c["between"]),
+                f"{c['frequency']:.4g} Hz",
+                f"{c['damping_ratio']:.3g}",
+                f"{1e3 * c['lash']:.4g} mrad",
+            )
+            for c in values["couplings"]
+        ]
+        lines += ["", *_table(("coupling", "between", "own frequency", "damping ratio", "lash"), rows)]
+    return lines
+
+
 def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
@@ -418,6 +459,7 @@ def report(values: dict[str, Any]) -> str:
         *_guide_lines(values),
         *_touch_lines(values),
         *_arm_lines(values),
+        *_train_lines(values),
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",

@@ -85,7 +85,7 @@ NUMBER_RULES = {
     size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
-    train_rules: {"sprockets.teeth", "sprockets.center", "sprockets.mount", "shafts.initial_speed", "gears.teeth"},
+    train_rules: {"sprockets", "shafts", "gears", "couplings"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
 

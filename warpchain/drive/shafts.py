@@ -10,6 +10,7 @@ beyond +-b, within which neither spring nor damper acts.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
@@ -81,7 +82,7 @@ class Motor(Part):
         fall = 0.0
         if self.table is not None and self.table.speed is not None:
             rows = list(zip(self.table.over, self.table.values, strict=True))
-            fall = max(0.0, *((m - n) / (w - v) for (v, m), (w, n) in zip(rows, rows[1:], strict=False)))
+            fall = max(0.0, *((m - n) / (w - v) for (v, m), (w, n) in pairwise(rows)))
             fall *= 1.5 if self.table.interpolation == "cubic" else 1.0
         if self.torque is not None and self.power is not None:
             fall = fall + self.torque**2 / self.power  # where the limits meet, P / w^2 at w = P / M
