@@ -119,7 +119,7 @@ class Probe:
         return BodyRow(np.hstack([slides, turns]), inertia)
 
     def train(self, b: int) -> Array:
-        """The angles of all bodies (B,) that turn with the first of a train, of length 1; of others (1,), of followers (0,)."""
+        """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
         ties = self.base.ties[: self.body_count]
         if not self.base.drives["tied"][0] or ties["train"][b] < 0:
             return np.ones(1)

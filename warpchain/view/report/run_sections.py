@@ -187,7 +187,7 @@ def wear(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def bodies(found: HandedIn, row: Row) -> Iterator[str]:
-    """Arms and tensioners: every channel that is recorded of them, and how it moves in the window."""
+    """Arms, tensioners, shafts, couplings: every channel that is recorded of them, and how it moves in the window."""
     for kind, of in load.BODIES.items():
         channels = load.channels_of(found.part, kind)
         for k, part in enumerate(getattr(found.drive, of)):
@@ -228,7 +228,12 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
     ("cycle", "Engine cycle", cycle, lambda found: True),
     ("speed", "Orders over speed", over_speed, lambda found: True),
     ("guides", "Guides", guides, lambda found: bool(found.drive.guides)),
-    ("bodies", "Arms, tensioners", bodies, lambda found: bool(found.drive.arms or found.drive.tensioners)),
+    (
+        "bodies",
+        "Arms, tensioners, shafts",
+        bodies,
+        lambda found: any(getattr(found.drive, of) for of in load.BODIES.values()),
+    ),
     ("friction", "Friction", friction, lambda found: True),
     ("safety", "Tooth jump, slack", safety, lambda found: True),
     ("wear", "Wear", wear, lambda found: True),
