@@ -24,10 +24,16 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     place = frame.place
 
     @wp.func
-    def width(n: int, sprockets: int, arms: int, tensioners: int):
-        """Number of values of n rollers and a number of sprockets, arms and tensioners."""
+    def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int):
+        """Number of values of n rollers and a number of sprockets, arms, tensioners, shafts and couplings."""
         of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
+        of_bodies += wp.static(frame.values("shaft")) * shafts + wp.static(frame.values("coupling")) * couplings
         return wp.static(frame.values("roller")) * n + wp.static(frame.values("sprocket")) * sprockets + of_bodies
+
+    @wp.func
+    def width_of(drive: Drive):
+        """Number of values of a drive's frame."""
+        return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings)
 
     @wp.func
     def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
@@ -52,7 +58,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any):
         """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
-        mine = at + width(n, s, 0, 0)
+        mine = at + width(n, s, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
@@ -62,7 +68,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
         """Arm a at the frame's instant and the contacts' moment on it [N m], in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, a, 0)
+        mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("arm_moment"))] = Real(moment)
@@ -70,9 +76,23 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
         """Tensioner t at the frame's instant, in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t)
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0)
         frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
+
+    @wp.func
+    def write_shaft(frames: wp.array[Real], at: int, drive: Drive, h: int, body: Any):
+        """Shaft h at the frame's instant, in a frame at `at`."""
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0)
+        frames[mine + wp.static(place("shaft_angle"))] = Real(body.angle)
+        frames[mine + wp.static(place("shaft_speed"))] = Real(body.speed)
+
+    @wp.func
+    def write_coupling(frames: wp.array[Real], at: int, drive: Drive, c: int, twist: Any, moment: Any):
+        """Coupling c at the frame's instant, in a frame at `at`."""
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c)
+        frames[mine + wp.static(place("coupling_twist"))] = Real(twist)
+        frames[mine + wp.static(place("coupling_torque"))] = Real(moment)
 
     return SimpleNamespace(**locals())

@@ -31,7 +31,7 @@ class Tabulated:
 
     cells: wp.int32  # 0: no table
     first: wp.int32
-    over_angle: wp.int32  # 1: over the body's own forward angle [rad], 0: over time [s]
+    over_angle: wp.int32  # 1: over the body's own forward angle [rad], 0: over time [s], 2: a motor's over its speed
     repeats: wp.int32  # 1: begins anew beyond its ends, 0: keeps the value there
     start: wp.float64  # [rad] or [s]
     spacing: wp.float64  # of the cells [rad] or [s]
@@ -56,6 +56,10 @@ class Drive:
     arms: wp.int32  # A: the last A of them
     tensioners: wp.int32
     pieces: wp.int32  # of all guides' profiles
+    shafts: wp.int32  # H: the bodies after the sprockets
+    gears: wp.int32
+    couplings: wp.int32
+    tied: wp.int32  # 1: has shafts, gears or couplings
     first_roller: wp.int32
     first_sprocket: wp.int32
     first_guide: wp.int32
@@ -63,6 +67,9 @@ class Drive:
     first_piece: wp.int32
     first_arm: wp.int32
     first_tensioner: wp.int32
+    first_shaft: wp.int32
+    first_gear: wp.int32
+    first_coupling: wp.int32
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
@@ -96,6 +103,48 @@ class Motion:
     load_harmonics: Harmonics
     drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
     load_table: Tabulated  # torque [N m], on top of `load`
+
+
+@wp.struct
+class Tie:
+    """The place of a body in its train, of drives that are tied (`physics.train`)."""
+
+    train: wp.int32  # number of the train's first body in the drive, its own where it turns alone; negative: an arm
+    ratio: wp.float64  # rho, its speed over that of the first
+    inertia: wp.float64  # J of its own [kg m^2]
+
+
+@wp.struct
+class Motor:
+    """Moment in the direction of forward rotation, of a shaft (`physics.train`)."""
+
+    present: wp.int32  # 1: there is one
+    torque: wp.float64  # constant, or the largest; on top of the table [N m]
+    power: wp.float64  # largest [W]; 0: unbounded
+    ramp_time: wp.float64  # [s]
+    table: Tabulated  # forward [N m]
+
+
+@wp.struct
+class Coupling:
+    """A spring and a damper with play between two bodies (`physics.train`)."""
+
+    first: wp.int32  # of the drive's bodies
+    second: wp.int32
+    rest: wp.float64  # angle of the first less that of the second without twist [rad]
+    stiffness: wp.float64  # k [N m/rad]
+    damping: wp.float64  # c [N m s/rad]
+    lash: wp.float64  # b to either side [rad]
+
+
+@wp.struct
+class Gear:
+    """A pair of gears that ties two shafts (`physics.train`)."""
+
+    body: wp.int32  # that its second gear is on, of the drive's
+    side: wp.int64  # bodies that turn with that but for this pair, as bits; 0 where gears go round
+    inertia: wp.float64  # of those, as that body sees it [kg m^2]
+    lever: wp.float64  # R cos 20 degrees of the second gear [m]
 
 
 @wp.struct
@@ -474,6 +523,43 @@ class ArmSums:
 
 
 @wp.struct
+class ShaftSums:
+    """Sums over the window of a shaft (time integrals, trapezoidal)."""
+
+    speed_min: wp.float64  # [rad/s]
+    speed_max: wp.float64
+    speed: wp.float64  # [rad]
+    speed_square: wp.float64
+    motor: wp.float64  # moment of its motor [N m s]
+    motor_max: wp.float64  # [N m]
+    motor_work: wp.float64  # [J]
+    load_work: wp.float64  # done by its load [J]
+
+
+@wp.struct
+class CouplingSums:
+    """Sums over the window of a coupling (time integrals, trapezoidal)."""
+
+    twist_min: wp.float64  # [rad]
+    twist_max: wp.float64
+    twist: wp.float64  # [rad s]
+    moment_min: wp.float64  # [N m]
+    moment_max: wp.float64
+    moment: wp.float64  # passed on to the second [N m s]
+    dissipated: wp.float64  # in its damper [J]
+    led_work: wp.float64  # done on bodies whose angle is prescribed [J]
+
+
+@wp.struct
+class GearSums:
+    """Sums over the window of a pair of gears (time integrals, trapezoidal)."""
+
+    force_max: wp.float64  # [N]
+    force: wp.float64  # its magnitude [N s]
+    moment: wp.float64  # passed on to the second shaft [N m s]
+
+
+@wp.struct
 class TensionerFlows:
     """Flows through a tensioner, in a step or since the run began, and their energies."""
 
@@ -605,6 +691,9 @@ class Sums:
     sprocket: wp.array[SprocketSums]  # (all sprockets,)
     mount: wp.array[MountSums]  # (all sprockets,)
     arm: wp.array[ArmSums]  # (all arms,)
+    shaft: wp.array[ShaftSums]  # (all shafts,)
+    coupling: wp.array[CouplingSums]  # (all couplings,)
+    gear: wp.array[GearSums]  # (all gears,)
     tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
@@ -630,6 +719,10 @@ class Ensemble:
     pieces: wp.array[Piece]  # (all profiles' pieces,)
     arms: wp.array[Arm]  # (all arms,)
     tensioners: wp.array[Tensioner]  # (all tensioners,)
+    ties: wp.array[Tie]  # (all bodies,)
+    motors: wp.array[Motor]  # (all shafts,)
+    couplings: wp.array[Coupling]  # (all couplings,)
+    gears: wp.array[Gear]  # (all gears,)
     curves: Curves
     tooth_sliding: wp.array[Sliding]  # (all sprockets,)
     guide_sliding: wp.array[Sliding]  # (all guide-bars,)
@@ -659,6 +752,7 @@ class State:
     wrenches: wp.array[Wrench]  # (all bodies,), of contacts
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
+    passed: wp.array[wp.float64]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
     tensioners: wp.array[TensionerState]  # (all tensioners,)
     pushes: wp.array[Push]  # (all tensioners,)
     meters: wp.array[TensionerFlows]  # (all tensioners,): what has flowed since the run began
@@ -719,6 +813,10 @@ class _BlockPose:
 PAIRS = {
     Tabulated: ("start", "spacing"),
     Motion: ("speed", "ramp_time", "start_angle"),
+    Tie: (),
+    Motor: (),
+    Coupling: ("rest",),
+    Gear: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
     Arm: (),
     Piece: ("start", "direction"),
@@ -751,7 +849,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     flowed = [name for name in TensionerFlows.vars if name != "lift"]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
-    for full in (MountSums, ArmSums, TensionerSums, Sums):
+    for full in (MountSums, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, Sums):
         made[full] = sums_at_float32(full, made)
 
 
@@ -778,7 +876,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates",))
+        made[State] = at_float32(State, made, kept=("rates", "passed"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

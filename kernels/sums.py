@@ -175,6 +175,44 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
 
 
 @wp.func
+def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
+    """One shaft's speed, and the moments of its motor and its load."""
+    way = weight * speed
+    sums.speed_min = wp.min(sums.speed_min, speed)
+    sums.speed_max = wp.max(sums.speed_max, speed)
+    sums.speed = added(sums.speed, way)
+    sums.speed_square = added(sums.speed_square, way * speed)
+    sums.motor = added(sums.motor, weight * motor)
+    sums.motor_max = wp.max(sums.motor_max, wp.abs(motor))
+    sums.motor_work = added(sums.motor_work, way * motor)
+    sums.load_work = added(sums.load_work, way * load)
+    return sums
+
+
+@wp.func
+def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, weight: Any):
+    """One coupling's twist, the moment that it passes on, the powers that its damper takes and led bodies get."""
+    sums.twist_min = wp.min(sums.twist_min, twist)
+    sums.twist_max = wp.max(sums.twist_max, twist)
+    sums.twist = added(sums.twist, weight * twist)
+    sums.moment_min = wp.min(sums.moment_min, moment)
+    sums.moment_max = wp.max(sums.moment_max, moment)
+    sums.moment = added(sums.moment, weight * moment)
+    sums.dissipated = added(sums.dissipated, weight * power)
+    sums.led_work = added(sums.led_work, weight * led)
+    return sums
+
+
+@wp.func
+def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
+    """The moment that one pair of gears passes on, and the magnitude of its tooth force."""
+    sums.moment = added(sums.moment, weight * moment)
+    sums.force = added(sums.force, weight * force)
+    sums.force_max = wp.max(sums.force_max, force)
+    return sums
+
+
+@wp.func
 def metered(total: Any, flows: Any):
     """A tensioner's meter after one more step; the lift is that of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)

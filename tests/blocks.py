@@ -1,5 +1,6 @@
 """Block kernels on cooperative fibers of the CPU, and drives of every kind to hold them against the CPU's kernels."""
 
+import tomllib
 from dataclasses import replace
 from functools import partial
 
@@ -9,7 +10,7 @@ import warp as wp
 from drives import timing, two_sprockets
 from raw import stepped
 
-from warpchain import Drive, load_drive
+from warpchain import Drive, dumps_drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
 from warpchain.engine.buckets import block_shape, kind_columns, room_for
@@ -162,6 +163,56 @@ def arms():
         "arms.0.stops": [-12.0, -0.1],
     }  # fmt: skip
     return [timing(), timing().with_values(latched)]
+
+
+TRAINS = """
+[[shafts]]
+name = "engine"
+inertia = 0.4
+motor = { table = { speed = [0.0, 12.0, 20.0], torque = [300.0, 400.0, 0.0] }, ramp_time = 1e-4 }
+initial_speed = 10.0
+[[shafts]]
+name = "cross"
+inertia = 0.6
+load = { torque = 80.0, viscous = 2.0 }
+[[shafts]]
+name = "governor"
+prescribed = { speed = 9.0, harmonics = [{ order = 1.0, amplitude = 0.05 }] }
+[[gears]]
+name = "primary"
+between = ["driver", "engine"]
+teeth = [41, 20]
+module = 0.004
+[[couplings]]
+name = "cush"
+between = ["driven", "cross"]
+stiffness = 4e4
+damping = 15.0
+lash = 1e-4
+[[couplings]]
+name = "slack"
+between = ["cross", "governor"]
+stiffness = 1e3
+damping = 3.0
+"""
+"""A motor geared to the driver, a shaft with play on the driven sprocket, and a third that leads it a little."""
+
+
+def trains(inertia=2.0):
+    values = tomllib.loads(dumps_drive(two_sprockets(inertia=inertia)) + TRAINS)
+    values["sprockets"][0] |= {"inertia": 0.7}
+    del values["sprockets"][0]["prescribed"]
+    drive = Drive(**values)
+    return [drive, drive.with_values({"couplings.cush.lash": 0.0, "shafts.engine.motor.table.factor": 0.5})]
+
+
+def trains_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in trains()]
+
+
+def light_trains():
+    """The same with a driven sprocket so light that contacts want its acceleration before forces."""
+    return trains(inertia=0.02)
 
 
 def arms_rk4():

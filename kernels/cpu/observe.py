@@ -13,19 +13,23 @@ from ..frames import frame_writers
 from ..integrate import leapfrog_lag
 from ..native import accessors
 from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pose_of
-from ..physics.motion import load_moment_at_speed
+from ..physics.motion import load_moment_at_speed, prescribed_acceleration
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
+from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
 from ..structs import Drive, Now, Sums, types
 from ..sums import (
     MERGE_EVERY,
     add_arm,
     add_contact,
+    add_coupling,
     add_energy,
+    add_gear,
     add_hub_force,
     add_meter,
     add_mount,
     add_powers,
+    add_shaft,
     add_tensioner,
     add_touches,
 )
@@ -78,10 +82,15 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 arm = arm_of(drive, b)
                 if arm >= 0:
                     energy = arm_energy(energy, body, heading, ensemble.arms[arm])
+                elif drive.tied != 0:
+                    energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
             total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
+            for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+                twist, moment = bodies.coupled(ensemble, state, drive, c)
+                total += coupling_energy(twist, ensemble.couplings[c])
         return total
 
     @wp.func
@@ -125,6 +134,56 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 
     @wp.func
+    def add_shaft_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, h: int, now: Now):
+        """Adds shaft h of the drive to the sums of the window."""
+        b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
+        body = body_now(ensemble, state, b, now.time, now.lag)
+        before = state.bodies[b].speed
+        load = load_moment_at_speed(now.time, state.wrenches[b].load, before, body.speed, ensemble.motions[b])
+        motor = bodies.motor_on(ensemble, state, drive, b, now.time)
+        sums.shaft[i] = add_shaft(sums.shaft[i], body.speed, motor, load, now.weight)
+
+    @wp.func
+    def add_twist(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
+        """Adds coupling c of all to the sums of the window."""
+        coupling = ensemble.couplings[c]
+        twist, rate, moment = bodies.coupled_now(ensemble, state, drive, c, now.time, now.lag)
+        led = wp.float64(0.0)
+        for second in range(2):
+            b = drive.first_body + wp.where(second == 0, coupling.first, coupling.second)
+            if ensemble.motions[b].prescribed == 1:
+                speed = body_now(ensemble, state, b, now.time, now.lag).speed
+                led = led + wp.where(second == 0, -moment, moment) * speed
+        power = coupling_loss(twist, rate, coupling)
+        sums.coupling[c] = add_coupling(sums.coupling[c], twist, moment, power, led, now.weight)
+
+    @wp.func
+    def add_teeth(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, g: int, now: Now):
+        """Adds the pair of gears g of all to the sums of the window."""
+        gear = ensemble.gears[g]
+        at = drive.first_body + gear.body
+        mine = ensemble.ties[at]
+        motion, angular = ensemble.motions[at], state.rates[at][2]
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(now.time, motion, ensemble.curves)
+        moment = gear.inertia * angular
+        for b in range(drive.sprockets + drive.shafts):
+            if on_side(gear, b):
+                other = drive.first_body + b
+                moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
+        sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
+
+    @wp.func
+    def add_trains(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
+        """Adds shafts, couplings and gears to the sums of the window."""
+        for h in range(drive.shafts):
+            add_shaft_body(ensemble, state, sums, drive, h, now)
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            add_twist(ensemble, state, sums, drive, c, now)
+        for g in range(drive.first_gear, drive.first_gear + drive.gears):
+            add_teeth(ensemble, state, sums, drive, g, now)
+
+    @wp.func
     def measure_contacts(state: State, sums: Sums, drive: Drive, now: Now):
         """Adds the contacts of an evaluated step to the sums of the window."""
         first = drive.first_sprocket + drive.first_guide
@@ -165,6 +224,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 add_arm_body(ensemble, state, sums, drive, a, now)
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 add_push(ensemble, state, sums, drive, t, now)
+            add_trains(ensemble, state, sums, drive, now)
 
     clear, merge = sums_of.clear, sums_of.merge
     return SimpleNamespace(**locals())
@@ -176,7 +236,8 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
     kinds = types(Real)
     vec2, load_row, row = kinds.vec2, accessors(Real).load_row, rows(capacity)
     acceleration, joint_power = passes(Real, capacity).acceleration, joint_passes(Real, capacity).joint_power
-    body_now, write = moving(Real, plain).body_now, frame_writers(Real, frame)
+    body_now, coupled = moving(Real, plain).body_now, moving(Real, plain).coupled_now
+    write = frame_writers(Real, frame)
 
     @wp.func
     def seen(w: wp.array[Real], i: int):
@@ -225,6 +286,12 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
                 write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
             for t in range(drive.tensioners):
                 write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
+            for h in range(drive.shafts):
+                shaft = body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
+                write.write_shaft(frames, begin, drive, h, shaft)
+            for c in range(drive.couplings):
+                twist, rate, moment = coupled(ensemble, state, drive, drive.first_coupling + c, now.time, now.lag)
+                write.write_coupling(frames, begin, drive, c, twist, moment)
 
-    width = write.width
+    width = write.width_of
     return SimpleNamespace(**locals())

@@ -81,7 +81,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                         sums_of.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if memory.wanted.sizes != 0:
                         frames_of.sample(ensemble, state, variant, drive, w, frames, at, now)
-                        at = at + wp.int64(frames_of.width(n, drive.sprockets, drive.arms, drive.tensioners))
+                        at = at + wp.int64(frames_of.width(drive))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1

@@ -23,7 +23,8 @@ from ..physics.body import (
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..structs import PREDICTING, Drive, Now, Wrench, types
+from ..physics.train import coupling_moment, motor_moment, twist_of
+from ..structs import PREDICTING, BodyState, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .joints import joint_passes
@@ -56,6 +57,61 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return wrench
 
     @wp.func
+    def load_on(ensemble: Ensemble, drive: Drive, body: BodyState, b: int, time: wp.float64):
+        """Moment [N m] of what loads body `b` of all, or of an arm's own spring and weight."""
+        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble.curves)
+        if wp.static(not plain):
+            arm = arm_of(drive, b)
+            if arm >= 0:
+                load = own_moment(body, heading_of(body), ensemble.arms[arm])
+        return load
+
+    @wp.func
+    def motor_on(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
+        """Moment [N m] of the motor on body `b` of all."""
+        moment = wp.float64(0.0)
+        shaft = b - drive.first_body - drive.sprockets
+        if shaft >= 0 and shaft < drive.shafts:
+            body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
+            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.curves.tables)
+        return moment
+
+    @wp.func
+    def coupled(ensemble: Ensemble, state: State, drive: Drive, c: int):
+        """Twist [rad] of coupling `c` of all, and the moment [N m] that it passes on to its second body."""
+        coupling = ensemble.couplings[c]
+        first, second = (
+            state.bodies[drive.first_body + coupling.first],
+            state.bodies[drive.first_body + coupling.second],
+        )
+        twist, rate = twist_of(first, second, coupling)
+        return twist, coupling_moment(twist, rate, coupling)
+
+    @wp.func
+    def pass_on(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
+        """The moments on all bodies but arms, with those of motors and couplings."""
+        for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
+            moment = wrench_on(ensemble, state, drive, b).moment + load_on(ensemble, drive, state.bodies[b], b, time)
+            state.passed[b] = moment + motor_on(ensemble, state, drive, b, time)
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            coupling = ensemble.couplings[c]
+            first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
+            twist, moment = coupled(ensemble, state, drive, c)
+            state.passed[first] = state.passed[first] - moment
+            state.passed[second] = state.passed[second] + moment
+
+    @wp.func
+    def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
+        """The moment that turns body `b` of all as if it turned alone (a)."""
+        total = wp.float64(0.0)
+        mine = ensemble.ties[b]
+        for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
+            tie = ensemble.ties[other]
+            if tie.train == mine.train:
+                total = total + tie.ratio * state.passed[other]
+        return total / mine.ratio
+
+    @wp.func
     def rates_of(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
         """Accelerations of body `b` of all, from what contacts and tensioners do to it."""
         body = state.bodies[b]
@@ -63,18 +119,21 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         wrench = wrench_on(ensemble, state, drive, b)
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
-        wrench.load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
-        if wp.static(not plain):
-            arm = arm_of(drive, b)
-            if arm >= 0:
-                wrench.load = own_moment(body, heading, ensemble.arms[arm])
+        wrench.load = load_on(ensemble, drive, body, b, time)
         state.wrenches[b].load = wrench.load
+        if wp.static(not plain):
+            if drive.tied != 0 and ensemble.ties[b].train >= 0:
+                wrench.moment = gathered(ensemble, state, drive, b)
+                wrench.load = wp.float64(0.0)
         off = off_home(body.center, mount)
         return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
         """Accelerations of all bodies at `time`, for whatever moves or observes them."""
+        if wp.static(not plain):
+            if drive.tied != 0:
+                pass_on(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
 
@@ -130,6 +189,15 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return body_at(time, lag, state.bodies[b], state.rates[b], driven, motion, ensemble.mounts[b])
 
     @wp.func
+    def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
+        """Twist [rad] of coupling `c` of all, its rate [rad/s] and its moment [N m] with the rates of `time`."""
+        coupling = ensemble.couplings[c]
+        first = body_now(ensemble, state, drive.first_body + coupling.first, time, lag)
+        second = body_now(ensemble, state, drive.first_body + coupling.second, time, lag)
+        twist, rate = twist_of(first, second, coupling)
+        return twist, rate, coupling_moment(twist, rate, coupling)
+
+    @wp.func
     def bodies_sound(state: State, drive: Drive):
         """1 while every body turns soundly and its center is within the drive's box, else 0."""
         good = int(1)
@@ -151,7 +219,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear, row, rates_of = passes(Real, capacity).clear, rows(capacity), moving(Real, plain).rates_of
+    clear, row = passes(Real, capacity).clear, rows(capacity)
+    rates_of, pass_on = moving(Real, plain).rates_of, moving(Real, plain).pass_on
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -170,6 +239,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
         clear(w, row.fx, row.fy, drive.rollers)
+        if drive.tied != 0:
+            pass_on(ensemble, state, drive, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)

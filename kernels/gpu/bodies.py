@@ -267,7 +267,9 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
     # a load is found ahead by threads that else would wait for the contacts of others
-    loading_ahead = not staged and (kind.shape.body_warp or (kind.shape.threads > WARP and not kind.paired))
+    loading_ahead = (
+        not staged and not kind.parts.tied and (kind.shape.body_warp or (kind.shape.threads > WARP and not kind.paired))
+    )
 
     @wp.func
     def mount_of(shared: Shared, b: int):
@@ -316,6 +318,27 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
+    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, b: int):
+        """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
+        first = ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[first + b]
+        total = Real(0.0)
+        for other in range(wp.static(kind.parts.mounted)):
+            tie = ensemble.ties[first + other]
+            if tie.train == own.train:
+                total = total + tie.ratio * shared.passed[other]
+        return total / own.ratio
+
+    @wp.func
+    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, wrench: Wrench):
+        """The wrench that moves the thread's body, with what others pass on to it."""
+        if wp.static(kind.parts.tied > 0):
+            if mine.arm < 0:
+                wrench.moment = gathered(ensemble, shared, mine, mine.body)
+                wrench.load = Real(0.0)
+        return wrench
+
+    @wp.func
     def load_moment_ahead(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now):
         """Works out the load on the thread's body, while other threads are at their contacts."""
         if wp.static(loading_ahead):
@@ -328,8 +351,9 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
         if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
-            load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            acceleration = (wrench.moment + load) * motion.inverse_inertia
+            wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
+            moving = turning(ensemble, shared, mine, wrench)
+            acceleration = (moving.moment + moving.load) * motion.inverse_inertia
             shared.poses[mine.body].angular = solved(pose.angular, acceleration, wrench, motion)
 
     @wp.func
@@ -348,7 +372,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        rates = body_rates(time, off(pose, mount), plain, heading(pose), wrench, motion, mount, ensemble.curves)
+        moved_by = turning(ensemble, shared, mine, wrench)
+        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
         seen = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
@@ -373,7 +398,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = ensemble.drives[mine.variant].first_body + b
-            rates = body_rates(at.time, off(pose, mount), plain, heading(pose), wrench, motion, mount, ensemble.curves)
+            by, to = turning(ensemble, shared, mine, wrench), heading(pose)
+            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages
             of.put_pose(shared, b, aligned(posed(pose, moved)))

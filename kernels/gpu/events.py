@@ -80,8 +80,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         every = drive.sample_every
         first = state.progress[mine.variant].step - now.since
         number = now.step // every - (first + every - 1) // every
-        values = write.width(drive.rollers, wp.static(sprockets), drive.arms, drive.tensioners)
-        return int(drive.first_value) + number * values
+        return int(drive.first_value) + number * write.width_of(drive)
 
     @wp.func
     def look_at_chain(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
@@ -216,5 +215,24 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             for t in range(wp.static(kind.parts.tensioners)):
                 if ensemble.tensioners[drive.first_tensioner + t].body == mine.body:
                     write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
+            if wp.static(kind.parts.tied > 0):
+                if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.mounted):
+                    write.write_shaft(frames, at, drive, mine.body - wp.static(sprockets), body)
+
+    @wp.func
+    def write_coupling(
+        ensemble: Ensemble,
+        state: State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        c: int,
+        twist: Real,
+        moment: Real,
+    ):
+        """Writes coupling c of all to the frame."""
+        drive = ensemble.drives[mine.variant]
+        at = frame_at(drive, state, mine, now)
+        write.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)
 
     return SimpleNamespace(**locals())

@@ -40,6 +40,7 @@ def block_types(Real: type) -> SimpleNamespace:
         strand_of: wp.array[wp.uint32]  # of threads' links: the strand that each is on (`strands`)
         poses: wp.array[kinds.Pose]  # (B,), and with profiles the ground
         motions: wp.array[kinds.Motion]  # (B,)
+        passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
         led_speed: wp.array[Real]
@@ -125,8 +126,8 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, and bodies light
-    (`structs.Drive.light`; 1, else 0).
+    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, bodies light, or
+    tied by shafts, gears and couplings (`structs.Drive.light`, `tied`; 1, else 0).
     """
 
     sprockets: int
@@ -137,6 +138,7 @@ class Parts:
     others: int = 0
     tabulated: int = 1
     light: int = 0
+    tied: int = 0
 
     @property
     def mounted(self) -> int:
@@ -209,7 +211,8 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not self.parts.light
+        waiting = self.parts.light or self.parts.tied
+        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property
     def gripping(self) -> bool:

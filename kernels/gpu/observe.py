@@ -15,6 +15,7 @@ from ..number import leading
 from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by
 from ..physics.link import link_chain, roller_energy
 from ..physics.motion import load_moment_at_speed
+from ..physics.train import own_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
 from ..sums import (
     add_arm,
@@ -313,6 +314,9 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
+        if wp.static(kind.parts.tied > 0):
+            if mine.arm < 0:
+                energy = own_energy(energy, seen.speed, ensemble.ties[drive.first_body + mine.body], motion)
         at = drive.first_body + mine.body
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 

@@ -93,6 +93,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_angle": COURSE * kind.parts.prescribed,
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
+        "passed": kind.parts.bodies * kind.parts.tied,
         "mounts": kind.parts.mounted * kind.moving,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
@@ -245,6 +246,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.strand_of = found.strand_of(shared, place)
         shared.poses = found.poses(shared, place)
         shared.motions = found.motions(shared, place)
+        shared.passed = found.passed(shared, place)
         shared.mounts = found.mounts(shared, place)
         shared.led_angle = found.led_angle(shared, place)
         shared.led_speed = found.led_speed(shared, place)

@@ -12,13 +12,14 @@ from .bodies import block_tensioners, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
-from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine
+from .kind import ENDS, EVENT, EXTRA, FRAME, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import body_observing
 from .rollers import block_stages, roller_rows
 from .shared_memory import view
 from .sync import sync
+from .trains import block_trains
 
 MEETING = wp.constant(16)
 """Steps after which variants of a block wait for each other."""
@@ -35,7 +36,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     of_each, forces, barrier = wp.types.vector(rollers_per_thread, Real), contact_forces(kind), sync(kind).barrier
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
     sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
-    observe, threads_of = body_observing(kind), sync(kind)
+    observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
@@ -82,6 +83,11 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
+            if wp.static(kind.parts.tied > 0):
+                trains.pass_on(ensemble, state, shared, mine, now, wrench)
+        if wp.static(kind.parts.tied > 0):
+            barrier()
+        if mine.body >= 0:
             bodies.predict_rates(ensemble, state, shared, mine, now, wrench)
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
@@ -132,12 +138,25 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 
     @wp.func
+    def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, acting: of_three):
+        """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
+        if mine.body >= 0:
+            trains.pass_on(ensemble, state, shared, mine, now, wrench_of(acting))
+        barrier()
+        if now.measured != 0 or now.flags & FRAME != 0:
+            if mine.body >= 0:
+                trains.observe_trains(ensemble, state, shared, out, mine, now)
+            barrier()
+
+    @wp.func
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
 
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         acting = chain_on(state, shared, mine, now)
+        if wp.static(kind.parts.tied > 0):
+            tie(ensemble, state, out, shared, mine, now, acting)
         if mine.body >= 0:
             advance_body(ensemble, state, out, shared, mine, now, acting)
 

@@ -19,7 +19,7 @@ from pages import reference
 
 GROUPS = {
     "How to": ("check", "fit", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
-    "The model": ("model", "teeth", "moving-sprockets", "wear"),
+    "The model": ("model", "teeth", "moving-sprockets", "shafts", "wear"),
     "Reference": ("drive-file", "catalogue", "examples", "metrics", "archive", "formats"),
     "The project": ("performance", "reliability", "contributing", "changelog"),
 }

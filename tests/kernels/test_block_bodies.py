@@ -6,18 +6,34 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    light_trains,
     moving_sprockets,
     pushed_slider,
     rk4,
     rubbing_on_moving_sprockets,
     rubbing_rk4,
+    trains,
+    trains_rk4,
     ways,
 )
 
-KINDS = moving_sprockets, arms, arms_rk4, rubbing_on_moving_sprockets, pushed_slider, bending_rk4, rubbing_rk4, rk4
+TRAINS = trains, trains_rk4, light_trains
+KINDS = (
+    moving_sprockets,
+    arms,
+    arms_rk4,
+    rubbing_on_moving_sprockets,
+    pushed_slider,
+    bending_rk4,
+    rubbing_rk4,
+    rk4,
+    *TRAINS,
+)
 USUAL = [
     (moving_sprockets, False, "float64"),
     (arms_rk4, True, "float64"),
+    (trains, True, "float64"),
+    (trains, False, "float32"),
     (bending_rk4, True, "float32"),
 ]
 

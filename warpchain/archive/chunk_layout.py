@@ -87,7 +87,7 @@ class Form:
         exact: whether positions also come as float64 on a topic of their own.
         variant: number of the variant, which names the frames that turn with its sprockets and arms.
         arms: names of the arms.
-        tensioners: number of the tensioners.
+        tensioners, shafts, couplings: numbers of these.
     """
 
     links: int
@@ -99,6 +99,8 @@ class Form:
     variant: int
     arms: tuple[str, ...] = ()
     tensioners: int = 0
+    shafts: int = 0
+    couplings: int = 0
 
     @classmethod
     def of(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> Form:
@@ -117,7 +119,8 @@ class Form:
         """The layout of frames of a drive."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
-        return cls(drive.chain.links, names, channels, precision, values, exact, variant, arms, len(drive.tensioners))
+        counts = (len(parts) for parts in (drive.tensioners, drive.shafts, drive.couplings))
+        return cls(drive.chain.links, names, channels, precision, values, exact, variant, arms, *counts)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -149,7 +152,8 @@ class Form:
     @property
     def sizes(self) -> Sizes:
         """Numbers of the things that channels are of."""
-        return Sizes(self.links, len(self.sprockets), len(self.arms), self.tensioners)
+        bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings
+        return Sizes(self.links, *bodies)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,13 @@ def flat(trajectory: Trajectory) -> pa.Table:
 
 def _bodies(drive: Drive) -> dict[str, Sequence[Any]]:
     """The parts with channels of their own beside rollers and links, by kind, of which there are any."""
-    held = {"sprocket": drive.sprockets, "arm": drive.arms, "tensioner": drive.tensioners}
+    held = {
+        "sprocket": drive.sprockets,
+        "arm": drive.arms,
+        "tensioner": drive.tensioners,
+        "shaft": drive.shafts,
+        "coupling": drive.couplings,
+    }
     return {kind: parts for kind, parts in held.items() if parts}
 
 

@@ -22,6 +22,7 @@ zero.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -53,10 +54,11 @@ from warpchain.drive.batch_math import (
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.replicates import turned_on
+from warpchain.drive.trains import Tie, ties, turning_sign
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive, Sprocket
+    from warpchain.drive import Drive, Shaft, Sprocket
 
 Array = NDArray[np.float64]
 
@@ -64,6 +66,7 @@ _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms
 _NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
 _ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
+KEYED = 0.05  # degrees; a key that misses by no more fits
 _TIE = 1e-9  # of a pitch angle, gravity's direction or a strand's length: which way round-off must not decide
 
 
@@ -87,6 +90,7 @@ class Assembly:
         strain: strain of the strands' links; a slack chain (below 0) has a chord shorter than its links by that.
         path: the path of the chain.
         arm_angle: (A,) angles of the arms, counter-clockwise [rad]; 0 as drawn.
+        shaft_speed: (H,) angular velocities of the shafts, counter-clockwise [rad/s].
     """
 
     position: NDArray[np.float64]
@@ -100,6 +104,7 @@ class Assembly:
     strain: float
     path: ChainPath
     arm_angle: NDArray[np.float64]
+    shaft_speed: NDArray[np.float64]
 
     def __getitem__(self, v: int) -> Assembly:
         """That of variant v, of a stack's."""
@@ -135,7 +140,8 @@ def assemble_stack(drive: Drive) -> Assembly:
     path, seating, loop = _seated(drive)
     count, variants = drive.chain.links, len(path.radius)
     angle, first_seat = _sprocket_angles(drive, table_of(seating.first_angle, variants))
-    speed = _sprocket_speeds(drive, path, variants)
+    speed, shaft_speed = _starting_speeds(drive, path, variants)
+    _check_keys(drive, angle)
     position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
@@ -171,6 +177,7 @@ def assemble_stack(drive: Drive) -> Assembly:
         strain=strain,  # type: ignore[arg-type]  # (V,)
         path=path,
         arm_angle=path.arm_angle,
+        shaft_speed=shaft_speed,
     )
 
 
@@ -371,23 +378,67 @@ def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[n
     return first_angle - seat * pitch_angle, seat
 
 
-def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
-    """Initial angular velocities (V, S) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
-    travel = _prescribed_speed(drive, drive.sprockets[drive.driver]) * path.radius[:, drive.driver]
-    speeds = [
-        sprocket.sign
-        * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
-        for s, sprocket in enumerate(drive.sprockets)
-    ]
-    return table_of(speeds, variants)
+def _check_keys(drive: Drive, angle: Array) -> None:
+    """Refuses sprockets whose key wants another angle than the one at which their chain seats."""
+    for s, sprocket in enumerate(drive.sprockets):
+        if sprocket.key is not None:
+            pitch = 360.0 / sprocket.teeth
+            seated = np.degrees(angle[:, s])
+            wrong = np.flatnonzero(np.abs((seated - sprocket.key + 0.5 * pitch) % pitch - 0.5 * pitch) > KEYED)
+            if len(wrong):
+                key = float(np.broadcast_to(sprocket.key, seated.shape)[wrong[0]])
+                raise DriveError(
+                    f"sprockets.{sprocket.name}.key = {key:g}: the chain seats at {seated[wrong[0]]:.4f} degrees and "
+                    f"whole teeth of {pitch:.4f} degrees from there; one of these, or run.phase, would fit"
+                )
 
 
-def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:
+def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Array, Array]:
+    """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s].
+
+    Prescribed or given ones hold for all of their train, then at the driver's pitch-circle speed for the sprockets that
+    the chain turns, then over couplings for what is not known yet.
+    """
+    count = len(drive.sprockets)
+    known: dict[int, Any] = {}
+    parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
+    for b, part in enumerate(parts):
+        if part.prescribed is not None:
+            known[b] = turning_sign(drive, b) * _prescribed_speed(drive, part)
+    for b, shaft in enumerate(drive.shafts, count):
+        if shaft.initial_speed is not None:
+            known[b] = turning_sign(drive, b) * shaft.initial_speed
+    tied, before = ties(drive), -1
+    while len(known) > before:
+        before = len(known)
+        _spread(known, [tie for tie in tied if tie.kind != "couplings"])
+        first = next((s for s in (drive.driver, *range(count)) if s in known), None)
+        if first is not None and len(known) == before:
+            travel = drive.sprockets[first].sign * known[first] * path.radius[:, first]
+            for s, sprocket in enumerate(drive.sprockets):
+                known.setdefault(s, sprocket.sign * (travel / path.radius[:, s]))
+        if len(known) == before:
+            _spread(known, tied)
+    speeds = [known.get(b, 0.0) for b in range(count + len(drive.shafts))]
+    shafts = speeds[count:]
+    return table_of(speeds[:count], variants), table_of(shafts, variants) if shafts else np.empty((variants, 0))
+
+
+def _spread(known: dict[int, Any], tied: Sequence[Tie]) -> None:
+    """Adds the speeds of bodies that are tied to those whose speeds are known."""
+    for tie in tied:
+        if tie.a in known and tie.b not in known:
+            known[tie.b] = float(tie.ratio) * known[tie.a]
+        elif tie.b in known and tie.a not in known:
+            known[tie.a] = known[tie.b] / float(tie.ratio)
+
+
+def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
     """Forward speed at t = 0 [rad/s], of a stack's variants (V,): zero if it is ramped up, else with its harmonics."""
-    motion = sprocket.prescribed
+    motion = turned.prescribed
     if motion is None or some(motion.ramp_time > 0.0):
         return 0.0
-    motion = turned_on(drive, sprocket, motion)
+    motion = turned_on(drive, turned, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
     return speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
 

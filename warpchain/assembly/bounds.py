@@ -13,6 +13,7 @@ from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import power
 from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
 
 ESCAPE_PITCHES = 10.0
 """A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
@@ -62,6 +63,10 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         radius = drive.pitch_radius(s)
         if sprocket.load is not None:
             tension = tension + _moment(sprocket.load, speed / radius) / radius
+        for b, load in loads_of(drive) if drive.shafts else ():
+            if b >= len(drive.sprockets) and nearest_sprocket(drive, b) == s:
+                beside = speed_ratio(drive, b, s)
+                tension = tension + beside * _moment(load, beside * speed / radius) / radius
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
             preload = sprocket.mount.preload
             tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))

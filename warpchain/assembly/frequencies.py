@@ -20,6 +20,7 @@ import numpy as np
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
 from warpchain.drive.motion_table import Table
+from warpchain.drive.trains import names_of, speed_ratio
 
 
 def strand_frequency(drive: Drive, links: int, tension: float) -> float:
@@ -65,8 +66,8 @@ class Order:
 def orders(drive: Drive) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
-    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket and
-    of the chain, harmonics and tables of prescribed motions and loads, balance wheels.
+    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
+    each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, balance wheels.
     """
     driver = drive.sprockets[drive.driver]
     found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]
@@ -79,6 +80,11 @@ def orders(drive: Drive) -> tuple[Order, ...]:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
         found.append((turns, f"revolution of {sprocket.name}{wheel}"))
+    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+        found.append((speed_ratio(drive, b, drive.driver), f"revolution of {shaft.name}"))
+    for gear in drive.gears:
+        first = names_of(drive).index(gear.between[0])
+        found.append((gear.teeth[0] * speed_ratio(drive, first, drive.driver), f"teeth of {gear.name}"))
     return _together(found + _driven(drive))
 
 
@@ -90,18 +96,19 @@ def excited_orders(drive: Drive) -> tuple[Order, ...]:
 def _driven(drive: Drive) -> list[tuple[float, str]]:
     """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
     found = []
-    for s, sprocket in enumerate(drive.sprockets):
-        turns = drive.sprockets[drive.driver].teeth / sprocket.teeth
-        for cause, word in ((sprocket.prescribed, "motion"), (sprocket.load, "load")):
+    for s, turned in enumerate((*drive.sprockets, *drive.shafts)):
+        turns = speed_ratio(drive, s, drive.driver)
+        motor = getattr(turned, "motor", None)
+        for cause, word in ((turned.prescribed, "motion"), (turned.load, "load"), (motor, "motor")):
             if cause is None:
                 continue
-            for harmonic in cause.harmonics:
+            for harmonic in getattr(cause, "harmonics", ()):
                 if harmonic.amplitude != 0.0:
                     own = harmonic.order / shaft_ratio(drive, s, harmonic.shaft)
-                    found.append((own * turns, f"{word} of {sprocket.name}"))
+                    found.append((own * turns, f"{word} of {turned.name}"))
             if isinstance(cause.table, Table) and cause.table.angle is not None:
                 own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
-                found.append((own * turns, f"{word} table of {sprocket.name}"))
+                found.append((own * turns, f"{word} table of {turned.name}"))
     return found
 
 

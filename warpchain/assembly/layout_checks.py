@@ -287,7 +287,7 @@ def _wraps(drive: Drive, path: ChainPath) -> list[str]:
     for s, sprocket in enumerate(drive.sprockets):
         wrap = math.degrees(float(path.wrap_angle[s]))
         mesh = sprocket.teeth * wrap / 360.0
-        if sprocket.prescribed is not None or sprocket.load is not None:
+        if sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None:
             if wrap < LEAST_WRAP:
                 lines.append(
                     f"sprockets.{sprocket.name}: passes on a moment with {wrap:.0f} degrees of wrap, where "

@@ -21,6 +21,7 @@ from warpchain.assembly.potential import Potential, Terms
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
 from warpchain.drive.sprocket import ElasticMount, SliderMount
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
 from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -74,18 +75,21 @@ class Steady:
 def load_moments(drive: Drive, speed: float) -> Array:
     """(S,) mean load moments against forward rotation [N m] at the driver's angular speed [rad/s].
 
-    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on prescribed sprockets.
+    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on sprockets that are held. Loads of
+    shafts are on the sprocket that is nearest to each.
     """
     found = np.zeros(len(drive.sprockets))
-    for s, sprocket in enumerate(drive.sprockets):
-        load = sprocket.load
-        if load is None or sprocket.prescribed is not None:
+    for b, load in loads_of(drive):
+        s = nearest_sprocket(drive, b)
+        if s is None or stands(drive, s):
             continue
-        own = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
-        found[s] = load.steady(own)
+        own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+        beside = 1.0 if b == s else speed_ratio(drive, b, s)
+        moment = load.steady(own * beside)
         if load.table is not None:
-            cells = cells_of(load.table, shaft_ratio(drive, s, load.table.shaft))
-            found[s] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
+            cells = cells_of(load.table, shaft_ratio(drive, b, load.table.shaft))
+            moment += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
+        found[s] += beside * moment
     return found
 
 
@@ -95,9 +99,7 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
     Raises:
         DriveError: a chain that does not fit.
     """
-    driver = drive.sprockets[drive.driver]
-    assert driver.prescribed is not None
-    speed = driver.prescribed.top_speed
+    driver, speed = drive.sprockets[drive.driver], drive.driver_speed
     frequency = speed * driver.teeth / math.tau
     assembly = assembly or assemble(drive)
     for sprocket in drive.sprockets:
@@ -371,7 +373,7 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
         elif isinstance(sprocket.mount, SliderMount):
             column[x : y + 1], weight[x : y + 1] = count, unit(sprocket.mount.direction)
             count += 1
-        if sprocket.prescribed is None:
+        if not stands(potential.drive, k):
             column[angle], weight[angle] = count, 1.0 / float(potential.radius[k])
             count += 1
     for a in range(len(potential.arms)):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.assembly import guide_report, statics
+from warpchain.assembly import guide_report, statics, train_report
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
@@ -19,6 +19,7 @@ from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.stiffness import contact_rebound
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
 
 _ROUND = 1e-3
 """Relative: a step that a file rounds is still the automatic one."""
@@ -39,10 +40,11 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     rise = [0.0] * count
     for turn in range(1, count):
         s = (drive.driver + turn) % count
-        load, radius = drive.sprockets[s].load, drive.pitch_radius(s)
-        moment = 0.0
-        if load is not None and drive.sprockets[s].prescribed is None:
-            moment = load.steady(chain_speed / radius)
+        radius, moment = drive.pitch_radius(s), 0.0
+        for b, load in loads_of(drive):
+            if nearest_sprocket(drive, b) == s and not stands(drive, s):
+                beside = 1.0 if b == s else speed_ratio(drive, b, s)
+                moment += beside * load.steady(beside * chain_speed / radius)
         rise[s] = rise[s - 1] + moment / radius
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))
@@ -79,9 +81,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
-    driver = drive.sprockets[drive.driver]
-    assert driver.prescribed is not None
-    speed = driver.prescribed.top_speed
+    driver, speed = drive.sprockets[drive.driver], drive.driver_speed
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly)
     strands = _strands(drive, assembly, preload, resting, running)
     working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
@@ -124,6 +124,11 @@ def derive(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
+        **{
+            part: getattr(train_report, part)(drive)
+            for part in ("shafts", "gears", "couplings")
+            if getattr(drive, part)
+        },
         "mounts": [
             {
                 "name": sprocket.name,
@@ -168,7 +173,7 @@ def _findings(
     tensions = [strand["working_tension"] for strand in strands]
     return {
         "layout": list(findings(drive, path)),
-        "advice": [*advice(drive, path, tensions, working), *_step_advice(drive)],
+        "advice": [*advice(drive, path, tensions, working), *_step_advice(drive), *train_report.advice(drive)],
     }
 
 
@@ -392,6 +397,42 @@ def _milli(value: float | None) -> float | None:
     return None if value is None else 1e3 * value
 
 
+def _train_lines(values: dict[str, Any]) -> list[str]:
+    """Shafts, gears and couplings; nothing where there are none."""
+    lines: list[str] = []
+    if "shafts" in values:
+        rows = [
+            (
+                s["name"],
+                ", ".join(s["with"]) or "-",
+                f"{s['speed']:.4g} rad/s",
+                *_cells([s["inertia"]], "{:.4g} kg m^2"),
+                *_cells([s["motor_at_rest"], s["motor_at_work"]], "{:.4g} N m"),
+            )
+            for s in values["shafts"]
+        ]
+        lines += ["", *_table(("shaft", "as one with", "at work", "inertia seen", "motor at rest", "at work"), rows)]
+    if "gears" in values:
+        rows = [
+            (g["name"], " and ".join(g["between"]), "{} to {}".format(*g["teeth"]), f"{g['ratio']:+.6g}")
+            for g in values["gears"]
+        ]
+        lines += ["", *_table(("gears", "between", "teeth", "second over first"), rows)]
+    if "couplings" in values:
+        rows = [
+            (
+                c["name"],
+                " and ".join(c["between"]),
+                f"{c['frequency']:.4g} Hz",
+                f"{c['damping_ratio']:.3g}",
+                f"{1e3 * c['lash']:.4g} mrad",
+            )
+            for c in values["couplings"]
+        ]
+        lines += ["", *_table(("coupling", "between", "own frequency", "damping ratio", "lash"), rows)]
+    return lines
+
+
 def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
@@ -432,6 +473,7 @@ def report(values: dict[str, Any]) -> str:
         *_guide_lines(values),
         *_touch_lines(values),
         *_arm_lines(values),
+        *_train_lines(values),
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.motion_table import SpeedTable, Table
+from warpchain.drive.trains import names_of, speed_ratio
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -87,11 +88,8 @@ class TableList:
 
 
 def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
-    """Angle of sprocket s over that of the sprocket `shaft`, by their teeth; 1 for None."""
-    if shaft is None:
-        return 1.0
-    teeth = next(sprocket.teeth for sprocket in drive.sprockets if sprocket.name == shaft)
-    return teeth / drive.sprockets[s].teeth
+    """Angle of sprocket or shaft s over that of the one called `shaft`, by their teeth; 1 for None."""
+    return 1.0 if shaft is None else speed_ratio(drive, s, names_of(drive).index(shaft))
 
 
 def initial_speed(table: SpeedTable) -> float:
@@ -106,7 +104,7 @@ def initial_speed(table: SpeedTable) -> float:
 def cells_of(table: Table, ratio: float) -> Cells:
     """A table on a uniform grid; speeds over angle become speeds over time."""
     over, values, slopes = np.array(table.over), np.array(table.values), slopes_of(table)
-    if table.time is not None:
+    if table.angle is None:
         return _with_origin(*_uniform(over, values, slopes), False, False)
     over, slopes = over * ratio, None if slopes is None else slopes / ratio
     period = 2.0 * math.pi * table.revolutions * ratio

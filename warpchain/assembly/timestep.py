@@ -17,8 +17,9 @@ import numpy as np
 from warpchain.drive import Drive
 from warpchain.drive.batch import picked
 from warpchain.drive.batch_math import largest, power, some, sqrt
-from warpchain.drive.mounts import moving_mass, on_springs, spring, wheel_inertia
+from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
+from warpchain.drive.trains import is_free, names_of, seen_inertia
 from warpchain.errors import DriveError
 
 AUTOMATIC = 0.6
@@ -60,14 +61,14 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for s, sprocket in enumerate(drive.sprockets):
-        if not held and sprocket.prescribed is None and not on_springs(sprocket):
-            assert sprocket.inertia is not None  # the drive's own check
-            inertia = sprocket.inertia + wheel_inertia(sprocket)
+        if not held and is_free(drive, s) and not on_springs(sprocket):
+            inertia = seen_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             found.append(Body(f'sprocket "{sprocket.name}"', turning / inertia, 0.0))
+    found += [] if held else _couplings(drive)
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
-        pushed, damped = _pushes(drive, len(drive.sprockets) + a)
+        pushed, damped = _pushes(drive, drive.first_arm_body + a)
         stiffness, damping = arm.stiffness + pushed, arm.damping + damped
         if arm.stops is not None:
             stiffness, damping = stiffness + drive.stop_stiffness(a), damping + drive.stop_damping(a)
@@ -75,6 +76,28 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
             points = drive.profile(g).points(drive.chain.pitch, caps=False)
             stiffness = stiffness + drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
         found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
+    return found
+
+
+def _couplings(drive: Drive) -> list[Body]:
+    """Couplings, k (1/J_a + 1/J_b) and c (1/J_a + 1/J_b) of the inertias that they see, and steep motors.
+
+    A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
+    """
+    found, names = [], names_of(drive)
+    for coupling in drive.couplings:
+        ends = [names.index(name) for name in coupling.between]
+        give = sum(1.0 / seen_inertia(drive, b) for b in ends if is_free(drive, b))
+        square = coupling.stiffness * give
+        for s in ends:
+            if s < len(drive.sprockets) and is_free(drive, s):
+                teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
+                square = square + teeth * power(drive.pitch_radius(s), 2) / seen_inertia(drive, s)
+        found.append(Body(f'coupling "{coupling.name}"', square, coupling.damping * give))
+    for h, shaft in enumerate(drive.shafts):
+        b = len(drive.sprockets) + h
+        if shaft.motor is not None and is_free(drive, b):
+            found.append(Body(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / seen_inertia(drive, b)))
     return found
 
 

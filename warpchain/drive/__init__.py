@@ -14,8 +14,9 @@ from warpchain.drive.drive import (
 )
 from warpchain.drive.face_profile import Piece, Profile
 from warpchain.drive.guides import Arc, Guide
-from warpchain.drive.motion_table import SpeedTable, TorqueTable
+from warpchain.drive.motion_table import MotorTable, SpeedTable, TorqueTable
 from warpchain.drive.run_settings import RunSettings
+from warpchain.drive.shafts import Coupling, Gear, Motor, Shaft
 from warpchain.drive.sprocket import (
     BalanceWheel,
     ElasticMount,
@@ -36,9 +37,11 @@ __all__ = [
     "Chain",
     "Chamber",
     "Contact",
+    "Coupling",
     "Drive",
     "ElasticMount",
     "FixedMount",
+    "Gear",
     "Guide",
     "GuideContact",
     "GuideOverrides",
@@ -46,6 +49,8 @@ __all__ = [
     "ImpactLaw",
     "Load",
     "Material",
+    "Motor",
+    "MotorTable",
     "Oil",
     "Piece",
     "Plunger",
@@ -54,6 +59,7 @@ __all__ = [
     "Profile",
     "Ratchet",
     "RunSettings",
+    "Shaft",
     "SliderMount",
     "SpeedTable",
     "Spring",

@@ -83,9 +83,9 @@ def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) ->
 
 def _turns_tables(drive: Drive) -> bool:
     """Whether tables of a drive move on by its phase."""
-    return any(
-        motion is not None and motion.table is not None for s in drive.sprockets for motion in (s.prescribed, s.load)
-    )
+    kinds = ("prescribed", "load", "motor")
+    motions = (getattr(part, kind, None) for part in (*drive.sprockets, *drive.shafts) for kind in kinds)
+    return any(motion is not None and motion.table is not None for motion in motions)
 
 
 def _bent(drives: Sequence[Drive]) -> list[bool]:

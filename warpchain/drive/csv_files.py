@@ -35,12 +35,13 @@ def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, A
 
 def _tables(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
-    for i, sprocket in enumerate(elements(values, "sprockets")):
-        for part in ("prescribed", "load"):
+    turned = [(kind, i, part) for kind in ("sprockets", "shafts") for i, part in enumerate(elements(values, kind))]
+    for kind, i, sprocket in turned:
+        for part in ("prescribed", "load", "motor"):
             table = get(get(sprocket, part), "table")
             if not isinstance(table, dict) or not isinstance(table.get("file"), str):
                 continue
-            where = f"sprockets.{_word(sprocket, i)}.{part}.table.file = {value_text(table['file'])}"
+            where = f"{kind}.{_word(sprocket, i)}.{part}.table.file = {value_text(table['file'])}"
             try:
                 columns = read_csv(_inside(folder, table["file"]))
             except DriveError as error:

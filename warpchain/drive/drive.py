@@ -54,10 +54,14 @@ from warpchain.drive.schema import (
     Problem,
     Rule,
 )
+from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.drive.train_rules import train_rules
+from warpchain.drive.train_speeds import top_speed
+from warpchain.drive.trains import driving_sprocket
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
@@ -75,6 +79,7 @@ RULES = (
     face_rules,
     arm_rules,
     tensioner_rules,
+    train_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
@@ -86,6 +91,7 @@ NUMBER_RULES = {
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     face_rules: {"chain.pitch", *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
+    train_rules: {"sprockets", "shafts", "gears", "couplings"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
 
@@ -102,6 +108,9 @@ class Drive(Part):
         contact: contact settings.
         run: run settings.
         probes: places at which the chain that passes is looked at.
+        shafts: (H,) what sprockets turn with; as bodies they stand between the sprockets and the arms.
+        gears: pairs of gears that tie two shafts.
+        couplings: springs and dampers with play between two shafts.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -115,6 +124,9 @@ class Drive(Part):
     contact: Contact
     run: RunSettings
     probes: Annotated[tuple[Probe, ...], Allowed("must be a list of probes")] = ()
+    shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
+    gears: Annotated[tuple[Gear, ...], Allowed("must be a list of gear pairs")] = ()
+    couplings: Annotated[tuple[Coupling, ...], Allowed("must be a list of couplings")] = ()
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
@@ -150,15 +162,26 @@ class Drive(Part):
 
     @property
     def driver(self) -> int:
-        """Index of the first prescribed sprocket."""
-        return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
+        """Index of the sprocket that drives: the first prescribed one, or the nearest to the shaft that drives."""
+        prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
+        first = next(prescribed, None)
+        return driving_sprocket(self) if first is None else first
+
+    @property
+    def driver_speed(self) -> float:
+        """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
+        prescribed = self.sprockets[self.driver].prescribed
+        return top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property
     def chain_speed(self) -> float:
         """Speed of the chain [m/s] where the driver turns at its top speed, its harmonics aside."""
-        driver = self.sprockets[self.driver].prescribed
-        assert driver is not None
-        return abs(driver.top_speed) * self.pitch_radius(self.driver)
+        return abs(self.driver_speed) * self.pitch_radius(self.driver)
+
+    @property
+    def first_arm_body(self) -> int:
+        """Number of the first arm among the bodies: sprockets, shafts, arms."""
+        return len(self.sprockets) + len(self.shafts)
 
     @property
     def strand_names(self) -> tuple[str, ...]:
@@ -308,7 +331,7 @@ class Drive(Part):
     @among("arms", DriveError)
     def arm_inertia(self, a: int) -> float:
         """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
-        body = len(self.sprockets) + a
+        body = self.first_arm_body + a
         return self.arms[a].inertia + self.plunger_mass_on(body)
 
     @checked(DriveError)
@@ -331,11 +354,11 @@ class Drive(Part):
 
     @among("tensioners", DriveError)
     def tensioner_body(self, t: int) -> int:
-        """The body that tensioner t pushes: a sprocket's index, or S + the arm's."""
+        """The body that tensioner t pushes: a sprocket's index, or an arm's from `first_arm_body` on."""
         name = self.tensioners[t].on
         arm = self.arm_index(name)
         if arm is not None:
-            return len(self.sprockets) + arm
+            return self.first_arm_body + arm
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
     @among("sprockets", DriveError)

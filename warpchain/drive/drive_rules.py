@@ -25,24 +25,28 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
     sprockets = elements(drive, "sprockets")
     if get(drive, "sprockets") is not None and len(sprockets) < 2:
         yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
-    if sprockets and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
-        yield Problem(("sprockets",), None, "none is prescribed; at least one sprocket must be", BARE)
+    shafts = elements(drive, "shafts")
+    moved = any(get(shaft, key) for shaft in shafts for key in ("prescribed", "motor", "initial_speed"))
+    if sprockets and not moved and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+        text = "at least one sprocket must be" + (", or a shaft, or have a motor or an initial_speed" if shafts else "")
+        yield Problem(("sprockets",), None, f"none is prescribed; {text}", BARE)
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:
-    """Shafts that tables and harmonics refer to must be sprockets."""
-    sprockets = elements(drive, "sprockets")
-    names = [get(sprocket, "name") for sprocket in sprockets]
-    for s, sprocket in enumerate(sprockets):
-        for kind in ("prescribed", "load"):
-            motion = get(sprocket, kind)
+    """Shafts that tables and harmonics refer to must be sprockets, or shafts."""
+    names = [get(part, "name") for kind in TURNED for part in elements(drive, kind)]
+    what = "a sprocket or a shaft" if elements(drive, "shafts") else "a sprocket"
+    turned = [(of, s, part) for of in TURNED for s, part in enumerate(elements(drive, of))]
+    for of, s, turning in turned:
+        for kind in ("prescribed", "load", "motor"):
+            motion = get(turning, kind)
             parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), get(motion, "table"))]
             parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(elements(motion, "harmonics"))]
             for keys, part in parts:
                 shaft = get(part, "shaft")
                 if isinstance(shaft, str) and shaft not in names:
-                    text = f"must be the name of a sprocket; {nearest(shaft, filter(is_name, names))}"
-                    yield Problem(("sprockets", s, kind, *keys, "shaft"), shaft, text)
+                    text = f"must be the name of {what}; {nearest(shaft, filter(is_name, names))}"
+                    yield Problem((of, s, kind, *keys, "shaft"), shaft, text)
 
 
 def guide_rules(drive: Any) -> Iterator[Problem]:
@@ -110,7 +114,8 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
             yield Problem((*keys, "reference_load"), law.reference_load, text)
 
 
-NAMED = ("sprockets", "guides", "arms", "tensioners", "probes")
+TURNED = ("sprockets", "shafts")
+NAMED = (*TURNED, "guides", "arms", "tensioners", "gears", "couplings", "probes")
 PLACES = {
     "sprockets": ("center",),
     "guides": ("start", "end"),

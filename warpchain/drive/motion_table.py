@@ -56,13 +56,12 @@ class Table(Part):
     factor: Factor = 1.0
 
     _quantity: ClassVar[str] = ""
+    _axes: ClassVar[tuple[str, ...]] = ("time", "angle")
 
     @property
     def over(self) -> tuple[float, ...]:
-        """The column of times or angles."""
-        column = self.time if self.time is not None else self.angle
-        assert column is not None  # the table's own rule
-        return column
+        """The column of times or angles, or what else the table is over."""
+        return next(tuple(column) for key in self._axes if (column := getattr(self, key)) is not None)
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -76,16 +75,17 @@ class Table(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        given = [key for key in ("time", "angle") if get(node, key) is not None]
+        given = [key for key in cls._axes if get(node, key) is not None]
         if get(node, "file") is not None:
             text = "is read by load_drive alone; give the columns themselves, such as time and " + cls._quantity
             yield Problem(("file",), get(node, "file"), text)
             return
         if not given:
-            yield Problem(("time",), None, "missing; must be a list of numbers, or give angle or file instead", BARE)
-        if len(given) == 2:
-            yield Problem(("angle",), get(node, "angle"), "not together with time; give one of the two")
-        if get(node, "shaft") is not None and given == ["time"]:
+            others = " or ".join((*cls._axes[1:], "file"))
+            yield Problem(("time",), None, f"missing; must be a list of numbers, or give {others} instead", BARE)
+        for key in given[1:]:
+            yield Problem((key,), get(node, key), f"not together with {given[0]}; give one of the two")
+        if get(node, "shaft") is not None and "angle" not in given:
             yield Problem(("shaft",), get(node, "shaft"), "only together with angle")
         values = elements(node, cls._quantity)
         for key in given:
@@ -149,6 +149,21 @@ class TorqueTable(Table):
     torque: Column
 
     _quantity: ClassVar[str] = "torque"
+
+
+class MotorTable(Table):
+    """Torque of a motor over its forward speed, over time or over the angle turned (see `Table`).
+
+    Attributes:
+        speed: forward speeds [rad/s], ascending; below the first and above the last the torque stays as there.
+        torque: moment in the direction of forward rotation [N m].
+    """
+
+    speed: Column | None = None
+    torque: Column
+
+    _quantity: ClassVar[str] = "torque"
+    _axes: ClassVar[tuple[str, ...]] = ("time", "angle", "speed")
 
 
 # --------------------------------------------------------------------------------------------------------- files

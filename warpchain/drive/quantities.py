@@ -28,6 +28,7 @@ class Unit(NamedTuple):
 ONE = Unit(Fraction(1))
 METER, KILOGRAM, SECOND, RADIAN = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)
 NEWTON, TORQUE, PASCAL, HERTZ, TURNING = (1, 1, -2, 0), (2, 1, -2, 0), (-1, 1, -2, 0), (0, 0, -1, 0), (0, 0, -1, 1)
+WATT = (2, 1, -3, 0)
 UNITS = {
     name: Unit(Fraction(factor), pi, powers)
     for names, factor, pi, powers in (
@@ -36,6 +37,7 @@ UNITS = {
         ("s", "1", 0, SECOND), ("ms", "1e-3", 0, SECOND), ("us µs μs", "1e-6", 0, SECOND), ("min", "60", 0, SECOND),
         ("rad", "1", 0, RADIAN), ("deg degrees °", "1/180", 1, RADIAN), ("rev", "2", 1, RADIAN),
         ("rpm", "1/30", 1, TURNING), ("Hz", "1", 0, HERTZ), ("kHz", "1e3", 0, HERTZ),
+        ("W", "1", 0, WATT), ("kW", "1e3", 0, WATT),
         ("N", "1", 0, NEWTON), ("kN", "1e3", 0, NEWTON), ("Nm", "1", 0, TORQUE), ("kNm", "1e3", 0, TORQUE),
         ("Pa", "1", 0, PASCAL), ("kPa", "1e3", 0, PASCAL), ("MPa", "1e6", 0, PASCAL), ("GPa", "1e9", 0, PASCAL),
         ("bar", "1e5", 0, PASCAL), ("-", "1", 0, (0, 0, 0, 0)), ("%", "1e-2", 0, (0, 0, 0, 0)),

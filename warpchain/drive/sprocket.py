@@ -206,6 +206,8 @@ class Sprocket(Part):
         load: moment against forward rotation.
         balance_wheel: eccentric mass that turns with it.
         mount: how the center is held.
+        shaft: the shaft that it is on, which then has motion and load; None is one of its own.
+        key: its angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
     """
 
     name: Name
@@ -219,6 +221,8 @@ class Sprocket(Part):
     load: Load | None = None
     balance_wheel: BalanceWheel | None = None
     mount: Mount = FixedMount()
+    shaft: Name | None = None
+    key: Finite | None = None
 
     _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
 
@@ -231,7 +235,7 @@ class Sprocket(Part):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         positive = allowed(cls, "mass")
         yield from at_most(node, "teeth", MOST_TEETH)
-        if get(node, "inertia") is None and get(node, "prescribed") is None:
+        if all(get(node, key) is None for key in ("inertia", "prescribed", "shaft")):
             yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
         kind = get(get(node, "mount"), "kind")
         if kind in ("elastic", "slider") and get(node, "mass") is None:

@@ -66,7 +66,7 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShap
 def is_simple(kind: BlockKind) -> bool:
     """Whether kernels of a kind are as short as can be, but for friction at float32."""
     rubs = kind.friction.contacts or kind.friction.joints
-    more = kind.moving or kind.staged or kind.links == "varied" or kind.parts.arms or kind.profiles
+    more = kind.moving or kind.staged or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
     return kind.linear_hysteretic and not more and (kind.paired or not rubs)
 
 
@@ -132,7 +132,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         return BlockKind(kind.Real, shape, parts, profiles=kind.profiles, links=links)
@@ -154,6 +154,7 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "light": drives["light"] * (drives["integrator"] == 0),
+        "tied": drives["tied"],
         "integrator": drives["integrator"],
         "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,
         "profiles": packed.carried_guides,

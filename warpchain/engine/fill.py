@@ -31,7 +31,9 @@ from warpchain.drive.mounts import (
 )
 from warpchain.drive.replicates import turned_on
 from warpchain.drive.stiffness import contact_damping
+from warpchain.drive.trains import is_free, leader_of, seen_inertia, turned_part, turning_sign
 from warpchain.engine.fill_bodies import piece_count
+from warpchain.engine.fill_trains import fill_counts
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
@@ -101,29 +103,31 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
-    """(order, amplitude, phase) of sprocket s's harmonics, orders by its own revolutions."""
+    """(order, amplitude, phase) of the harmonics of body s, orders by its own revolutions."""
     rows = [joined((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
 def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
-    sprocket = drive.sprockets[s]
-    row["sign"] = sprocket.sign
+    """Fills the motion or load of sprocket or shaft s of the bodies; one that another leads turns as that."""
+    turned, led_by = turned_part(drive, s), leader_of(drive, s)
+    row["sign"] = turning_sign(drive, s)
     row["start_angle"] = angle
-    row["following"] = tooth_effective_mass(drive, s) / drive.chain.mass
-    if sprocket.prescribed is not None:
-        motion = turned_on(drive, sprocket, sprocket.prescribed)
+    row["following"] = tooth_effective_mass(drive, s) / drive.chain.mass if s < len(drive.sprockets) else 1.0
+    if led_by is not None:
+        leader, ratio = led_by
+        motion = turned_on(drive, turned_part(drive, leader), turned_part(drive, leader).prescribed)
+        row["sign"] = turning_sign(drive, leader) * ratio
         row["prescribed"] = 1
         row["speed"] = motion.top_speed
         row["ramp_time"] = motion.ramp_time
-        fill_table(row["drive_table"], drive, s, motion.table, tables)
-        rows = _harmonic_rows(drive, s, motion.harmonics)
+        fill_table(row["drive_table"], drive, leader, motion.table, tables)
+        rows = _harmonic_rows(drive, leader, motion.harmonics)
         _refer(row["drive_harmonics"], rows, harmonics)
         return
-    assert sprocket.inertia is not None  # the drive's own check
-    row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
-    if sprocket.load is not None:
-        load = turned_on(drive, sprocket, sprocket.load)
+    row["inverse_inertia"] = 1.0 / seen_inertia(drive, s)
+    if turned.load is not None:
+        load = turned_on(drive, turned, turned.load)
         row["load"] = joined((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
         fill_table(row["load_table"], drive, s, load.table, tables)
@@ -188,11 +192,11 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
     moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
-    inertia = (0.0 if sprocket.inertia is None else sprocket.inertia) + wheel_inertia(sprocket)
+    inertia = seen_inertia(drive, s)
     if on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
         inertia = inertia - moment * offset
-    if sprocket.prescribed is None:
+    if is_free(drive, s):
         mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
     return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
@@ -209,7 +213,8 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
-    row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.arms), len(drive.arms)
+    row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
+    fill_counts(row, drive)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = escape(drive, assembly)[..., None]
@@ -238,13 +243,10 @@ def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
-def fill_mount(
-    row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0, rollers: float = 0.0
-) -> None:
-    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel.
-
-    `plungers` is the mass of those that move with its center, `rollers` of as many rollers as it has teeth [kg].
-    """
+def fill_mount(row: Any, drive: Drive, s: int) -> None:
+    """Fills the `kernels.structs.Mount` of sprocket s; it stays zero for a fixed center without a wheel."""
+    sprocket, gravity = drive.sprockets[s], drive.run.gravity
+    plungers, rollers = drive.plunger_mass_on(s), sprocket.teeth * drive.chain.mass
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
@@ -253,8 +255,7 @@ def fill_mount(
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)
-    own = sprocket.inertia if sprocket.prescribed is None else None
-    row["inertia"] = (0.0 if own is None else own) + wheel_inertia(sprocket)
+    row["inertia"] = seen_inertia(drive, s) if is_free(drive, s) else wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase
         arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius

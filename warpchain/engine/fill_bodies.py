@@ -37,7 +37,7 @@ def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int
     """
     profile, arm = drive.profile(g), drive.arm_of(g)
     origin = np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)  # the same for all of a stack
-    row["body"] = GROUND if arm is None else len(drive.sprockets) + arm
+    row["body"] = GROUND if arm is None else drive.first_arm_body + arm
     row["pieces"], row["first_piece"] = len(profile.pieces), first
     for i, (piece, place) in enumerate(zip(profile.pieces, profile.places, strict=True), first):
         at = pieces[:, i]

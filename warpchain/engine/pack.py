@@ -23,6 +23,7 @@ from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
+from warpchain.drive.trains import has_trains
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     LIGHT,
@@ -49,6 +50,7 @@ from warpchain.engine.fill_bodies import (
     piece_count,
     profiled,
 )
+from warpchain.engine.fill_trains import fill_coupling, fill_gear, fill_motor, fill_shaft, fill_tie
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
@@ -150,13 +152,39 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
         store(packed.seat, at["first_contact"] + s * links, held)
     _pack_guides(packed, drive, at)
     for a in range(len(drive.arms)):
-        body = at["first_body"] + len(drive.sprockets) + a
+        body = at["first_body"] + drive.first_arm_body + a
         arm, motion = _rows(packed.arms, at["first_arm"] + a), _rows(packed.motions, body)
         with arm as row, motion as turned, _rows(packed.bodies, body) as placed:
             fill_arm(row, turned, placed, drive, a, assembly)
     for t in range(len(drive.tensioners)):
         with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
             fill_tensioner(row, drive, t)
+    _pack_trains(packed, drive, at, assembly, gathered)
+
+
+def _pack_trains(
+    packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: Gathered
+) -> None:
+    """Fills the rows of shafts, gears and couplings, where a stack has any."""
+    if not has_trains(drive):
+        return
+    for b in range(drive.first_arm_body + len(drive.arms)):
+        with _rows(packed.ties, at["first_body"] + b) as row:
+            fill_tie(row, drive, b)
+    for h in range(len(drive.shafts)):
+        b = len(drive.sprockets) + h
+        with _rows(packed.motions, at["first_body"] + b) as row:
+            fill_motion(row, drive, b, 0.0, gathered.harmonics, gathered.tables)
+        with _rows(packed.bodies, at["first_body"] + b) as row:
+            fill_shaft(row, drive, h, assembly)
+        with _rows(packed.motors, at["first_shaft"] + h) as row:
+            fill_motor(row, drive, h, gathered.tables)
+    for c in range(len(drive.couplings)):
+        with _rows(packed.couplings, at["first_coupling"] + c) as row:
+            fill_coupling(row, drive, c, assembly)
+    for g in range(len(drive.gears)):
+        with _rows(packed.gears, at["first_gear"] + g) as row:
+            fill_gear(row, drive, g)
 
 
 def _pack_sprocket(
@@ -173,8 +201,7 @@ def _pack_sprocket(
     with _rows(packed.motions, body) as row:
         fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
     with _rows(packed.mounts, body) as row:
-        rollers = sprocket.teeth * drive.chain.mass
-        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s), rollers)
+        fill_mount(row, drive, s)
     with _rows(packed.bodies, body) as row:
         fill_body(row, sprocket, assembly, s)
 

@@ -56,6 +56,10 @@ class BodyRow:
     free: Array
     inertia: Array
 
+    def without_turning(self) -> BodyRow:
+        """The same of a body that turns as another one does."""
+        return BodyRow(self.free[:, ~self.free[2].astype(bool)], self.inertia)
+
 
 class Probe:
     """Accelerations of one drive's rollers and bodies in given states.
@@ -113,6 +117,16 @@ class Probe:
         inertia = np.diag([mount["mass"], mount["mass"], mount["inertia"]])
         inertia[:2, 2] = inertia[2, :2] = q
         return BodyRow(np.hstack([slides, turns]), inertia)
+
+    def train(self, b: int) -> Array:
+        """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
+        ties = self.base.ties[: self.body_count]
+        if not self.base.drives["tied"][0] or ties["train"][b] < 0:
+            return np.ones(1)
+        if ties["train"][b] != b:
+            return np.ones(0)
+        ratios = np.where(ties["train"] == b, ties["ratio"], 0.0)
+        return np.ones(1) if np.count_nonzero(ratios) == 1 else np.asarray(ratios / np.linalg.norm(ratios))
 
     def __call__(self, states: States) -> tuple[Array, Array, Array]:
         """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3), and

@@ -85,7 +85,7 @@ def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
             squares = [body.square for body in moving_bodies(drive, held=True)]
             other = power(highest_frequency(drive, damped_links=False, held=True), 2) - largest(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
-            arms = spread(packed.drives["first_body"][stack.members] + len(drive.sprockets), count)
+            arms = spread(packed.drives["first_body"][stack.members] + drive.first_arm_body, count)
             packed.motions["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
 
 
@@ -150,10 +150,10 @@ def settle(
 def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
     """Moves rollers, arms and boxes of a stack's variants to where they have settled."""
     drive, rows = stack.drive, packed.drives[stack.members]
-    links, sprockets = drive.chain.links, len(drive.sprockets)
+    links = drive.chain.links
     xy = spread(STATE_ROWS * rows["first_roller"].astype(np.int64), 2 * links)
     packed.rollers[xy] = moved[xy]
-    arms = spread(rows["first_body"] + sprockets, len(drive.arms))
+    arms = spread(rows["first_body"] + drive.first_arm_body, len(drive.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
     for places, assembly in packed.assemblies.among(stack.members):
         margin = escape(picked(drive, places), assembly)[..., None]

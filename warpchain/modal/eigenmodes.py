@@ -92,16 +92,16 @@ RESISTED = 1e-7
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, then arms) and T tensioners about a standing or
-    steadily running state.
+    """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, shafts, arms) and T tensioners about a standing
+    or steadily running state.
 
     Attributes:
         drive: the drive.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
         names: (K,) the part that moves most, and the how manieth of its modes this is, such as "motor->conveyor 2".
-        parts: (P,) strands, sprockets (turning, with the rollers on them), mounts ("NAME.mount") that can move, arms
-            (without plungers), and tensioners (their plungers).
+        parts: (P,) strands, sprockets (turning, with the rollers on them and what turns as one with them), mounts
+            ("NAME.mount") that can move, other shafts, arms (without plungers), and tensioners (their plungers).
         participation: (K, P) shares of the kinetic energy; they sum to 1.
         across: (K,) share of the rollers' kinetic energy that is transverse to the chain.
         shape: (K, N, 2) complex displacement of the rollers, of unit modal mass [m], the real part the larger.
@@ -273,7 +273,7 @@ def _participation(found: System, vector: NDArray[np.complex128]) -> tuple[tuple
     for k, name in enumerate(drive.strand_names):
         parts.append(name)
         shares.append(roller[:, places.strand == k].sum(axis=1))
-    carried = np.zeros((len(energy), len(drive.sprockets) + len(drive.arms)))
+    carried = np.zeros((len(energy), drive.first_arm_body + len(drive.arms)))
     for t in range(len(drive.tensioners)):
         carried[:, drive.tensioner_body(t)] += plunger[:, t]
     for s, sprocket in enumerate(drive.sprockets):
@@ -284,7 +284,11 @@ def _participation(found: System, vector: NDArray[np.complex128]) -> tuple[tuple
         if slides.any():
             parts.append(f"{sprocket.name}.mount")
             shares.append(energy[:, own : at.solid][:, slides].sum(axis=1) - carried[:, s])
-    for b, arm in enumerate(drive.arms, len(drive.sprockets)):
+    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+        if (at.owner == b).any():
+            parts.append(shaft.name)
+            shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1))
+    for b, arm in enumerate(drive.arms, drive.first_arm_body):
         parts.append(arm.name)
         shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1) - carried[:, b])
     parts += [tensioner.name for tensioner in drive.tensioners]

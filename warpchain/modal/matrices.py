@@ -49,7 +49,7 @@ class Coordinates:
     Attributes:
         rollers: N.
         mass: of a roller [kg].
-        basis: (3 B, m) each free coordinate of a body as a unit direction of all (x, y, theta).
+        basis: (3 B, m) each free coordinate of a body as a unit direction of all (x, y, theta); of a train one.
         inertia: (m, m) mass matrix of these.
         owner: (m,) the body of each.
         turning: (m,) whether it is an angle.
@@ -139,6 +139,8 @@ class Coordinates:
 def coordinates(probe: Probe, states: States) -> Coordinates:
     """The free coordinates of a drive, with the bodies' inertia where they stand in `states`."""
     rows = [probe.body(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
+    turned = [probe.train(b) for b in range(probe.body_count)]
+    rows = [row.without_turning() if len(turned[b]) == 0 else row for b, row in enumerate(rows)]
     count = [row.free.shape[1] for row in rows]
     basis = np.zeros((3 * len(rows), sum(count)))
     inertia = np.zeros((sum(count), sum(count)))
@@ -147,6 +149,11 @@ def coordinates(probe: Probe, states: States) -> Coordinates:
         mine = slice(at, at + count[b])
         basis[3 * b : 3 * b + 3, mine] = row.free
         inertia[mine, mine] = row.free.T @ row.inertia @ row.free
+        if len(turned[b]) > 1 and row.free[2].any():  # its angle is the last of its coordinates
+            angle = at + count[b] - 1
+            basis[2::3, angle] = turned[b]
+            inertia[mine, angle] *= turned[b][b]
+            inertia[angle, mine] *= turned[b][b]
         at += count[b]
     owner = np.repeat(np.arange(len(rows)), count)
     turning = np.asarray(basis.reshape(len(rows), 3, sum(count))[:, 2].any(axis=0))

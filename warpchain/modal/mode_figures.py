@@ -28,13 +28,13 @@ def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
 
 def still_lines(drive: Drive) -> list[Array]:
     """Lines (P, 2) [m] of guides on the ground and of tensioners' housings."""
-    bodies = np.zeros((len(drive.sprockets) + len(drive.arms), 3))
+    bodies = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     return [part.points for part in _parts(drive, bodies) if not part.carried]
 
 
 def _parts(drive: Drive, bodies: Array) -> list[Part]:
     count = len(drive.sprockets)
-    return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[count:, 2]))
+    return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2]))
 
 
 SWING = 0.06

@@ -16,6 +16,7 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.statics import equilibrium, load_moments, passing_rate
 from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
+from warpchain.drive.trains import is_free, loads_of, speed_ratio
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
@@ -120,9 +121,9 @@ def conductances(drive: Drive, valve: str) -> Array:
 def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> tuple[Packed, Array]:
     """A drive in static equilibrium under the means of its loads, in float64, and the tensions of its links (N,) [N].
 
-    Prescribed motions stand, loads have their mean, nothing rubs, and tensioners are at rest. Links are those of
-    `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
-    the sprockets too.
+    Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash, motors are how
+    their moments fall with the speed, and tensioners are at rest. Links are those of `warpchain.assembly.potential`,
+    (b). A tension is what stretches a link, and of a running chain what bends it around the sprockets too.
 
     Args:
         speed: of the driver [rad/s], at which loads are taken and by which the chain's steady running counts.
@@ -134,8 +135,9 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     """
     still = pack([drive], [Schedule(1.0, 1, 2, 2, 0)])
     sprockets, near = len(drive.sprockets), None
+    shafts = slice(sprockets, drive.first_arm_body)
     if start is not None:
-        centers, angles = start.bodies["center"][:sprockets], start.bodies["angle"]
+        centers, angles = start.bodies["center"][:sprockets], np.delete(start.bodies["angle"], shafts)
         near = np.concatenate([start.rows(0)[0:2].T.ravel(), centers.ravel(), angles])
     potential, x = equilibrium(drive, speed, still.assemblies[0], near)
     position, centers, _ = potential.split(x)
@@ -145,7 +147,8 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     still.rows(0)[0:2] = position.T
     still.seat[:] = -1
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
-    still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets :]
+    still.bodies["angle"][: drive.first_arm_body] = 0.0
+    still.bodies["angle"][np.delete(np.arange(len(still.bodies)), shafts)] = x[2 * potential.rollers + 2 * sprockets :]
     still.bodies["center"][:sprockets] = centers
     still.lengths = potential.natural
     still.links["play"] = potential.play[0]
@@ -156,12 +159,17 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
-    moments = load_moments(drive, speed)
-    for s, sprocket in enumerate(drive.sprockets):
-        if sprocket.prescribed is None and sprocket.load is not None:
-            turning = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
-            load = sprocket.load
-            still.motions[s]["load"] = (moments[s], load.viscous + 2.0 * load.quadratic * turning, 0.0)
+    still.couplings["lash"], still.motors["present"] = 0.0, 0
+    moments = np.append(load_moments(drive, speed), np.zeros(len(drive.shafts)))
+    for b, load in loads_of(drive):
+        turning = speed * speed_ratio(drive, b, drive.driver)
+        still.motions[b]["load"] = (moments[b], load.viscous + 2.0 * load.quadratic * turning, 0.0)
+    for b, shaft in enumerate(drive.shafts, sprockets):
+        if shaft.motor is not None and is_free(drive, b):
+            turning = speed * speed_ratio(drive, b, drive.driver)
+            near_by = max(1e-6 * turning, 1e-9)
+            fall = shaft.motor.at(turning - near_by) - shaft.motor.at(turning + near_by)
+            still.motions[b]["load"][1] += float(fall) / (2.0 * near_by)
     lay_to_rest(still)
     return still, potential.tensions(x)
 

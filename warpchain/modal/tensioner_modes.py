@@ -97,7 +97,7 @@ def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
     kinetic = np.zeros(stroke.shape)
     for t, tensioner in enumerate(found.drive.tensioners):
         x, y, angle = np.abs(bodies[:, found.drive.tensioner_body(t)].T) ** 2
-        on_arm = found.drive.tensioner_body(t) >= len(found.drive.sprockets)
+        on_arm = found.drive.tensioner_body(t) >= found.drive.first_arm_body
         square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
         kinetic[:, t] = tensioner.plunger_mass * square
     stiff = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real[:, None]
@@ -119,7 +119,7 @@ def stand(found: System) -> tuple[str, ...]:
     """States of arms and tensioners about which modes are, a line each."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
-        angle, row = found.state.bodies[0, len(drive.sprockets) + a, 2], found.packed.arms[a]
+        angle, row = found.state.bodies[0, drive.first_arm_body + a, 2], found.packed.arms[a]
         where = "lower" if angle < row["low"] else "upper" if angle > row["high"] else ""
         on = f", on its {where} stop, whose stiffness holds it" if where else ""
         said.append(f"{arm.name} stands at {np.degrees(angle):.3g} degrees{on}")

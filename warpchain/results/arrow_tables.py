@@ -70,6 +70,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
         "arm": [arm.name for arm in drive.arms],
         "tensioner": [tensioner.name for tensioner in drive.tensioners],
+        "shaft": [shaft.name for shaft in drive.shafts],
+        "coupling": [coupling.name for coupling in drive.couplings],
         "axis": list(AXES),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}

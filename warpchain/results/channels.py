@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-Kind = Literal["roller", "link", "sprocket", "arm", "tensioner"]
+Kind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling"]
 """Kinds of things that channels are of."""
 
 
@@ -29,11 +29,14 @@ class Sizes:
     sprockets: int
     arms: int = 0
     tensioners: int = 0
+    shafts: int = 0
+    couplings: int = 0
 
     @classmethod
     def of(cls, drive: Drive) -> Sizes:
         """Those of a drive."""
-        return cls(drive.chain.links, len(drive.sprockets), len(drive.arms), len(drive.tensioners))
+        parts = drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings
+        return cls(drive.chain.links, *map(len, parts))
 
     def count(self, kind: Kind) -> int:
         """Number of things of a kind."""
@@ -99,6 +102,10 @@ CHANNELS = (
     Channel("tensioner_extension", "m", "tensioner", "extension from the drawing, outward positive"),
     Channel("tensioner_force", "N", "tensioner", "force on the body that it pushes"),
     Channel("chamber_pressure", "Pa", "tensioner", "absolute pressure in the chamber; without oil the ambient one"),
+    Channel("shaft_angle", "rad", "shaft", "angle since the start, counter-clockwise"),
+    Channel("shaft_speed", "rad/s", "shaft", "angular velocity, counter-clockwise"),
+    Channel("coupling_twist", "rad", "coupling", "angle of its first shaft less that of its second, since the start"),
+    Channel("coupling_torque", "N m", "coupling", "moment that it passes on to its second shaft, counter-clockwise"),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
@@ -111,7 +118,7 @@ CHANNEL = {channel.name: channel for channel in CHANNELS}
 OF_ROLLERS = tuple(channel for channel in CHANNELS if channel.of_rollers)
 """The channels of rollers and of links."""
 OF_BODIES = tuple(channel for channel in CHANNELS if not channel.of_rollers)
-"""The channels of sprockets, arms and tensioners."""
+"""The channels of sprockets, arms, tensioners, shafts and couplings."""
 UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
 """Unit of a trajectory's time and of each channel."""
 AXES = ("x", "y")
@@ -123,8 +130,8 @@ class FrameLayout:
     """Layout of one frame's values in a row of memory.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
-    after the other, those of the arms and those of the tensioners likewise. With N rollers and S sprockets, component
-    k of a channel is at
+    after the other, those of the arms, the tensioners, the shafts and the couplings likewise. With N rollers and S
+    sprockets, component k of a channel is at
 
         (place + k) N + i                                         of roller or link i
         values(roller) N + values(sprocket) s + place + k         of sprocket s
@@ -180,7 +187,7 @@ class FrameLayout:
         return found
 
 
-BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner")
+BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling")
 """The kinds whose values stand together in a frame, in order; those of links with those of rollers."""
 
 

@@ -52,6 +52,9 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
     "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
     "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
+    "shaft": lambda drive: [f"{shaft.name}." for shaft in drive.shafts],
+    "coupling": lambda drive: [f"{coupling.name}." for coupling in drive.couplings],
+    "gear": lambda drive: [f"{gear.name}." for gear in drive.gears],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
 """The things of a drive that columns are of, by what stands before their names."""

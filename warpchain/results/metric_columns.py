@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
+from warpchain.drive.trains import is_free
 from warpchain.results.batch_means import ERROR
 from warpchain.results.formulas import (
     THINGS,
@@ -255,6 +256,48 @@ OIL = Group(
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].hydraulic,
 )
+SHAFT = Group(
+    "shaft",
+    (
+        Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
+        Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
+        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
+        Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
+    ),
+    source="shaft",
+)
+MOTOR = Group(
+    "shaft",
+    (
+        Column("motor_moment_mean", "N m", "mean moment of its motor, counter-clockwise", mean("motor")),
+        Column("motor_moment_max", "N m", "largest magnitude of that", total("motor_max")),
+        Column("motor_work", "J", "work of its motor", total("motor_work")),
+    ),
+    source="shaft",
+    where=lambda drive, index: drive.shafts[index].motor is not None,
+)
+COUPLING = Group(
+    "coupling",
+    (
+        Column("twist_min", "rad", "smallest twist", total("twist_min")),
+        Column("twist_mean", "rad", "mean twist", mean("twist")),
+        Column("twist_max", "rad", "largest twist", total("twist_max")),
+        Column("torque_min", "N m", "smallest moment that it passes on", total("moment_min")),
+        Column("torque_mean", "N m", "mean moment that it passes on", mean("moment")),
+        Column("torque_max", "N m", "largest moment that it passes on", total("moment_max")),
+        DAMPING_LOSS,
+    ),
+    source="coupling",
+)
+GEAR = Group(
+    "gear",
+    (
+        Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean("moment")),
+        Column("tooth_force_mean", "N", "mean magnitude of the force between its teeth", mean("force")),
+        Column("tooth_force_max", "N", "largest magnitude of the force between its teeth", total("force_max")),
+    ),
+    source="gear",
+)
 JOINTS = Group(
     "chain",
     (Column("joints.friction", "J", "energy dissipated by friction in the joints", total("friction")),),
@@ -435,6 +478,9 @@ MEASURED = (
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (ARM,),
     (TENSIONER, OIL),
+    (SHAFT, MOTOR),
+    (COUPLING,),
+    (GEAR,),
     (JOINTS,),
 )
 """Columns formed of the window's sums. Groups in one tuple go thing by thing: all of one, then all of the next."""
@@ -478,9 +524,10 @@ SOME = tuple(group for groups in METRICS for group in groups if group.where is n
 def _kind(drive: Drive) -> Hashable:
     """A key of the columns that a drive has, and of the terms of its energy balance."""
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
-    sprockets = ((sprocket.name, sprocket.prescribed is None) for sprocket in drive.sprockets)
+    sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
+    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
-    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *has)
+    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains, None, *has)
 
 
 def same_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:

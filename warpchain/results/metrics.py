@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.batch import LARGEST, Stack
+from warpchain.drive.trains import is_free
 from warpchain.results.arrow_tables import unit_table
 from warpchain.results.batch_means import LEAST_TURNS
 from warpchain.results.formulas import STEP, Balance, Drifts, Judged, Summed, where
@@ -186,19 +187,23 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     What prescribes angles and centers, and what supplies oil, does the input work; the loads take the output work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
-    driven = np.array([s.prescribed is not None for s in drive.sprockets])
+    driven = np.array([not is_free(drive, s) for s in range(len(drive.sprockets))])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
     dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
-    supplied = 0.0
+    supplied, loaded = 0.0, load_work.sum(axis=1)
+    if drive.shafts or drive.couplings:
+        supplied = sums["shaft"]["motor_work"].sum(axis=1) - sums["coupling"]["led_work"].sum(axis=1)
+        loaded = loaded + sums["shaft"]["load_work"].sum(axis=1)
+        dissipated = dissipated + sums["coupling"]["dissipated"].sum(axis=1)
     if drive.arms or drive.tensioners:
         flows = sums["tensioner"]["flows"]
         dissipated = dissipated + sums["arm"]["dissipated"].sum(axis=1) + sums["tensioner"]["dissipated"].sum(axis=1)
         dissipated = dissipated + flows["leak_loss"].sum(axis=1) + flows["valve_loss"].sum(axis=1)
-        supplied = flows["supply_work"].sum(axis=1)
+        supplied = supplied + flows["supply_work"].sum(axis=1)
     return Balance(
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1) + supplied,
-        output=-load_work.sum(axis=1),
+        output=-loaded,
         links=chain["dissipated"],
         dissipated=dissipated + mounts["dissipated"].sum(axis=1) + sums["contact"]["friction"].sum(axis=1),
         change=chain["energy_end"] - chain["energy_start"],
@@ -243,7 +248,9 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
         columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY.columns if c.value}
         balance = energy_balance(drive, sums)
         columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
-        columns |= design_columns(ended.drives, run_columns(ended) | {STEP: np.ma.asarray(ended.schedule("step"))} | columns)
+        columns |= design_columns(
+            ended.drives, run_columns(ended) | {STEP: np.ma.asarray(ended.schedule("step"))} | columns
+        )
     columns |= engaged_columns(ended)
     columns = {name: where(ended.measured, values) for name, values in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}

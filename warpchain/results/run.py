@@ -104,6 +104,10 @@ class Trajectory:
         tensioner_extension: (F, T) extensions of the tensioners from the drawing [m]; None without tensioners.
         tensioner_force: (F, T) forces on the bodies that they push [N].
         chamber_pressure: (F, T) absolute pressures in their chambers [Pa]; without oil the ambient one.
+        shaft_angle: (F, H) angles of the shafts since the start, counter-clockwise [rad]; None without shafts.
+        shaft_speed: (F, H) angular velocities of the shafts, counter-clockwise [rad/s].
+        coupling_twist: (F, C) twists of the couplings since the start [rad]; None without couplings.
+        coupling_torque: (F, C) moments that they pass on to their second shafts [N m].
     """
 
     drive: Drive
@@ -124,6 +128,10 @@ class Trajectory:
     tensioner_extension: NDArray[np.floating] | None = None
     tensioner_force: NDArray[np.floating] | None = None
     chamber_pressure: NDArray[np.floating] | None = None
+    shaft_angle: NDArray[np.floating] | None = None
+    shaft_speed: NDArray[np.floating] | None = None
+    coupling_twist: NDArray[np.floating] | None = None
+    coupling_torque: NDArray[np.floating] | None = None
 
     def __repr__(self) -> str:
         """One line: frames, time, channels."""

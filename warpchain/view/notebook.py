@@ -95,6 +95,8 @@ def _drive(drive: Drive) -> str:
         does = "turns freely"
         if travel is not None:
             does = f"driven, up to {travel.top_speed * 30.0 / math.pi:.4g} rpm"
+        elif sprocket.shaft is not None:
+            does = f"on shaft {sprocket.shaft}"
         elif load is not None:
             does = f"load {value_text(load.torque, 'N m')}"
         radius = value_text(drive.pitch_radius(s), "m")

@@ -129,12 +129,12 @@ def wear_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-BODIES = {"arm": "arms", "tensioner": "tensioners"}
+BODIES = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings"}
 """Parts with channels of their own beside rollers, links and sprockets, with the drive's list of them."""
 
 
 def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
-    """The recorded channels of "arm" or "tensioner": title, unit and values (F, how many there are)."""
+    """The recorded channels of a kind of `BODIES`: title, unit and values (F, how many there are)."""
     return {
         channel.description: (channel.unit, np.asarray(values, dtype=float))
         for channel in CHANNELS
@@ -145,7 +145,7 @@ def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array
 
 
 def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
-    """All that is recorded of an arm or a tensioner over time; None where nothing is."""
+    """All that is recorded of a part of a kind of `BODIES` over time; None where nothing is."""
     held = channels_of(found.whole, kind)
     if not held:
         return None

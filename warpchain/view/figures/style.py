@@ -34,11 +34,9 @@ def arrowed(name: str) -> str:
 
 def about(drive: Drive) -> str:
     """A line on what was run."""
-    travel = drive.sprockets[drive.driver].prescribed
-    assert travel is not None
     return (
         f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
-        f"{drive.sprockets[drive.driver].name} at {rpm(travel.top_speed):.4g} rpm"
+        f"{drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
     )
 
 

@@ -189,7 +189,7 @@ def wear(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def bodies(found: HandedIn, row: Row) -> Iterator[str]:
-    """Arms and tensioners: every channel that is recorded of them, and how it moves in the window."""
+    """Arms, tensioners, shafts, couplings: every channel that is recorded of them, and how it moves in the window."""
     for kind, of in load.BODIES.items():
         channels = load.channels_of(found.part, kind)
         for k, part in enumerate(getattr(found.drive, of)):
@@ -230,7 +230,12 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
     ("cycle", "Cycle of two turns", cycle, lambda found: bool(excited_orders(found.drive))),
     ("speed", "Orders over speed", over_speed, lambda found: True),
     ("guides", "Guides", guides, lambda found: bool(found.drive.guides)),
-    ("bodies", "Arms, tensioners", bodies, lambda found: bool(found.drive.arms or found.drive.tensioners)),
+    (
+        "bodies",
+        "Arms, tensioners, shafts",
+        bodies,
+        lambda found: any(getattr(found.drive, of) for of in load.BODIES.values()),
+    ),
     ("friction", "Friction", friction, lambda found: True),
     ("safety", "Tooth jump, slack", safety, lambda found: True),
     ("wear", "Wear", wear, lambda found: True),
@@ -264,9 +269,8 @@ def sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.Section]:
 
 def heading(found: HandedIn) -> str:
     """Heading of the page: the driver and its speed."""
-    travel = found.drive.sprockets[found.drive.driver].prescribed
-    assert travel is not None
-    return f"Chain drive, {found.drive.sprockets[found.drive.driver].name} at {rpm(travel.top_speed):.4g} rpm"
+    drive = found.drive
+    return f"Chain drive, {drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
 
 
 def report_html(

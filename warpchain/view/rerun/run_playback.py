@@ -112,6 +112,8 @@ def blueprint(
     rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
     tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
     tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
+    if any(one.trajectory.coupling_torque is not None for one in shown):
+        tabs.append(rrb.Vertical(*curves("coupling", "twist"), name="couplings"))
     if spectra:
         tabs.append(rrb.Vertical(*(chart.view(f"spectrum of {chart.path[-1]}") for chart in spectra), name="spectrum"))
     charts, columns = ensemble

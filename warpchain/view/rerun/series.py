@@ -42,9 +42,11 @@ GROUPS = {
     "speed": "sprocket speed [rad/s]",
     "displacement": "strand displacement at mid-span [mm]",
     "friction": "friction power of all joints [W]",
+    "coupling": "torque of the couplings [N m]",
+    "twist": "twist of the couplings [deg]",
 }
 """Groups of curves, each a view, with their titles."""
-DISPLAYED_IN = {"error": DEGREES, "displacement": 1e3}
+DISPLAYED_IN = {"error": DEGREES, "displacement": 1e3, "twist": DEGREES}
 """Factors from SI of groups that are shown in another unit."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
@@ -75,6 +77,14 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
             yield "error", sprocket.name, DEGREES * transmission_error(trajectory, s)
             if trajectory.sprocket_speed is not None:
                 yield "ratio", sprocket.name, speed_ratio(trajectory, s)
+    for h, shaft in enumerate(drive.shafts):
+        if trajectory.shaft_speed is not None:
+            yield "speed", shaft.name, trajectory.shaft_speed[:, h]
+    for c, coupling in enumerate(drive.couplings):
+        if trajectory.coupling_torque is not None:
+            yield "coupling", coupling.name, trajectory.coupling_torque[:, c]
+        if trajectory.coupling_twist is not None:
+            yield "twist", coupling.name, DEGREES * trajectory.coupling_twist[:, c]
 
 
 def log_curves(

@@ -1,0 +1,141 @@
+"""Shafts, gears, couplings and motors on blocks: what bodies pass on to each other before any of them moves."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ..integrate import leapfrog_lag, stage_at
+from ..number import add, difference, leading, rounded  # noqa: F401
+from ..physics.motion import load_moment_at_speed, prescribed_acceleration
+from ..physics.train import (
+    coupling_energy,
+    coupling_loss,
+    coupling_moment,
+    motor_moment,
+    on_side,
+    twist_of,
+)
+from ..sums import add_coupling, add_energy, add_gear, add_shaft
+from .bodies import block_tensioners, body_steps
+from .events import block_sampling
+from .kind import ENDS, FRAME, START, BlockKind, Mine
+
+
+@cache
+def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions of one variant's trains on a block; frames lie as `frame` says (`frames.frame_writers`)."""
+    Real, sprockets, mounted, measuring = kind.Real, kind.parts.sprockets, kind.parts.mounted, kind.measuring
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    Wrench = kinds.Wrench
+    steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
+
+    @wp.func
+    def moment_of(ensemble: Ensemble, mine: Mine, time: Any, shared: Shared):
+        """Moment [N m] of the motor on the thread's body."""
+        moment = Real(0.0)
+        if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
+            at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+            pose, motion = shared.poses[mine.body], shared.motions[mine.body]
+            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.curves.tables)
+        return moment
+
+    @wp.func
+    def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+        """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
+        time = stage_at(wp.static(kind.integrator), now.stage, steps.time_of(mine, now), steps.step_number(mine)).time
+        pose = shared.poses[mine.body]
+        if wp.static(kind.parts.tensioners > 0):
+            wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
+        load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
+        shared.poses[mine.body].load = load
+        moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
+        drive = ensemble.drives[mine.variant]
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            coupling = ensemble.couplings[c]
+            if coupling.first == mine.body or coupling.second == mine.body:
+                twist, rate = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], coupling)
+                passed = coupling_moment(twist, rate, coupling)
+                moment = moment + wp.where(coupling.second == mine.body, passed, -passed)
+        shared.passed[mine.body] = moment
+
+    @wp.func
+    def speed_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """Angular velocity of body b at the step's instant [rad/s]."""
+        pose, motion = shared.poses[b], shared.motions[b]
+        speed = leading(pose.speed)
+        if wp.static(kind.integrator == 0):
+            lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
+            rate = steps.gathered(ensemble, shared, mine, b) * motion.inverse_inertia
+            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * rate)
+        return speed
+
+    @wp.func
+    def observe_shaft(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now):
+        """One step of the thread's shaft for the sums of the window."""
+        at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+        pose, time = shared.poses[mine.body], steps.time_of(mine, now)
+        speed = speed_now(ensemble, shared, mine, now, mine.body)
+        before, motion = leading(pose.speed), shared.motions[mine.body]
+        load = load_moment_at_speed(steps.rounded_time(mine, now), pose.load, before, speed, motion)
+        motor = moment_of(ensemble, mine, time, shared)
+        out.sums.shaft[at] = add_shaft(out.sums.shaft[at], speed, motor, load, now.weight)
+
+    @wp.func
+    def observe_coupling(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, c: int):
+        """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
+        drive = ensemble.drives[mine.variant]
+        coupling = ensemble.couplings[c]
+        twist, before = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], coupling)
+        first = speed_now(ensemble, shared, mine, now, coupling.first)
+        second = speed_now(ensemble, shared, mine, now, coupling.second)
+        rate = first - second
+        moment = coupling_moment(twist, rate, coupling)
+        if now.flags & FRAME != 0:
+            sampling.write_coupling(ensemble, state, out.frames, mine, now, c, twist, moment)
+        if wp.static(measuring) and now.measured != 0:
+            led = Real(0.0)
+            if shared.motions[coupling.first].prescribed == 1:
+                led = led - moment * first
+            if shared.motions[coupling.second].prescribed == 1:
+                led = led + moment * second
+            power = coupling_loss(twist, rate, coupling)
+            out.sums.coupling[c] = add_coupling(out.sums.coupling[c], twist, moment, power, led, now.weight)
+            if now.flags & ENDS != 0:
+                at = drive.first_body + mine.body
+                energy = wp.float64(coupling_energy(twist, coupling))
+                out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
+
+    @wp.func
+    def observe_gear(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now, g: int):
+        """One step of a pair of gears, whose second body is the thread's, for the sums of the window."""
+        drive = ensemble.drives[mine.variant]
+        gear = ensemble.gears[g]
+        motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.body]
+        angular = steps.gathered(ensemble, shared, mine, mine.body) * motion.inverse_inertia
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
+        moment = gear.inertia * angular
+        for b in range(wp.static(mounted)):
+            if on_side(gear, b):
+                beside = ensemble.ties[drive.first_body + b].ratio / tie.ratio
+                moment = moment - beside * shared.passed[b]
+        out.sums.gear[g] = add_gear(out.sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
+
+    @wp.func
+    def observe_trains(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now):
+        """One step of what the thread's body is, or is the second of, once all moments are shared."""
+        drive = ensemble.drives[mine.variant]
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            if ensemble.couplings[c].second == mine.body:
+                observe_coupling(ensemble, state, shared, out, mine, now, c)
+        if wp.static(measuring) and now.measured != 0:
+            if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
+                observe_shaft(ensemble, shared, out, mine, now)
+            for g in range(drive.first_gear, drive.first_gear + drive.gears):
+                if ensemble.gears[g].body == mine.body:
+                    observe_gear(ensemble, shared, out, mine, now, g)
+
+    return SimpleNamespace(**locals())

@@ -1,0 +1,207 @@
+"""Shafts, gears, couplings and motors as data: what contradicts what, ratios, speeds at the start and at the top."""
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from drives import errors_of, put, two_sprockets
+
+from warpchain import Drive, dumps_drive, loads_drive
+from warpchain.assembly import assemble
+from warpchain.assembly.timestep import moving_bodies
+from warpchain.drive.trains import gear_side, seen_inertia, train_of
+from warpchain.errors import DriveError
+
+PARTS = """
+[[shafts]]
+name = "engine"
+inertia = 0.4
+motor = { torque = 50.0 }
+[[shafts]]
+name = "output"
+inertia = 0.9
+load = { viscous = 5.0 }
+[[gears]]
+name = "primary"
+between = ["driver", "engine"]
+teeth = [40, 20]
+module = 0.004
+[[couplings]]
+name = "cush"
+between = ["driven", "output"]
+stiffness = 4e4
+damping = 15.0
+lash = 0.001
+"""
+
+
+def values(text=PARTS):
+    """Two equal sprockets, the first geared to a motor, the second coupled to a load."""
+    found = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, settle="false")) + text)
+    del found["sprockets"][0]["prescribed"], found["sprockets"][1]["load"]
+    found["sprockets"][0]["inertia"] = 0.7
+    return found
+
+
+SHAFT = {"name": "more", "inertia": 1.0, "load": {"torque": 1.0}}
+SECOND = {"name": "second", "between": ["driven", "engine"], "teeth": [30, 20], "module": 0.004}
+RING = {"name": "ring", "between": ["driver", "driven"], "teeth": [30, 30], "module": 0.004, "internal": True}
+WRONG = {
+    "a shaft that is not there": (
+        {"sprockets/1/shaft": "cam"},
+        'sprockets.driven.shaft = "cam": must be the name of a shaft; allowed are engine, output',
+    ),
+    "a gear on nothing": (
+        {"gears/0/between": ["driver", "motor"]},
+        'gears.primary.between.1 = "motor": must be the name of a shaft or a sprocket; allowed are driver, driven, '
+        "engine, output",
+    ),
+    "gears that contradict the chain": (
+        {"gears": [values()["gears"][0], SECOND]},
+        'gears.second.teeth = [30, 20]: the rest of the drive turns "engine" 2 times as fast, the other way round, as '
+        '"driven"; teeth as 2 to 1, internal = false would fit',
+    ),
+    "a coupling that would wind up": (
+        {"couplings/0/between": ["engine", "output"], "sprockets/1/shaft": "output"},
+        'couplings.cush.between = ["engine", "output"]: the rest of the drive turns "output" 0.5 times as fast, the '
+        'other way round, as "engine"; a coupling needs two that turn alike',
+    ),
+    "two motions of one train": (
+        {
+            "shafts/0/prescribed": {"speed": 20.0},
+            "shafts/0/motor": None,
+            "sprockets/0/prescribed": {"speed": 10.0},
+        },
+        'shafts.engine.prescribed: not together with that of "driver", with which it turns as one; give one of the two',
+    ),
+    "a shaft that nothing turns": (
+        {"shafts/1/load": None, "couplings/0/between": ["driven", "engine"], "gears": []},
+        "shafts.output: nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or "
+        "prescribed",
+    ),
+    "speeds that do not fit": (
+        {"shafts/0/initial_speed": 20.0, "shafts/1/initial_speed": 11.0, "sprockets/1/shaft": "output"}
+        | {"couplings": []},
+        'shafts.output.initial_speed = 11.0: must fit that of "engine", with which it turns: 10',
+    ),
+    "a load on a sprocket with a shaft": (
+        {"sprockets/1/shaft": "output", "couplings": [], "sprockets/1/load": {"torque": 3.0}},
+        'sprockets.driven.load: not on a sprocket with a shaft; give shafts."output".load instead',
+    ),
+    "a coupling within a train": (
+        {"couplings/0/between": ["driver", "driven"], "gears": [RING]},
+        'couplings.cush.between = ["driver", "driven"]: "driver" and "driven" turn as one already; must be two that do '
+        "not",
+    ),
+    "a motor without a moment": (
+        {"shafts/0/motor": {"ramp_time": 0.1}},
+        "shafts.engine.motor.torque: missing; must be a positive number, or give table instead",
+    ),
+    "an inertia that is missing": (
+        {"shafts/1/inertia": None},
+        "shafts.output.inertia: missing; must be a positive number; needed unless the shaft is prescribed",
+    ),
+    "nothing that drives": (
+        {"shafts/0/motor": None},
+        "sprockets: none is prescribed; at least one sprocket must be, or a shaft, or have a motor or an initial_speed",
+    ),
+    "a table over two things": (
+        {"shafts/0/motor": {"table": {"speed": [0.0, 1.0], "time": [0.0, 1.0], "torque": [1.0, 0.0]}}},
+        "shafts.engine.motor.table.speed = [0.0, 1.0]: not together with time; give one of the two",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_contradictions_are_named(case):
+    changes, line = WRONG[case]
+    wrong = values()
+    for path, value in changes.items():
+        put(wrong, path, value)
+    assert list(errors_of(wrong)) == [line]
+
+
+def test_sprockets_of_a_shaft_have_one_center():
+    wrong = values()
+    wrong["couplings"] = []
+    for sprocket in wrong["sprockets"]:
+        sprocket["shaft"] = "output"
+    del wrong["gears"]
+    assert errors_of(wrong)[0] == (
+        'sprockets.driven.center = [1.0, 0.0]: must be that of "driver", which is on the same shaft: [0.0, 0.0]'
+    )
+
+
+def test_inertias_of_a_train():
+    # as the driver sees it: 0.7 + 2^2 0.4; as the engine does, (1/2)^2 of that
+    drive = Drive(**values())
+    assert train_of(drive, 0) == ((0, 2), (1.0, -2.0))
+    assert seen_inertia(drive, 0) == pytest.approx(0.7 + 4.0 * 0.4, rel=1e-15)
+    assert seen_inertia(drive, 2) == pytest.approx(0.7 / 4.0 + 0.4, rel=1e-15)
+    assert gear_side(drive, 0) == [2]
+
+
+def test_a_loop_of_gears_that_fits_is_one_train():
+    found = values()
+    found["gears"] += [SECOND | {"teeth": [40, 20]}, RING]
+    drive = Drive(**found)
+    assert train_of(drive, 1) == ((0, 1, 2), (1.0, 1.0, -2.0))
+    assert [gear_side(drive, g) for g in range(3)] == [[1, 2], [0, 2], []]  # the last pair of the loop carries nothing
+
+
+def test_speeds_at_the_start_go_by_ratios():
+    # the engine at 20 rad/s clockwise turns driver, chain, driven and, over the coupling, the output at 10 rad/s
+    found = values()
+    found["shafts"][0]["initial_speed"] = 20.0
+    start = assemble(Drive(**found))
+    assert start.sprocket_speed == pytest.approx([10.0, 10.0], rel=1e-12)
+    assert start.shaft_speed == pytest.approx([-20.0, 10.0], rel=1e-12)
+    found["shafts"][1]["initial_speed"] = 8.0  # a lash lets it be another
+    assert assemble(Drive(**found)).shaft_speed == pytest.approx([-20.0, 8.0], rel=1e-12)
+
+
+def test_top_speed_is_where_moments_balance():
+    # 50 N m at the engine are 100 at the driver, against 5 N m s: 20 rad/s, if the run is long enough
+    found = values()
+    found["run"]["duration"] = 10.0
+    drive = Drive(**found)
+    assert drive.driver_speed == pytest.approx(20.0, rel=1e-9)
+    assert drive.chain_speed == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-9)
+    found["shafts"][0]["motor"] = {"torque": 50.0, "power": 500.0}  # 500 W against 5 w^2
+    assert Drive(**found).driver_speed == pytest.approx(10.0, rel=1e-9)
+
+
+def test_a_coupling_lowers_the_step():
+    # k (1/Ja + 1/Jb) beside the rollers on the driven sprocket's teeth, and c (1/Ja + 1/Jb)
+    drive = Drive(**values())
+    found = next(body for body in moving_bodies(drive) if body.name == 'coupling "cush"')
+    alone = next(body for body in moving_bodies(drive) if body.name == 'sprocket "driven"')
+    give = 1.0 / drive.sprockets[1].inertia + 1.0 / 0.9
+    assert found.square == pytest.approx(4e4 * give + alone.square, rel=1e-12)
+    assert found.rate == pytest.approx(15.0 * give, rel=1e-12)
+
+
+def test_drives_with_trains_are_written_and_read():
+    drive = Drive(**values())
+    assert loads_drive(dumps_drive(drive)) == drive
+    assert drive.with_values({"gears.primary.module": 0.005}).gears[0].module == 0.005
+    assert drive.with_values({"shafts.engine.motor.torque": "0.06 kNm"}).shafts[0].motor.torque == 60.0
+
+
+def test_a_key_that_does_not_fit_is_refused():
+    drive = Drive(**values())
+    seated = math.degrees(assemble(drive).sprocket_angle[1])
+    assert assemble(drive.with_values({"sprockets.driven.key": seated + 18.0})).sprocket_angle is not None
+    with pytest.raises(DriveError, match=rf"sprockets.driven.key = .*: the chain seats at {seated:.4f} degrees"):
+        assemble(drive.with_values({"sprockets.driven.key": seated + 5.0}))
+
+
+def test_stacks_of_trains_have_the_bits_of_each():
+    from warpchain.drive.batch import stacks_of
+    from warpchain.drive.train_speeds import top_speed
+
+    drive = Drive(**values())
+    drives = [drive.with_values({"shafts.engine.motor.torque": torque}) for torque in (50.0, 60.0, 70.0)]
+    (stack,) = stacks_of(drives)
+    assert np.asarray(top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]

@@ -1,0 +1,242 @@
+"""Shafts, gears, couplings and motors beside a chain at rest, or turned by one, against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from drives import STARTING, two_sprockets
+
+from warpchain import Record, dumps_drive, loads_drive, simulate
+
+RIG = {"torque": 0.0, "speed": 0.0, "settle": "false", "step": 2e-6}
+
+
+def with_parts(text, **values):
+    """Two sprockets with shafts and what ties them, from TOML text."""
+    return loads_drive(dumps_drive(two_sprockets(**(RIG | values))) + text)
+
+
+def ran(drive, rate=1e4, **options):
+    """The run of a drive, recorded, and its row."""
+    whole = {"window": (0.0, drive.run.duration)} | options
+    run = simulate(drive, record=Record(rate=rate), device="cpu", limits=STARTING, **whole)
+    return run, run.metrics.to_pylist()[0]
+
+
+def swing(lash="", damping=0.0):
+    """Two inertias on a coupling, one of which turns at first."""
+    return f"""
+[[shafts]]
+name = "a"
+inertia = 0.5
+initial_speed = 2.0
+[[shafts]]
+name = "b"
+inertia = 0.3
+initial_speed = 0.0
+[[couplings]]
+name = "link"
+between = ["a", "b"]
+stiffness = 3e5
+damping = {damping}
+{lash}
+"""
+
+
+def periods(time, value):
+    """Times between crossings of zero upward, each found to the second order of the frames' distance."""
+    at = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
+    crossing = time[at] - value[at] * (time[at + 1] - time[at]) / (value[at + 1] - value[at])
+    return np.diff(crossing)
+
+
+def test_two_inertias_swing_on_a_coupling(device):
+    # sqrt(k (1/Ja + 1/Jb)); leapfrog's own error is (w h)^2 / 24 = 3e-7 of it, frames find a crossing to 1e-6
+    drive = with_parts(swing(), duration=0.06)
+    run, row = ran(drive)
+    omega = math.sqrt(3e5 * (1.0 / 0.5 + 1.0 / 0.3))
+    found = periods(run[0].time, run[0].coupling_twist[:, 0])
+    assert len(found) > 8
+    assert found.mean() == pytest.approx(2.0 * math.pi / omega, rel=1e-5)
+    assert row["link.twist_max"] == pytest.approx(2.0 / omega, rel=1e-3)
+    assert abs(row["energy_residual"]) < 1e-6  # of 1 J
+
+
+def test_lash_lengthens_the_period(device):
+    # with the speed u = w A where the spring begins, A its greatest twist beyond the lash: 2 pi/w + 4 b/(w A)
+    lash = 2e-3
+    run, row = ran(with_parts(swing(f"lash = {lash}"), duration=0.12))
+    omega, speed = math.sqrt(3e5 * (1.0 / 0.5 + 1.0 / 0.3)), 2.0
+    found = periods(run[0].time[200:], run[0].coupling_twist[200:, 0])
+    assert len(found) > 4
+    assert found.mean() == pytest.approx(2.0 * math.pi / omega + 4.0 * lash / speed, rel=1e-4)
+    assert row["link.twist_max"] == pytest.approx(lash + speed / omega, rel=1e-3)
+    assert row["link.torque_max"] == pytest.approx(3e5 * speed / omega, rel=1e-3)
+
+
+def test_damper_of_a_coupling_takes_what_the_swing_loses(device):
+    # the swing's energy is J u^2 / 2 of the reduced inertia; rk4 closes the balance to round-off of its order
+    drive = with_parts(swing(damping=40.0), duration=0.1, integrator="rk4", step=5e-6)
+    _, row = ran(drive)
+    reduced, left = 1.0 / (1.0 / 0.5 + 1.0 / 0.3), math.exp(-40.0 * (1.0 / 0.5 + 1.0 / 0.3) * 0.1)
+    assert row["link.damping_loss"] == pytest.approx(0.5 * reduced * 4.0 * (1.0 - left), rel=1e-3)
+    assert abs(row["energy_residual"]) < 1e-6 * row["link.damping_loss"]
+
+
+MOTOR = """
+[[shafts]]
+name = "free"
+inertia = 0.5
+motor = {{ {motor} }}
+{load}
+"""
+
+
+def test_a_constant_moment_starts_an_inertia(device):
+    # w = M t / J; leapfrog has it exactly
+    run, row = ran(with_parts(MOTOR.format(motor="torque = 20.0", load=""), duration=0.02))
+    assert run[0].shaft_speed[:, 0] == pytest.approx(20.0 * run[0].time / 0.5, abs=1e-12)
+    assert run[0].shaft_angle[:, 0] == pytest.approx(20.0 * run[0].time ** 2 / 1.0, rel=1e-4, abs=1e-8)
+    assert row["free.motor_work"] == pytest.approx(0.5 * 0.5 * (20.0 * 0.02 / 0.5) ** 2, rel=1e-9)
+    assert abs(row["energy_residual_relative"]) < 1e-9
+
+
+@pytest.mark.parametrize(("integrator", "error"), [("leapfrog", 2e-6), ("rk4", 1e-10)])
+def test_a_moment_against_a_viscous_load(device, integrator, error):
+    # w = (M/c) (1 - exp(-c t/J)); leapfrog's drag is half a step late, c h / 2J = 4e-5 of the drag at first order
+    load = "load = { viscous = 20.0 }"
+    drive = with_parts(MOTOR.format(motor="torque = 20.0", load=load), duration=0.05, integrator=integrator)
+    run, row = ran(drive)
+    expected = (1.0 - np.exp(-20.0 * run[0].time / 0.5)) * 20.0 / 20.0
+    assert np.abs(run[0].shaft_speed[:, 0] - expected).max() < 50.0 * error
+    assert row["output_work"] > 0.0
+    assert abs(row["energy_residual_relative"]) < 1e-4 if integrator == "leapfrog" else 1e-9
+
+
+def test_power_limits_the_moment(device):
+    # from P / M on at constant power: w^2 = (P/M)^2 + 2 P (t - t1) / J
+    run, _ = ran(with_parts(MOTOR.format(motor="torque = 20.0, power = 10.0", load=""), duration=0.05))
+    start = 0.5 / 20.0 * 0.5
+    after = run[0].time > start
+    expected = np.sqrt(0.25 + 2.0 * 10.0 / 0.5 * (run[0].time[after] - start))
+    assert run[0].shaft_speed[after, 0] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ("speed = [0.0, 1.0], torque = [20.0, 0.0]", lambda t: 1.0 - np.exp(-20.0 * t / 0.5)),
+        ("time = [0.0, 0.05], torque = [0.0, 20.0]", lambda t: 0.5 * 20.0 / 0.05 * t**2 / 0.5),
+        (
+            "angle = [0.0, 6.283185307179586], torque = [20.0, 20.0]",
+            lambda t: 20.0 * t / 0.5,
+        ),
+    ],
+)
+def test_tables_of_a_motor(device, table, expected):
+    # linear tables, whose equations have closed solutions; the torque is half a step late over speed
+    run, _ = ran(with_parts(MOTOR.format(motor=f"table = {{ {table} }}", load=""), duration=0.05))
+    assert run[0].shaft_speed[:, 0] == pytest.approx(expected(run[0].time), abs=2e-4)
+
+
+GEARED = """
+[[shafts]]
+name = "first"
+inertia = 0.5
+motor = { torque = 20.0 }
+[[shafts]]
+name = "second"
+inertia = 0.9
+load = { viscous = 3.0 }
+[[gears]]
+name = "pair"
+between = ["first", "second"]
+teeth = [20, 50]
+module = 0.004
+"""
+ONE = """
+[[shafts]]
+name = "first"
+inertia = 0.644
+motor = { torque = 20.0 }
+load = { viscous = 0.48 }
+"""
+
+
+def test_a_geared_inertia_is_that_times_the_ratio_squared(device):
+    # rho = -0.4: 0.5 + 0.16 * 0.9 = 0.644 and 0.16 * 3 = 0.48, to round-off
+    geared, row = ran(with_parts(GEARED, duration=0.03))
+    alone, other = ran(with_parts(ONE, duration=0.03))
+    assert geared[0].shaft_speed[:, 0] == pytest.approx(alone[0].shaft_speed[:, 0], rel=1e-12)
+    assert geared[0].shaft_speed[:, 1] == pytest.approx(-0.4 * alone[0].shaft_speed[:, 0], rel=1e-12)
+    assert row["first.motor_work"] == pytest.approx(other["first.motor_work"], rel=1e-12)
+    # the teeth pass on what speeds up the second shaft and its load: J2 alpha2 + c omega2
+    speed = np.asarray(alone[0].shaft_speed[:, 0], float)
+    passed = (0.9 * 0.4 * (20.0 - 0.48 * speed) / 0.644 + 3.0 * 0.4 * speed).max()
+    assert row["pair.tooth_force_max"] == pytest.approx(passed / (0.1 * math.cos(math.radians(20.0))), rel=1e-4)
+    assert row["pair.torque_mean"] < 0.0
+
+
+def test_two_stages_turn_in_the_product_of_their_ratios(device):
+    # z1 z3 / (z2 z4), backward twice: forward
+    text = (
+        GEARED
+        + """
+[[shafts]]
+name = "third"
+inertia = 0.2
+[[gears]]
+name = "next"
+between = ["second", "third"]
+teeth = [17, 34]
+module = 0.004
+"""
+    )
+    run, _ = ran(with_parts(text, duration=0.01))
+    speed = np.asarray(run[0].shaft_speed, float)
+    assert speed[:, 2] == pytest.approx(speed[:, 0] * 20.0 * 17.0 / (50.0 * 34.0), rel=1e-12)
+
+
+def test_a_prescribed_shaft_leads_its_train(device):
+    text = """
+[[shafts]]
+name = "led"
+prescribed = { speed = 8.0, ramp_time = 0.01, harmonics = [{ order = 2.0, amplitude = 0.1 }] }
+[[shafts]]
+name = "follows"
+inertia = 0.2
+[[gears]]
+name = "pair"
+between = ["led", "follows"]
+teeth = [30, 20]
+module = 0.004
+internal = true
+"""
+    run, row = ran(with_parts(text, duration=0.02))
+    assert abs(row["energy_residual"]) < 1e-12  # nothing works: what leads both has no inertia to lead
+    speed = np.asarray(run[0].shaft_speed, float)
+    assert speed[-1, 0] > 6.0
+    assert speed[:, 1] == pytest.approx(1.5 * speed[:, 0], rel=1e-12)
+
+
+ON_SHAFTS = """
+[[shafts]]
+name = "output"
+inertia = 1.5
+load = { torque = 100.0, ramp_time = 0.01 }
+"""
+
+
+def test_a_sprocket_on_a_shaft_turns_as_one_with_it(device):
+    # shaft and sprocket are one inertia of their sum: 0.5 + 1.5 = 2, bitwise, as are their moments
+    alone = two_sprockets(torque=100.0, load_ramp=0.01, inertia=2.0, duration=0.01, settle="false")
+    changed = alone.with_values(
+        {"sprockets.driven.load": None, "sprockets.driven.inertia": 0.5, "sprockets.driven.shaft": "output"}
+        | {"shafts": loads_drive(dumps_drive(alone) + ON_SHAFTS).shafts}
+    )
+    first, row = ran(alone)
+    second, other = ran(changed)
+    assert second[0].sprocket_speed[:, 1] == pytest.approx(first[0].sprocket_speed[:, 1], rel=1e-9)
+    assert (second[0].shaft_speed[:, 0] == second[0].sprocket_speed[:, 1]).all()
+    for name in ("output_work", "input_work", "energy_residual", "tension_max"):
+        assert other[name] == pytest.approx(row[name], rel=1e-6, abs=1e-9)

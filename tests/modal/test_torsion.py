@@ -1,0 +1,80 @@
+"""Torsional modes of shafts on couplings and gears, against their own eigenvalue problems."""
+
+import math
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+
+from warpchain import dumps_drive, loads_drive
+from warpchain.modal.eigenmodes import modes
+
+SOFT = """
+[[shafts]]
+name = "a"
+inertia = 0.5
+[[couplings]]
+name = "soft"
+between = ["driven", "a"]
+stiffness = 1e3
+"""
+MANY = 100
+"""Modes: nearly all that a chain of 60 links has."""
+
+PAIR = """
+[[shafts]]
+name = "a"
+inertia = 0.5
+initial_speed = 2.0
+[[shafts]]
+name = "b"
+inertia = 0.3
+[[couplings]]
+name = "link"
+between = ["a", "b"]
+stiffness = 3e4
+damping = 2.0
+lash = 0.001
+"""
+GEARED = """
+[[shafts]]
+name = "c"
+inertia = 0.2
+[[gears]]
+name = "pair"
+between = ["b", "c"]
+teeth = [30, 20]
+module = 0.003
+"""
+
+
+def rest(text):
+    """Two sprockets that stand under a load, and shafts."""
+    return loads_drive(dumps_drive(two_sprockets()) + text)
+
+
+@pytest.mark.parametrize(("text", "second"), [(PAIR, 0.3), (PAIR + GEARED, 0.3 + 0.2 * 2.25)])
+def test_two_inertias_on_a_coupling(text, second):
+    # omega^2 = k (1/Ja + 1/Jb), zeta = c omega / 2 k, the second with what is geared to it; 1e-6 by differences
+    found = modes(rest(text), count=MANY)
+    omega = math.sqrt(3e4 * (1.0 / 0.5 + 1.0 / second))
+    k = int(np.argmin(np.abs(np.abs(found.eigenvalue) - omega)))
+    assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=1e-6)
+    assert -found.eigenvalue[k].real / omega == pytest.approx(2.0 * omega / (2.0 * 3e4), rel=1e-5)
+    assert found.zeros == 1  # the pair turns freely
+    angles = found.bodies[k, 2:, 2]
+    assert angles[1] / angles[0] == pytest.approx(-0.5 / second, rel=1e-5)
+    if len(angles) > 2:
+        assert angles[2] / angles[1] == pytest.approx(-1.5, rel=1e-12)
+
+
+def test_a_soft_coupling_behind_the_driven_sprocket():
+    # the driver stands, the driven sprocket hangs on its tight strand of n links, K_s = k R^2 / n, a shaft behind a
+    # coupling soft beside that: both springs in series, 1.5 % of k; teeth that give too are within a tenth of that
+    drive = loads_drive(dumps_drive(two_sprockets()) + SOFT)
+    found = modes(drive, count=MANY)
+    strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 20.0
+    omega = math.sqrt(1.0 / (1.0 / 1e3 + 1.0 / strand) / 0.5)
+    k = found.names.index("a 1")
+    assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=2e-3)
+    assert found.participation[k, found.parts.index("a")] > 0.99

@@ -1,0 +1,91 @@
+"""Figures of `check` on shafts, gears, couplings and motors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive.trains import (
+    driving_body,
+    is_free,
+    loads_of,
+    names_of,
+    seen_inertia,
+    speed_ratio,
+    train_of,
+    turned_part,
+)
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+
+def shafts(drive: Drive) -> list[dict[str, Any]]:
+    """Shafts: what turns as one with each, speed at work [rad/s], inertia that it sees [kg m^2] and its motor [N m]."""
+    names, found = names_of(drive), []
+    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+        speed = drive.driver_speed * speed_ratio(drive, b, drive.driver)
+        motor = shaft.motor
+        found.append(
+            {
+                "name": shaft.name,
+                "with": [names[other] for other in train_of(drive, b).bodies if other != b],
+                "speed": speed,
+                "inertia": seen_inertia(drive, b) if is_free(drive, b) else None,
+                "motor_at_rest": None if motor is None else float(motor.at(0.0)),
+                "motor_at_work": None if motor is None else float(motor.at(speed)),
+            }
+        )
+    return found
+
+
+def gears(drive: Drive) -> list[dict[str, Any]]:
+    """Pairs of gears: shafts, teeth, and the speed of the second over that of the first."""
+    return [
+        {
+            "name": gear.name,
+            "between": list(gear.between),
+            "teeth": list(gear.teeth),
+            "ratio": (1.0 if gear.internal else -1.0) * gear.teeth[0] / gear.teeth[1],
+        }
+        for gear in drive.gears
+    ]
+
+
+def couplings(drive: Drive) -> list[dict[str, Any]]:
+    """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
+    aside, and lash [rad]."""
+    names, found = names_of(drive), []
+    for coupling in drive.couplings:
+        ends = [names.index(name) for name in coupling.between]
+        omega = math.sqrt(coupling.stiffness * sum(1.0 / seen_inertia(drive, b) for b in ends if is_free(drive, b)))
+        found.append(
+            {
+                "name": coupling.name,
+                "between": list(coupling.between),
+                "frequency": omega / math.tau,
+                "damping_ratio": 0.5 * coupling.damping * omega / coupling.stiffness,
+                "lash": coupling.lash,
+            }
+        )
+    return found
+
+
+def advice(drive: Drive) -> Iterator[str]:
+    """A line where a motor is too weak to start its loads."""
+    b = driving_body(drive)
+    motor = getattr(turned_part(drive, b), "motor", None)
+    if motor is None:
+        return
+    pulled = sum(
+        shaft.motor.at(0.0) * speed_ratio(drive, other, b)
+        for other, shaft in enumerate(drive.shafts, len(drive.sprockets))
+        if shaft.motor is not None
+    )
+    asked = sum(load.steady(0.0) * speed_ratio(drive, other, b) for other, load in loads_of(drive))
+    if 0.0 < pulled <= asked:
+        yield (
+            f"shafts.{names_of(drive)[b]}.motor: pulls {pulled:.4g} N m at rest, as this shaft sees it, where loads "
+            f"ask for {asked:.4g} N m: it does not start; give it more, or the loads a viscous part instead"
+        )

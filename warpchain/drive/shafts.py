@@ -1,0 +1,178 @@
+"""Shafts that sprockets turn with, gear pairs, couplings, motors.
+
+A shaft is one coordinate q with an inertia J, a motion or a load and a motor; sprockets on it turn with it, theta =
+theta_0 + q, theta_0 where the chain seats. Forward is the way the chain turns it, else counter-clockwise. A gear pair
+ties two shafts, q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear. Shafts so tied turn as one, each rho
+times as fast, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b
+beyond +-b, within which neither spring nor damper acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.motion_table import MotorTable
+from warpchain.drive.schema import (
+    BARE,
+    Name,
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Switch,
+    Value,
+    allowed,
+    elements,
+    get,
+    plain_sequence,
+)
+from warpchain.drive.sprocket import MOST_TEETH, Load, Prescribed
+
+Names = Annotated[
+    tuple[Name, Name],
+    Field(strict=True),
+    BeforeValidator(plain_sequence),
+    Value("must be two names of shafts or sprockets [a, b]"),
+]
+_GearTeeth = Annotated[int, Field(strict=True, ge=5, le=MOST_TEETH)]
+TeethPair = Annotated[
+    tuple[_GearTeeth, _GearTeeth],
+    Field(strict=True),
+    BeforeValidator(plain_sequence),
+    Value(f"must be two integers [a, b] from 5 to {MOST_TEETH}"),
+]
+
+
+class Motor(Part):
+    """A moment in the direction of forward rotation.
+
+    Attributes:
+        torque: constant, or the largest [N m]; this or a table.
+        power: largest power [W], beyond which the moment falls with the speed.
+        table: torque over forward speed, time or the angle turned.
+        ramp_time: time over which it comes on [s]; 0 is from the start.
+    """
+
+    torque: Positive | None = None
+    power: Positive | None = None
+    table: MotorTable | None = None
+    ramp_time: NonNegative = 0.0
+
+    def at(self, speed: Any) -> Any:
+        """The moment [N m] at a forward speed [rad/s], once on; the mean of a table over time or angle."""
+        import numpy as np
+
+        torque: Any = self.torque
+        if self.table is not None and self.table.speed is not None:
+            torque = np.interp(speed, self.table.over, self.table.values)
+        elif self.table is not None:
+            over, values = np.asarray(self.table.over), np.asarray(self.table.values)
+            torque = float(np.sum(np.diff(over) * (values[1:] + values[:-1])) / (2.0 * (over[-1] - over[0])))
+        if self.power is not None:
+            torque = np.minimum(torque, self.power / np.maximum(speed, 1e-9))
+        return torque
+
+    @property
+    def steepest(self) -> float:
+        """Steepest fall of the moment with the speed [N m s]."""
+        fall = 0.0
+        if self.table is not None and self.table.speed is not None:
+            rows = list(zip(self.table.over, self.table.values, strict=True))
+            fall = max(0.0, *((m - n) / (w - v) for (v, m), (w, n) in pairwise(rows)))
+            fall *= 1.5 if self.table.interpolation == "cubic" else 1.0
+        if self.torque is not None and self.power is not None:
+            fall = fall + self.torque**2 / self.power  # where the limits meet, P / w^2 at w = P / M
+        return fall
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        torque, table = get(node, "torque"), get(node, "table")
+        if torque is None and table is None:
+            yield Problem(("torque",), None, f"missing; {allowed(cls, 'torque')}, or give table instead", BARE)
+        for key in ("torque", "power"):
+            if table is not None and get(node, key) is not None:
+                yield Problem((key,), get(node, key), "not together with table")
+
+
+class Shaft(Part):
+    """A shaft: what turns as one, with or without sprockets on it.
+
+    Attributes:
+        name: unique among all parts.
+        inertia: its moment of inertia, without its sprockets' own [kg m^2]; needed unless prescribed.
+        prescribed: its motion, if that is given.
+        load: moment against forward rotation.
+        motor: moment in the direction of forward rotation.
+        initial_speed: forward speed at the start [rad/s]; None follows from what it is tied to, else rest.
+    """
+
+    name: Name
+    inertia: Positive | None = None
+    prescribed: Prescribed | None = None
+    load: Load | None = None
+    motor: Motor | None = None
+    initial_speed: NonNegative | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "inertia") is None and get(node, "prescribed") is None:
+            text = f"missing; {allowed(cls, 'inertia')}; needed unless the shaft is prescribed"
+            yield Problem(("inertia",), None, text, BARE)
+        for key in ("motor", "initial_speed"):
+            if get(node, "prescribed") is not None and get(node, key) is not None:
+                yield Problem((key,), None, "not together with prescribed", BARE)
+
+
+class Gear(Part):
+    """A gear pair that ties two shafts by teeth; a sprocket's name stands for the shaft of its own.
+
+    Attributes:
+        name: unique among all parts.
+        between: the two shafts, a and b.
+        teeth: teeth of the gear on each, z_a and z_b.
+        module: of the teeth [m], pitch diameter over teeth.
+        internal: true where one is an internal gear, so that both turn the same way.
+    """
+
+    name: Name
+    between: Names
+    teeth: TeethPair
+    module: Positive
+    internal: Switch = False
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _two(node)
+
+
+class Coupling(Part):
+    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it.
+
+    Attributes:
+        name: unique among all parts.
+        between: the two, a and b.
+        stiffness: k [N m/rad].
+        damping: c [N m s/rad].
+        lash: play to either side of the middle, b [rad].
+    """
+
+    name: Name
+    between: Names
+    stiffness: Positive
+    damping: NonNegative = 0.0
+    lash: NonNegative = 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _two(node)
+
+
+def _two(node: Any) -> Iterable[Problem]:
+    """The rule of what stands between two shafts."""
+    names = elements(node, "between")
+    if len(names) == 2 and names[0] == names[1]:
+        yield Problem(("between",), list(names), "must be two different shafts")

@@ -1,0 +1,167 @@
+"""Rules of shafts, gears, couplings and motors: contradictions, and the values that would fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any
+
+from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
+from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.trains import Tie, has_trains, names_of, rigid, ties, with_chain
+
+MOST_BODIES = 60
+"""Sprockets and shafts of a drive with shafts, gears or couplings."""
+
+SAME = 1e-6
+"""Of speeds that have to agree."""
+
+
+def train_rules(drive: Any) -> Iterator[Problem]:
+    """Everything that ties shafts says the same, and something turns them."""
+    if not has_trains(drive) and all(get(of, "shaft") is None for of in elements(drive, "sprockets")):
+        return
+    names = names_of(drive)
+    yield from _known(drive, [name for name in names if is_name(name)])
+    yield from _on_shafts(drive)
+    found = ties(drive)
+    if len(names) > MOST_BODIES:
+        text = f"with sprockets must be at most {MOST_BODIES}; there are {len(names)}"
+        yield Problem(("shafts",), None, text, BARE)
+        return
+    if len({name for name in names if isinstance(name, str)}) < len(names):
+        return  # said by others
+    wrong = list(_contradictions(drive, names))
+    yield from wrong
+    if not wrong:
+        yield from _driven(drive, names, found)
+
+
+def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
+    """Shafts that others name are there."""
+    shafts = [name for name in (get(part, "name") for part in elements(drive, "shafts")) if is_name(name)]
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        shaft = get(sprocket, "shaft")
+        if isinstance(shaft, str) and shaft not in shafts:
+            hint = nearest(shaft, shafts) if shafts else "there are none"
+            yield Problem(("sprockets", s, "shaft"), shaft, f"must be the name of a shaft; {hint}")
+    for kind in ("gears", "couplings"):
+        for i, part in enumerate(elements(drive, kind)):
+            for k, name in enumerate(elements(part, "between")):
+                if isinstance(name, str) and name not in names:
+                    text = f"must be the name of a shaft or a sprocket; {nearest(name, names)}"
+                    yield Problem((kind, i, "between", k), name, text)
+
+
+def _on_shafts(drive: Any) -> Iterator[Problem]:
+    """Sprockets on shafts have no motion of their own, and one center and mount a shaft."""
+    rigidly = {tie.b for tie in ties(drive) if tie.kind == "shaft"}
+    first: dict[str, Any] = {}
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        shaft = get(sprocket, "shaft")
+        if not isinstance(shaft, str):
+            continue
+        for key in ("prescribed", "load"):
+            if get(sprocket, key) is not None:
+                text = f'not on a sprocket with a shaft; give shafts."{shaft}".{key} instead'
+                yield Problem(("sprockets", s, key), None, text, BARE)
+        if get(sprocket, "inertia") is None and s not in rigidly:
+            text = f"missing; {allowed(Sprocket, 'inertia')}; needed where a coupling holds the sprocket on its shaft"
+            yield Problem(("sprockets", s, "inertia"), None, text, BARE)
+        other = first.setdefault(shaft, sprocket)
+        for key in ("center", "mount"):
+            if _plain(get(other, key)) != _plain(get(sprocket, key)):
+                text = f'must be that of "{get(other, "name")}", which is on the same shaft: {_plain(get(other, key))}'
+                yield Problem(("sprockets", s, key), _plain(get(sprocket, key)), text)
+    tied = {b for tie in ties(drive) for b in (tie.a, tie.b)}
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        if get(sprocket, "balance_wheel") is not None and s in tied:
+            text = "not on a sprocket that a shaft, a gear or a coupling turns"
+            yield Problem(("sprockets", s, "balance_wheel"), None, text, BARE)
+
+
+def _plain(value: Any) -> Any:
+    """A center or a mount that can be compared and shown."""
+    if value is None:
+        return "fixed"
+    if hasattr(value, "model_dump"):
+        value = value.model_dump(exclude_none=True)
+    if isinstance(value, dict):
+        return "fixed" if value.get("kind") == "fixed" else value
+    return list(value) if isinstance(value, (tuple, list)) else value
+
+
+def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
+    """Gears, shafts and couplings that turn two bodies unlike the others do, and gears between two motions."""
+    _, wrong = with_chain(drive)
+    for tie, known in wrong:
+        yield _contradiction(drive, names, tie, known)
+    if wrong:
+        return
+    tied, kept = rigid(drive), dict[int, int]()
+    parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
+    count = len(elements(drive, "sprockets"))
+    for b, part in enumerate(parts):
+        if get(part, "prescribed") is not None:
+            other = kept.setdefault(tied.root[b], b)
+            if other != b:
+                kind, place = ("sprockets", b) if b < count else ("shafts", b - count)
+                text = f'not together with that of "{names[other]}", with which it turns as one; give one of the two'
+                yield Problem((kind, place, "prescribed"), None, text, BARE)
+    for tie in ties(drive):
+        if tie.kind == "couplings" and tied.root[tie.a] == tied.root[tie.b]:
+            text = f'"{names[tie.a]}" and "{names[tie.b]}" turn as one already; must be two that do not'
+            yield Problem((*tie.path, "between"), [names[tie.a], names[tie.b]], text)
+
+
+def _times(ratio: Fraction) -> str:
+    """A ratio in words."""
+    size = f"{float(abs(ratio)):.6g} times as fast"
+    return size if ratio > 0 else f"{size}, the other way round,"
+
+
+def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) -> Problem:
+    a, b = names[tie.a], names[tie.b]
+    has = f'the rest of the drive turns "{b}" {_times(known)} as "{a}"'
+    if tie.kind == "gears":
+        teeth = get(elements(drive, "gears")[int(tie.path[1])], "teeth")
+        fits = f"teeth as {abs(known).numerator} to {abs(known).denominator}, internal = {str(known > 0).lower()}"
+        return Problem((*tie.path, "teeth"), list(teeth), f"{has}; {fits} would fit")
+    if tie.kind == "shaft":
+        teeth = get(elements(drive, "sprockets")[tie.b], "teeth")
+        fits = f"teeth = {float(teeth * abs(known)):g} would fit"
+        if known < 0:
+            fits = "the other wrap would fit"
+        return Problem((*tie.path[:2], "shaft"), a, f"{has}; {fits}")
+    return Problem((*tie.path, "between"), [a, b], f"{has}; a coupling needs two that turn alike")
+
+
+def _driven(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> Iterator[Problem]:
+    """Something turns every shaft, and speeds at the start fit each other."""
+    count = len(elements(drive, "sprockets"))
+    parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
+    all_of, _ = with_chain(drive)
+    keys = ("prescribed", "load", "motor", "initial_speed")
+    moved = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in keys)}
+    moved.add(all_of.root[-1])
+    for b in range(count, len(parts)):
+        if all_of.root[b] not in moved:
+            text = "nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed"
+            yield Problem(("shafts", b - count), None, text, BARE)
+    tied, _ = with_chain(drive, couplings=False)
+    begun: dict[int, int] = {}
+    for key in ("prescribed", "initial_speed"):
+        for b, part in enumerate(parts):
+            if get(part, key) is None:
+                continue
+            first = begun.setdefault(tied.root[b], b)
+            speed, known = get(part, "initial_speed"), get(parts[first], "initial_speed")
+            if first == b or key == "prescribed" or not numbers(speed):
+                continue
+            at = ("shafts", b - count, "initial_speed")
+            if not numbers(known):
+                yield Problem(at, speed, f'not where "{names[first]}" is prescribed, with which it turns')
+                continue
+            fits = float(known) * float(abs(tied.ratio[b] / tied.ratio[first]))
+            if abs(speed - fits) > SAME * max(abs(speed), abs(fits)):
+                yield Problem(at, speed, f'must fit that of "{names[first]}", with which it turns: {fits:.9g}')
