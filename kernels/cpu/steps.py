@@ -20,10 +20,11 @@ from ..physics.body import (
     stage_body,
     turns_soundly,
 )
+from ..physics.hub import bearing_moment, carried_by, moment_of
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..structs import PREDICTING, Drive, Now, Wrench, types
+from ..structs import GROUND, PREDICTING, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .joints import joint_passes
@@ -69,6 +70,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if arm >= 0:
                 wrench.load = own_moment(body, heading, ensemble.arms[arm])
         state.wrenches[b].load = wrench.load
+        if wp.static(not plain):
+            wrench.load = wrench.load + wrench.bearing
         off = off_home(body.center, mount)
         return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
 
@@ -77,6 +80,47 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         """Accelerations of all bodies at `time`, for whatever moves or observes them."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
+
+    @wp.func
+    def hang(ensemble: Ensemble, state: State, drive: Drive, stage: int, stretched: wp.float64):
+        """Adds to the wrenches on arms what sprockets on them pass on, and to all what their bearings do."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            b = drive.first_body + s
+            arm = drive.first_body + hub.arm
+            turning = state.poses[b].speed
+            force = state.wrenches[b].force
+            if hub.arm != GROUND:
+                lever = state.poses[b].center - state.poses[arm].center
+                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_of(lever, force))
+                turning = turning - state.poses[arm].speed
+            if hub.bearing > wp.float64(0.0):
+                held = state.hub_hold[drive.first_sprocket + s]
+                moment, holds = bearing_moment(force, turning, held, hub, stretched)
+                state.wrenches[b].bearing = moment
+                if hub.arm != GROUND:
+                    state.wrenches[arm].bearing = state.wrenches[arm].bearing - moment
+                if stage == 0:
+                    state.hub_hold[drive.first_sprocket + s] = holds
+
+    @wp.func
+    def carry(ensemble: Ensemble, state: State, drive: Drive):
+        """Takes the sprockets on arms along, once these have moved."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            if hub.arm != GROUND:
+                b = drive.first_body + s
+                arm = pose_of(state.bodies[drive.first_body + hub.arm])
+                state.bodies[b] = carried_by(state.bodies[b], arm, hub)
+
+    @wp.func
+    def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
+        """Power [W] that the bearing of sprocket s takes."""
+        hub = ensemble.hubs[drive.first_sprocket + s]
+        turning = body_now(ensemble, state, drive.first_body + s, time, lag).speed
+        if hub.arm != GROUND:
+            turning = turning - body_now(ensemble, state, drive.first_body + hub.arm, time, lag).speed
+        return -state.wrenches[drive.first_body + s].bearing * turning
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
@@ -99,6 +143,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             moved = leapfrog_body(time + drive.step, kick, drive.step, body, rates, ahead, motion, mount)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
+            if drive.hubs != 0:
+                carry(ensemble, state, drive)
             flow(ensemble, state, drive)
 
     @wp.func
@@ -117,6 +163,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             state.bodies[b] = body
             state.body_stages[b] = stages
         if wp.static(not plain):
+            if drive.hubs != 0:
+                carry(ensemble, state, drive)
             if at.last == 1:
                 flow(ensemble, state, drive)
 
@@ -151,7 +199,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear, row, rates_of = passes(Real, capacity).clear, rows(capacity), moving(Real, plain).rates_of
+    clear, row, bodies = passes(Real, capacity).clear, rows(capacity), moving(Real, plain)
+    rates_of, hang, carry = bodies.rates_of, bodies.hang, bodies.carry
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -169,6 +218,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
+        if drive.hubs != 0:
+            hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
         clear(w, row.fx, row.fy, drive.rollers)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
@@ -176,6 +227,10 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
                 state.poses[b].angular = state.bodies[b].angular
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+            for b in range(drive.first_body, drive.first_body + drive.sprockets):
+                state.poses[b].straight = state.bodies[b].straight
 
     @wp.func
     def evaluate(
@@ -213,6 +268,9 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
+        if wp.static(not plain):
+            if drive.hubs != 0:
+                hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
 
     return SimpleNamespace(**locals())
 
@@ -243,7 +301,7 @@ def stepping(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         leapfrog_bodies(ensemble, state, drive, time, kick)
         kick_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if ensemble.mounts[b].active != 0:
+            if ensemble.mounts[b].active != 0 or ensemble.mounts[b].moves != 0:
                 invalidate(w, state.bodies[b].velocity)
 
     @wp.func

@@ -41,6 +41,9 @@ def block_types(Real: type) -> SimpleNamespace:
         poses: wp.array[kinds.Pose]  # (B,), and with profiles the ground
         motions: wp.array[kinds.Motion]  # (B,)
         mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
+        hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
+        bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
+        turning: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
         led_speed: wp.array[Real]
         teeth: wp.array[kinds.Sprocket]  # (S,)
@@ -127,8 +130,8 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, and bodies light
-    (`structs.Drive.light`; 1, else 0).
+    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, bodies light
+    (`structs.Drive.light`; 1, else 0), and arms carry sprockets or bearings rub (`structs.Drive.hubs`).
     """
 
     sprockets: int
@@ -139,6 +142,7 @@ class Parts:
     others: int = 0
     tabulated: int = 1
     light: int = 0
+    hubs: int = 0
 
     @property
     def mounted(self) -> int:
@@ -211,7 +215,8 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not self.parts.light
+        alone = not self.parts.light and not self.parts.hubs
+        return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and alone
 
     @property
     def gripping(self) -> bool:

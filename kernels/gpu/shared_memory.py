@@ -94,6 +94,9 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
         "mounts": kind.parts.mounted * kind.moving,
+        "hubs": sprockets * kind.parts.hubs,
+        "bearings": sprockets * kind.parts.hubs,
+        "turning": kind.parts.bodies * kind.parts.hubs,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
@@ -246,6 +249,9 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.poses = found.poses(shared, place)
         shared.motions = found.motions(shared, place)
         shared.mounts = found.mounts(shared, place)
+        shared.hubs = found.hubs(shared, place)
+        shared.bearings = found.bearings(shared, place)
+        shared.turning = found.turning(shared, place)
         shared.led_angle = found.led_angle(shared, place)
         shared.led_speed = found.led_speed(shared, place)
         shared.teeth = found.teeth(shared, place)

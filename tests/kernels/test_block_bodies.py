@@ -11,14 +11,20 @@ from blocks import (
     rk4,
     rubbing_on_moving_sprockets,
     rubbing_rk4,
+    swung,
+    swung_light,
+    swung_rk4,
     ways,
 )
 
-KINDS = moving_sprockets, arms, arms_rk4, rubbing_on_moving_sprockets, pushed_slider, bending_rk4, rubbing_rk4, rk4
+KINDS = (moving_sprockets, arms, arms_rk4, rubbing_on_moving_sprockets, pushed_slider, bending_rk4, rubbing_rk4, rk4)
+KINDS += swung, swung_light, swung_rk4
 USUAL = [
     (moving_sprockets, False, "float64"),
     (arms_rk4, True, "float64"),
     (bending_rk4, True, "float32"),
+    (swung, False, "float64"),
+    (swung_light, True, "float32"),
 ]
 
 

@@ -17,7 +17,9 @@ from warpchain.drive.guides import Arc, Guide
 from warpchain.drive.motion_table import SpeedTable, TorqueTable
 from warpchain.drive.run_settings import RunSettings
 from warpchain.drive.sprocket import (
+    ArmMount,
     BalanceWheel,
+    Bearing,
     ElasticMount,
     FixedMount,
     Harmonic,
@@ -32,7 +34,9 @@ from warpchain.drive.tensioners import Chamber, Oil, Plunger, Ratchet, Spring, T
 __all__ = [
     "Arc",
     "Arm",
+    "ArmMount",
     "BalanceWheel",
+    "Bearing",
     "Chain",
     "Chamber",
     "Contact",

@@ -175,13 +175,24 @@ def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Guides hang on arms that there are."""
+    """Guides and sprockets hang on arms that there are."""
     names = [get(arm, "name") for arm in elements(drive, "arms")]
-    for g, guide in enumerate(elements(drive, "guides")):
-        arm = get(guide, "arm")
+    places: list[tuple[tuple[str | int, ...], Any]] = [
+        (("guides", g), guide) for g, guide in enumerate(elements(drive, "guides"))
+    ]
+    places += [(("sprockets", s, "mount"), get(part, "mount")) for s, part in enumerate(elements(drive, "sprockets"))]
+    for keys, part in places:
+        arm = get(part, "arm")
         if isinstance(arm, str) and arm not in names:
             hint = nearest(arm, filter(is_name, names)) if names else "there are none"
-            yield Problem(("guides", g, "arm"), arm, f"must be the name of an arm; {hint}")
+            yield Problem((*keys, "arm"), arm, f"must be the name of an arm; {hint}")
+    pivots = {get(arm, "name"): get(arm, "pivot") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        arm, center = get(get(sprocket, "mount"), "arm"), get(sprocket, "center")
+        if is_name(arm) and center is not None and list(center) == list(pivots.get(arm) or ()):
+            yield Problem(
+                ("sprockets", s, "center"), list(center), f'must not be the pivot of "{arm}", which carries it'
+            )
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:

@@ -42,9 +42,9 @@ def drive_svg(drive: Drive) -> str:
     line = []
     for s, sprocket in enumerate(drive.sprockets):
         angles = path.arrival_angle[s] + sprocket.sign * np.linspace(0.0, path.wrap_angle[s], 40)
-        line.append(np.asarray(sprocket.center) + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        line.append(path.center[s] + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
     chain = np.concatenate(line)
-    centers = np.array([sprocket.center for sprocket in drive.sprockets])
+    centers = path.center
     return _svg(drive, centers, np.zeros(len(centers)), [(np.vstack([chain, chain[:1]]), CHAIN)])
 
 
