@@ -93,8 +93,8 @@ class StillArm:
         arm = drive.arms[a]
         self.arm = arm
         self.gravity = drive.run.gravity
-        self.weights = [(arm.mass, arm.center)]  # what hangs on it, and where as drawn
-        self.weights += [(drive.sprockets[s].mass, drive.sprockets[s].center) for s in drive.sprockets_on(a)]
+        carried = [drive.sprockets[s] for s in drive.sprockets_on(a)]
+        self.weights = [(arm.mass, arm.center), *((s.mass or 0.0, s.center) for s in carried)]  # as drawn
         self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 

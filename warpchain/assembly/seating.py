@@ -185,7 +185,7 @@ class Loop:
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.leans = any(map(some, self.lean))
         self.guides = [guide.name for guide in drive.guides]
-        self.x, self.y = zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True)
+        self.x, self.y = map(list, zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True))
         self.rides = any(drive.carrier(s) is not None for s in range(self.size))
         self.radius = columns(path.radius)
         (self.pitch,) = columns(np.asarray(path.pitch)[:, None])
