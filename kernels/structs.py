@@ -124,7 +124,7 @@ class Mount:
 
 @wp.struct
 class Hub:
-    """What a sprocket's hub is on, and how its bearing rubs (`physics.hub`)."""
+    """The arm that carries a sprocket, if any, and the friction of its bearing (`physics.hub`)."""
 
     arm: wp.int32  # the body of the drive that carries it, or `GROUND`
     lever: wp.vec2d  # d: its center from the arm's pivot, as drawn [m]

@@ -138,19 +138,19 @@ def test_derivatives_by_an_arm_that_carries_a_sprocket():
     angles = found.state.bodies[0, :, 2]
     x = np.concatenate([found.state.position[0].ravel(), found.state.bodies[0, :3, :2].ravel(), angles])
     solver = _Solver(potential, assemble(drive), load_moments(drive, 0.0))
-    solver._weigh(x)
+    solver._move_levers(x)
     reach, d = drive.arm_lever(0), 1e-7
 
     def moved(by):
         other = x.copy()
         other[-1] += by / reach
         potential.carry(other)
-        solver._weigh(other)
+        solver._move_levers(other)
         terms = potential.terms(other)
         return terms.energy, solver._slope(terms)
 
     (up, above), (down, below) = moved(d), moved(-d)
-    solver._weigh(x)
+    solver._move_levers(x)
     terms = potential.terms(x)
     hessian = terms.hessian(solver.column, solver.weight, solver.count).toarray()
     scale = np.abs(hessian[-1]).max()
@@ -173,13 +173,13 @@ def slide(pivot=None):
         "sprockets.idler.mount": {"kind": "fixed"},
     }
     base = swing(**at_once, **bare).with_values({"arms": []})
-    raised = lambda y: base.with_values({"sprockets.idler.center": [0.275, y]})  # noqa: E731
-    height = brentq(lambda y: path_at(raised(y), []).nominal_strain + 2e-4, -0.08, -0.03)
+    raised = lambda y: base.with_values({"sprockets.idler.center": [0.189, y]})  # noqa: E731
+    height = brentq(lambda y: path_at(raised(y), []).nominal_strain + 2e-4, -0.06, 0.0)
     stiffness = 2e4
     if pivot is None:
         mount = {"kind": "slider", "direction": [0.0, 1.0], "stiffness": stiffness, "damping": 0.0}
         return raised(height).with_values({"sprockets.idler.mount": mount})
-    arm = {"name": "lever", "pivot": [0.275 - pivot, height], "mass": 1e-9, "center": [0.275, height]}
+    arm = {"name": "lever", "pivot": [0.189 - pivot, height], "mass": 1e-9, "center": [0.189, height]}
     arm |= {"inertia": 1e-9 * pivot**2, "stiffness": stiffness * pivot**2}
     return raised(height).with_values({"arms": [arm], "sprockets.idler.mount": {"kind": "arm", "arm": "lever"}})
 
@@ -187,13 +187,13 @@ def slide(pivot=None):
 def test_on_a_long_lever_a_sprocket_moves_as_on_a_slide():
     # across the line it is off by y^2 / 2 L, along it by what the chain makes of that: half with twice the lever, to
     # 5 %, until rollers that strike a little later make more of it
-    run = simulate([slide(), slide(0.5), slide(1.0)], record=Record(rate=5000.0), duration=0.006)
+    run = simulate([slide(), slide(0.5), slide(1.0)], record=Record(rate=5000.0), duration=0.012)
     line, *levers = (np.array(run[v].sprocket_center[:, 1]) for v in range(3))
     travel = line[:, 1] - line[0, 1]
-    assert np.ptp(travel) > 2e-4
+    assert np.ptp(travel) > 1e-4
     for lever, center in zip((0.5, 1.0), levers, strict=True):
         assert line[:, 0] - center[:, 0] == pytest.approx(travel**2 / (2.0 * lever), rel=1e-3, abs=1e-12)
-    off = [np.abs(center[:21, 1] - line[:21, 1]).max() for center in levers]
+    off = [np.abs(center[:, 1] - line[:, 1]).max() for center in levers]
     assert 1e-10 < off[0] < 1e-8
     assert off[0] / off[1] == pytest.approx(2.0, rel=0.05)
 

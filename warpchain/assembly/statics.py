@@ -278,7 +278,7 @@ class _Solver:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
-        self._weigh(x)
+        self._move_levers(x)
         slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
@@ -291,14 +291,14 @@ class _Solver:
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
-                self._weigh(x)
+                self._move_levers(x)
                 slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
             else:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
 
-    def _weigh(self, x: Array) -> None:
-        """Brings up to date by what the centers of sprockets on arms move."""
+    def _move_levers(self, x: Array) -> None:
+        """Brings up to date by how much the centers of sprockets on arms move."""
         levers, first = self.potential.levers(x), 2 * self.potential.rollers
         for s, a in self.potential.carrier:
             at = first + 2 * s + np.arange(2)

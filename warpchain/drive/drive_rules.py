@@ -255,6 +255,23 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
         rides = f"which rides on the {' and '.join(sorted(sides))} of {names} from start to end"
         text = f'turns "{arm.name}" away from the chain, {rides}; must push towards it'
         yield Problem(("direction",), list(tensioner.direction), text)
+    yield from _turns_sprockets(drive, tensioner, arm, lever, chain.pitch)
+
+
+def _turns_sprockets(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
+    """The tensioner must turn the sprockets on its arm against the pull of their strands."""
+    sprockets = [valid(Sprocket, part) for part in elements(drive, "sprockets")]
+    whole = [sprocket for sprocket in sprockets if sprocket is not None]
+    if len(whole) < 2 or len(whole) < len(sprockets):
+        return
+    for s, own in enumerate(whole):
+        pull = _pull(whole, s, pitch) if get(own.mount, "arm") == arm.name else None
+        if pull is not None:
+            dx, dy = own.center[0] - arm.pivot[0], own.center[1] - arm.pivot[1]
+            turned = dx * pull[1] - dy * pull[0]
+            if turned * lever > 0.0 and abs(turned) > 0.1 * math.hypot(dx, dy):
+                text = f'turns "{own.name}" the way its strands pull it, ({pull[0]:.2f}, {pull[1]:.2f})'
+                yield Problem(("direction",), list(tensioner.direction), f"{text}; must push against them")
 
 
 def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:

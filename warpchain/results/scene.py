@@ -58,9 +58,12 @@ def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends and to where tensioners push it."""
+    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends, to its sprockets and to where
+    tensioners push it.
+    """
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
+    ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
     ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
     return [np.array([arm.pivot, end], dtype=float) for end in ends]
 
