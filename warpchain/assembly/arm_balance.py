@@ -24,6 +24,7 @@ import numpy as np
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
 from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.face_profile import direction
+from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
 from warpchain.errors import DriveError
 
@@ -94,7 +95,7 @@ class StillArm:
         self.arm = arm
         self.gravity = drive.run.gravity
         carried = [drive.sprockets[s] for s in drive.sprockets_on(a)]
-        self.weights = [(arm.mass, arm.center), *((s.mass or 0.0, s.center) for s in carried)]  # as drawn
+        self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
         self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 

@@ -304,7 +304,9 @@ class Drive(Part):
         levers.
         """
         body = len(self.sprockets) + a
-        carried = sum((self.sprockets[s].mass or 0.0) * power(self.center_lever(s), 2) for s in self.sprockets_on(a))
+        carried = 0.0
+        for s in self.sprockets_on(a):
+            carried = carried + self.sprockets[s].mass * power(self.center_lever(s), 2)
         return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
     def plunger_mass_on(self, body: int) -> float:
