@@ -73,6 +73,7 @@ class Drive:
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
+    hubs: wp.int32  # 1: arms carry sprockets, or bearings rub
     light: wp.int32  # 1: has bodies so light that contacts want their accelerations before forces (`body.solved`)
     step: wp.float64  # h [s]
     steps: wp.int32  # whole run
@@ -168,6 +169,16 @@ class Mount:
     wheel: wp.vec2d  # m_b r_b (cos psi_b, sin psi_b) [kg m]
     inertia: wp.float64  # of body and wheel; of the wheel alone if the angle is prescribed [kg m^2]
     following: wp.float64  # part of a change of the center's acceleration that contacts expect
+
+
+@wp.struct
+class Hub:
+    """The arm that carries a sprocket, if any, and the friction of its bearing (`physics.hub`)."""
+
+    arm: wp.int32  # the body of the drive that carries it, or `GROUND`
+    lever: wp.vec2d  # d: its center from the arm's pivot, as drawn [m]
+    bearing: wp.float64  # mu_b r_b [m]; 0: it does not rub
+    inertia: wp.float64  # what friction has to stop, over a step [N m s]
 
 
 @wp.struct
@@ -275,6 +286,7 @@ class Wrench:
     moment: wp.float64  # the same, about its center, counter-clockwise [N m]
     load: wp.float64  # moment of its load, or of an arm's own springs and weight [N m]
     yielding: wp.float64  # moment by which contacts answer an acceleration of its angle [kg m^2]
+    bearing: wp.float64  # moment of the bearings of sprockets, of a sprocket its own [N m]
 
 
 @wp.struct
@@ -501,12 +513,13 @@ class SprocketSums:
 
 @wp.struct
 class MountSums:
-    """Sums over the window of a sprocket on an active mount."""
+    """Sums over the window of a sprocket on an active mount, or whose bearing rubs."""
 
     travel: wp.vec2d  # displacement from the stated center [m s]
     travel_max: wp.float64  # largest distance from it [m]
     force: wp.float64  # magnitude of what holds the center [N s]
     dissipated: wp.float64  # in its damper [J]
+    friction: wp.float64  # in its bearing, whatever mount it is on [J]
     work: wp.float64  # done on sprocket and wheel by what prescribes center and angle [J]
 
 
@@ -714,6 +727,7 @@ class Ensemble:
     sprockets: wp.array[Sprocket]  # (all sprockets,)
     motions: wp.array[Motion]  # (all bodies,)
     mounts: wp.array[Mount]  # (all bodies,)
+    hubs: wp.array[Hub]  # (all sprockets,)
     guides: wp.array[Guide]  # (all guide-bars,)
     seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use (`physics.tooth`)
     pieces: wp.array[Piece]  # (all profiles' pieces,)
@@ -761,6 +775,7 @@ class State:
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
+    hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
     extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
     stages: wp.array[wp.float64]  # (10 * all rollers,) for stages on blocks, else (1,): see `block_stages`
@@ -818,6 +833,7 @@ PAIRS = {
     Coupling: ("rest",),
     Gear: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
+    Hub: ("lever",),
     Arm: (),
     Piece: ("start", "direction"),
     Tensioner: ("point", "home", "direction"),
@@ -876,7 +892,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates", "passed"))
+        made[State] = at_float32(State, made, kept=("rates", "passed", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

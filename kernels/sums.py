@@ -163,6 +163,13 @@ def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power
 
 
 @wp.func
+def add_bearing(sums: Any, power: Any, weight: Any):
+    """The power that the bearing of one sprocket takes."""
+    sums.friction = added(sums.friction, weight * power)
+    return sums
+
+
+@wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
     """One arm's angle, the contacts' moment on it, and the power that its damper and stops take."""
     sums.angle_min = wp.min(sums.angle_min, body.angle)

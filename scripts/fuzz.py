@@ -252,7 +252,7 @@ class Fuzz:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.home = folder, folder / "home"
-        drives = [example(name) for name in ("marine", "engine", "motorcycle", "conveyor")]
+        drives = [example(name) for name in ("marine", "engine", "motorcycle", "conveyor", "swing_idler")]
         self.base, self.texts = drives[0], [dumps_drive(drive) for drive in drives]
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]

@@ -215,6 +215,26 @@ def light_trains():
     return trains(inertia=0.02)
 
 
+LIGHT = {"sprockets.idler.inertia": 4e-5, "sprockets.idler.mass": 0.05, "arms.0.inertia": 2e-3, "arms.0.mass": 0.1}
+"""Of an idler on an arm that are so light that contacts want their accelerations before forces."""
+
+
+def swung(**values):
+    """An idler on an arm, one whose bearing rubs, the other in a drive whose last sprocket's does, too."""
+    at_once = {"run.step": 5e-6, "chain.elongation": -2e-3, "contact.sprocket.clearance": 1e-5}
+    at_once |= {"sprockets.gearbox.prescribed.ramp_time": 0.0, "sprockets.auger.load.ramp_time": 0.0}
+    idler = load_drive(drive_path("swing_idler")).with_values(at_once | values)
+    return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
+
+
+def swung_light():
+    return swung(**LIGHT)
+
+
+def swung_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in swung()]
+
+
 def arms_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in arms()]
 

@@ -12,6 +12,7 @@ from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.physics.mount import CARRIED
 from warpchain.kernels.relaxation import Settling
 
 
@@ -58,8 +59,9 @@ def chain(
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
         pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),
-        tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState), ties=zeros(structs.Tie, bodies),
-        motors=zeros(structs.Motor), couplings=zeros(structs.Coupling), gears=zeros(structs.Gear),
+        hubs=zeros(structs.Hub, wheels), tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState),
+        ties=zeros(structs.Tie, bodies), motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
+        gears=zeros(structs.Gear),
         tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
@@ -104,6 +106,11 @@ def chain(
         if "inertia" in values:
             motion["inverse_inertia"] = 1.0 / values["inertia"]
             motion["load"] = values.get("load", (0.0, 0.0, 0.0))
+        packed.hubs[s]["arm"] = structs.GROUND
+        for name, value in values.get("hub", {}).items():
+            packed.hubs[s][name] = value
+            packed.drives["hubs"] = 1
+        packed.mounts[s]["moves"] = CARRIED if packed.hubs[s]["arm"] != structs.GROUND else 0
         angle = 2 * np.pi * np.arange(teeth) / teeth
         seats.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         strand = packed.strands[s]

@@ -334,6 +334,24 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 totals[slot] = face.count_missed(w, group, totals[slot])
 
     @wp.func
+    def yield_arm(
+        ensemble: Ensemble,
+        state: State,
+        drive: Drive,
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        s: int,
+    ):
+        """Adds how contacts with sprocket s answer an acceleration of the arm that carries it."""
+        arm = ensemble.hubs[drive.first_sprocket + s].arm
+        if arm != GROUND:
+            b = drive.first_body + arm
+            lever = state.poses[drive.first_body + s].center - state.poses[b].center
+            own = force.yielding(w, group, law, Real(0.0), kinds.vec2(Real(lever[0]), Real(lever[1])))
+            state.wrenches[b].yielding = state.wrenches[b].yielding + own
+
+    @wp.func
     def evaluate_run(
         ensemble: Ensemble,
         state: State,
@@ -365,7 +383,10 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                     contact.keep(w, group, memory)
             if memory.stage == PREDICTING and body != GROUND:
                 b = drive.first_body + body
-                state.wrenches[b].yielding = state.wrenches[b].yielding + force.yielding(w, group, law)
+                own = force.yielding(w, group, law, Real(1.0), kinds.vec2())
+                state.wrenches[b].yielding = state.wrenches[b].yielding + own
+                if on_teeth and drive.hubs != 0:
+                    yield_arm(ensemble, state, drive, w, group, law, p)
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func

@@ -159,15 +159,18 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return changed
 
     @wp.func
-    def yielding(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
-        """Moment by which the contacts answer an acceleration of their body's angle [kg m^2]."""
+    def yielding(w: wp.array[Real], group: Group, law: kinds.ContactLaw, own: Real, apart: vec2):
+        """Moment by which the contacts answer an acceleration [kg m^2] of their body's angle, or of another's.
+
+        Levers are `own` times their arms from the body's center, and `apart` [m].
+        """
         total = wp.float64(0.0)
         i = group.low
         while i < group.high:
             penetration = load_row(w, row.penetration + i)
             if penetration > Real(0.0):
                 arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
-                lever = reaction(arm, normal_of(w, i))
+                lever = reaction(own * arm + apart, normal_of(w, i))
                 elastic = elastic_force(penetration, law.stiffness, law.exponent)
                 size, first = load_row(w, row.size + i), load_row(w, row.kept + i)
                 total += wp.float64(lever * lever * force_by_growth(elastic, size, first, law))

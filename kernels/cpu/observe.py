@@ -21,6 +21,7 @@ from ..structs import Drive, Now, Sums, types
 from ..sums import (
     MERGE_EVERY,
     add_arm,
+    add_bearing,
     add_contact,
     add_coupling,
     add_energy,
@@ -103,9 +104,13 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         body = body_now(ensemble, state, b, now.time, now.lag)
         wrench = state.wrenches[b]
         load = load_moment_at_speed(now.time, wrench.load, state.bodies[b].speed, body.speed, motion)
+        if wp.static(not plain):
+            if ensemble.hubs[i].bearing > wp.float64(0.0):
+                power = bodies.bearing_power(ensemble, state, drive, s, now.time, now.lag)
+                sums.mount[i] = add_bearing(sums.mount[i], power, now.weight)
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
-            whole.load = load
+            whole.load = load + whole.bearing
             off = off_home(body.center, mount)
             held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)

@@ -23,7 +23,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
     evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, nearness(Real, capacity, plain).memory_of
     load_row = accessors(Real).load_row
-    rates_of = moving(Real, plain).rates_of
+    rates_of, carry = moving(Real, plain).rates_of, moving(Real, plain).carry
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -66,6 +66,8 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
             rates = rates_of(ensemble, state, drive, b, wp.float64(0.0))
             body = state.bodies[b]
             state.bodies[b] = relaxed_arm(body, rates[2], kick, h)
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
 
     @wp.func
     def residual(w: wp.array[Real], n: int, chain: Chain, beside: wp.float64):

@@ -20,11 +20,12 @@ from ..physics.body import (
     stage_body,
     turns_soundly,
 )
+from ..physics.hub import bearing_moment, carried_by, moment_of
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..physics.train import coupling_moment, motor_moment, twist_of
-from ..structs import PREDICTING, BodyState, Drive, Now, Wrench, types
+from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .joints import joint_passes
@@ -91,7 +92,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     def pass_on(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
         """The moments on all bodies but arms, with those of motors and couplings."""
         for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
-            moment = wrench_on(ensemble, state, drive, b).moment + load_on(ensemble, drive, state.bodies[b], b, time)
+            wrench = wrench_on(ensemble, state, drive, b)
+            moment = wrench.moment + wrench.bearing + load_on(ensemble, drive, state.bodies[b], b, time)
             state.passed[b] = moment + motor_on(ensemble, state, drive, b, time)
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
@@ -122,6 +124,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         wrench.load = load_on(ensemble, drive, body, b, time)
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
+            wrench.load = wrench.load + wrench.bearing
             if drive.tied != 0 and ensemble.ties[b].train >= 0:
                 wrench.moment = gathered(ensemble, state, drive, b)
                 wrench.load = wp.float64(0.0)
@@ -136,6 +139,47 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 pass_on(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
+
+    @wp.func
+    def hang(ensemble: Ensemble, state: State, drive: Drive, stage: int, stretched: wp.float64):
+        """Adds to the wrenches on arms what sprockets on them pass on, and to all what their bearings do."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            b = drive.first_body + s
+            arm = drive.first_body + hub.arm
+            turning = state.poses[b].speed
+            force = state.wrenches[b].force
+            if hub.arm != GROUND:
+                lever = state.poses[b].center - state.poses[arm].center
+                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_of(lever, force))
+                turning = turning - state.poses[arm].speed
+            if hub.bearing > wp.float64(0.0):
+                held = state.hub_hold[drive.first_sprocket + s]
+                moment, holds = bearing_moment(force, turning, held, hub, stretched)
+                state.wrenches[b].bearing = moment
+                if hub.arm != GROUND:
+                    state.wrenches[arm].bearing = state.wrenches[arm].bearing - moment
+                if stage == 0:
+                    state.hub_hold[drive.first_sprocket + s] = holds
+
+    @wp.func
+    def carry(ensemble: Ensemble, state: State, drive: Drive):
+        """Takes the sprockets on arms along, once these have moved."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            if hub.arm != GROUND:
+                b = drive.first_body + s
+                arm = pose_of(state.bodies[drive.first_body + hub.arm])
+                state.bodies[b] = carried_by(state.bodies[b], arm, hub)
+
+    @wp.func
+    def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
+        """Power [W] that the bearing of sprocket s takes."""
+        hub = ensemble.hubs[drive.first_sprocket + s]
+        turning = body_now(ensemble, state, drive.first_body + s, time, lag).speed
+        if hub.arm != GROUND:
+            turning = turning - body_now(ensemble, state, drive.first_body + hub.arm, time, lag).speed
+        return -state.wrenches[drive.first_body + s].bearing * turning
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
@@ -158,6 +202,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             moved = leapfrog_body(time + drive.step, kick, drive.step, body, rates, ahead, motion, mount)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
+            if drive.hubs != 0:
+                carry(ensemble, state, drive)
             flow(ensemble, state, drive)
 
     @wp.func
@@ -176,6 +222,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             state.bodies[b] = body
             state.body_stages[b] = stages
         if wp.static(not plain):
+            if drive.hubs != 0:
+                carry(ensemble, state, drive)
             if at.last == 1:
                 flow(ensemble, state, drive)
 
@@ -219,8 +267,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear, row = passes(Real, capacity).clear, rows(capacity)
-    rates_of, pass_on = moving(Real, plain).rates_of, moving(Real, plain).pass_on
+    clear, row, bodies = passes(Real, capacity).clear, rows(capacity), moving(Real, plain)
+    rates_of, pass_on, hang, carry = bodies.rates_of, bodies.pass_on, bodies.hang, bodies.carry
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -238,6 +286,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
+        if drive.hubs != 0:
+            hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
         clear(w, row.fx, row.fy, drive.rollers)
         if drive.tied != 0:
             pass_on(ensemble, state, drive, memory.time)
@@ -247,6 +297,10 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
                 state.poses[b].angular = state.bodies[b].angular
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+            for b in range(drive.first_body, drive.first_body + drive.sprockets):
+                state.poses[b].straight = state.bodies[b].straight
 
     @wp.func
     def evaluate(
@@ -284,6 +338,9 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
+        if wp.static(not plain):
+            if drive.hubs != 0:
+                hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
 
     return SimpleNamespace(**locals())
 
@@ -314,7 +371,7 @@ def stepping(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         leapfrog_bodies(ensemble, state, drive, time, kick)
         kick_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if ensemble.mounts[b].active != 0:
+            if ensemble.mounts[b].active != 0 or ensemble.mounts[b].moves != 0:
                 invalidate(w, state.bodies[b].velocity)
 
     @wp.func

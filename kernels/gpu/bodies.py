@@ -6,8 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
-from ..number import add, counted, difference, leading, trimmed  # noqa: F401
+from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of, stretching
+from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned,
     body_at,
@@ -23,16 +23,17 @@ from ..physics.body import (
     swung,
     turns_soundly,
 )
+from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, push_by, stroke_of, stroke_rate, tensioner_energy, tensioner_step, touch_arm
 from ..physics.tooth import grid_of
-from ..structs import Drive
-from ..sums import add_energy, add_meter, add_tensioner, gathered_powers, metered
+from ..structs import GROUND, Drive
+from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
 from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
 from .shared_memory import COURSE
-from .sync import lanes
+from .sync import lanes, sync
 
 
 @cache
@@ -199,6 +200,22 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         return aligned(posed(pose, state.bodies[drive.first_body + b]))
 
     @wp.func
+    def share_hub(ensemble: Ensemble, shared: Shared, drive: Drive, b: int):
+        """Shares what body b's hub is on, if it is a sprocket."""
+        if wp.static(kind.parts.hubs > 0):
+            if b < wp.static(sprockets):
+                shared.hubs[b] = ensemble.hubs[drive.first_sprocket + b]
+
+    @wp.func
+    def carry(shared: Shared, b: int):
+        """Takes body b along with the arm that carries it, where one does; after a barrier, as that may have moved."""
+        if wp.static(kind.parts.hubs > 0):
+            if b >= 0 and b < wp.static(sprockets):
+                hub = shared.hubs[b]
+                if hub.arm != GROUND:
+                    of.put_pose(shared, b, carried_by(shared.poses[b], shared.poses[hub.arm], hub))
+
+    @wp.func
     def start_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
         drive = ensemble.drives[mine.variant]
@@ -212,6 +229,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
             pose.exact_speed = speed
             if wp.static(moving):
                 shared.mounts[b] = ensemble.mounts[drive.first_body + b]
+        share_hub(ensemble, shared, drive, b)
         if b < wp.static(sprockets):
             at = drive.first_sprocket + b
             of.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
@@ -352,9 +370,16 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
         if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            moving = turning(ensemble, shared, mine, wrench)
+            moving = turning(ensemble, shared, mine, with_bearing(wrench))
             acceleration = (moving.moment + moving.load) * motion.inverse_inertia
             shared.poses[mine.body].angular = solved(pose.angular, acceleration, wrench, motion)
+
+    @wp.func
+    def with_bearing(wrench: Wrench):
+        """A wrench whose load has the bearings' moment."""
+        if wp.static(kind.parts.hubs > 0):
+            wrench.load = wrench.load + wrench.bearing
+        return wrench
 
     @wp.func
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
@@ -372,7 +397,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        moved_by = turning(ensemble, shared, mine, wrench)
+        moved_by = turning(ensemble, shared, mine, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
         seen = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
@@ -398,7 +423,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = ensemble.drives[mine.variant].first_body + b
-            by, to = turning(ensemble, shared, mine, wrench), heading(pose)
+            by, to = turning(ensemble, shared, mine, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages
@@ -415,5 +440,65 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             return runge_kutta(ensemble, state, shared, mine, now, pose, wrench)
         else:
             return leapfrog(ensemble, shared, mine, now, pose, wrench)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def block_bearings(kind: BlockKind) -> SimpleNamespace:
+    """The functions of the bearings of one variant's sprockets on a block; nothing where none rubs or is on an arm."""
+    Real, sprockets, hubs = kind.Real, kind.parts.sprockets, kind.parts.hubs
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
+    barrier, carry = sync(kind).barrier, body_access(kind).carry
+
+    @wp.func
+    def rub(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+        """`wrench`, of the chain on the thread's body, with the moment of bearings on it; all threads together."""
+        if wp.static(hubs > 0):
+            s = mine.body
+            if s >= 0 and s < wp.static(sprockets):
+                hub = shared.hubs[s]
+                at = ensemble.drives[mine.variant].first_sprocket + s
+                turning = leading(shared.poses[s].speed)
+                if hub.arm != GROUND:
+                    turning = rounded(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
+                stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+                moment, holds = bearing_moment(wrench.force, turning, Real(state.hub_hold[at]), hub, stretched)
+                shared.bearings[s] = moment
+                if now.stage == 0:
+                    state.hub_hold[at] = wp.float64(holds)
+            barrier()
+            wrench.bearing = bearing_on(shared, mine)
+        return wrench
+
+    @wp.func
+    def bearing_on(shared: Shared, mine: Mine):
+        """Moment of bearings on the thread's body [N m]: on an arm, of all sprockets that it carries."""
+        moment = Real(0.0)
+        for s in range(wp.static(sprockets)):
+            if s == mine.body:
+                moment = moment + shared.bearings[s]
+            if shared.hubs[s].arm == mine.body and mine.body >= 0:
+                moment = moment - shared.bearings[s]
+        return moment
+
+    @wp.func
+    def go_along(shared: Shared, mine: Mine, now: Now):
+        """Adds up what the bearing of the thread's sprocket takes, and takes that along with its arm; all threads
+        together, once all bodies are a step or a stage on.
+        """
+        if wp.static(hubs > 0):
+            barrier()
+            s = mine.sprocket
+            if wp.static(kind.measuring):
+                if s >= 0 and now.measured != 0:
+                    turning = shared.turning[s]
+                    if shared.hubs[s].arm != GROUND:
+                        turning = turning - shared.turning[shared.hubs[s].arm]
+                    power = -shared.bearings[s] * turning
+                    shared.mount_sums[s] = add_bearing(shared.mount_sums[s], power, now.weight)
+            if now.going != 0:
+                carry(shared, s)
 
     return SimpleNamespace(**locals())

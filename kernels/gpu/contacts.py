@@ -8,9 +8,10 @@ import warp as wp
 
 from ..integrate import stretching
 from ..native import accessors
+from ..number import difference, leading
 from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly
 from ..physics.impact import elastic_force, force_by_growth
-from ..structs import PREDICTING, Tallies
+from ..structs import GROUND, PREDICTING, Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
 from .rollers import roller_rows
@@ -238,6 +239,16 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         add_moment(shared, mine, s, j, moment)
         if pushed(measured):
             add_push(shared, mine, s, j, force)
+
+    @wp.func
+    def pass_on(shared: Shared, mine: Mine, now: Now, s: int, j: int, force: vec2, normal: vec2, answer: Real):
+        """Adds what roller j's force does to the arm that carries sprocket s, where one does; as `add_yielding`."""
+        if wp.static(kind.parts.hubs > 0):
+            arm = shared.hubs[s].arm
+            if arm != GROUND:
+                lever = leading(difference(shared.poses[s].center, shared.poses[arm].center))
+                add_moment(shared, mine, arm, j, reaction(lever, force))
+                add_yielding(shared, mine, now, arm, j, lever, normal, answer)
 
     @wp.func
     def part(shared: Shared, s: int, k: int, i: int):

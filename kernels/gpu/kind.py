@@ -42,6 +42,9 @@ def block_types(Real: type) -> SimpleNamespace:
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
+        hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
+        bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
+        turning: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
         led_speed: wp.array[Real]
         teeth: wp.array[kinds.Sprocket]  # (S,)
@@ -126,8 +129,9 @@ class BlockShape:
 
 @dataclass(frozen=True)
 class Parts:
-    """The numbers of a drive's parts and of prescribed angles; whether motions or loads are tabulated, bodies light, or
-    tied by shafts, gears and couplings (`structs.Drive.light`, `tied`; 1, else 0).
+    """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
+    bodies light, bodies tied by shafts, gears and couplings, and arms carry sprockets or bearings rub
+    (`structs.Drive.light`, `tied`, `hubs`).
     """
 
     sprockets: int
@@ -139,6 +143,7 @@ class Parts:
     tabulated: int = 1
     light: int = 0
     tied: int = 0
+    hubs: int = 0
 
     @property
     def mounted(self) -> int:
@@ -211,7 +216,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.light or self.parts.tied
+        waiting = self.parts.light or self.parts.tied or self.parts.hubs
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

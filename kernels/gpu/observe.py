@@ -290,7 +290,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             mount = shared.mounts[s]
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
-                held, power = held_by(steps.time_of(mine, now), off, seen, to, whole, motion, mount, ensemble.curves)
+                acting = steps.with_bearing(whole)
+                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble.curves)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)

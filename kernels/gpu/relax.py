@@ -53,6 +53,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             if i < wp.static(sprockets):
                 of.share_sprocket(ensemble, shared, drive, i, pose.center)
             of.put_pose(shared, i, pose)
+            bodies.share_hub(ensemble, shared, drive, i)
             shared.motions[i] = ensemble.motions[drive.first_body + i]
         return mine
 
@@ -192,11 +193,14 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 if wp.static(kind.parts.arms > 0):
                     if mine.arm >= 0:
                         turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
+                if wp.static(kind.parts.hubs > 0):
+                    barrier()
+                    bodies.carry(shared, mine.body)
                 now.steps = now.steps + 1
             barrier()
         row.put_back(state, shared, mine)
         if wp.static(kind.parts.arms > 0):
-            if mine.arm >= 0:
+            if mine.arm >= 0 or (wp.static(kind.parts.hubs > 0) and mine.body >= 0):
                 at = ensemble.drives[mine.variant].first_body + mine.body
                 state.bodies[at] = bodies.state_of(shared.poses[mine.body])
         if i == 0:

@@ -95,6 +95,9 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "poses": kind.parts.bodies + kind.profiles,
         "passed": kind.parts.bodies * kind.parts.tied,
         "mounts": kind.parts.mounted * kind.moving,
+        "hubs": sprockets * kind.parts.hubs,
+        "bearings": sprockets * kind.parts.hubs,
+        "turning": kind.parts.bodies * kind.parts.hubs,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
@@ -248,6 +251,9 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.motions = found.motions(shared, place)
         shared.passed = found.passed(shared, place)
         shared.mounts = found.mounts(shared, place)
+        shared.hubs = found.hubs(shared, place)
+        shared.bearings = found.bearings(shared, place)
+        shared.turning = found.turning(shared, place)
         shared.led_angle = found.led_angle(shared, place)
         shared.led_speed = found.led_speed(shared, place)
         shared.teeth = found.teeth(shared, place)

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..structs import PREDICTING
 from ..sums import add_hub_force
-from .bodies import block_tensioners, body_steps
+from .bodies import block_bearings, block_tensioners, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
@@ -37,6 +37,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
     sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
     observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
+    bearings, carry = block_bearings(kind), body_access(kind).carry
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
@@ -80,6 +81,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         barrier()
         wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
+        wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
@@ -89,6 +91,9 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             barrier()
         if mine.body >= 0:
             bodies.predict_rates(ensemble, state, shared, mine, now, wrench)
+        if wp.static(kind.parts.hubs > 0):
+            barrier()
+            carry(shared, mine.sprocket)
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
@@ -112,11 +117,20 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def advance_body(
-        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, acting: of_three
+        ensemble: Ensemble,
+        state: State,
+        out: Out,
+        shared: Shared,
+        mine: Mine,
+        now: Now,
+        acting: of_three,
+        wrench: kinds.Wrench,
     ):
-        """The thread's body a step on, or a stage, and what is seen of it; `acting` is what the chain does to it."""
+        """The thread's body a step on, or a stage, and what is seen of it.
+
+        `acting` is what the chain does to it, `wrench` the same with its bearing.
+        """
         before = shared.poses[mine.body]
-        wrench = wrench_of(acting)
         whole = wrench
         if wp.static(kind.parts.tensioners > 0):
             whole = tensioners.pushed(ensemble, state, mine, before, wrench)
@@ -133,6 +147,8 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):
                 tensioners.observe_pushes(ensemble, state, out, mine, now, before, seen)
+        if wp.static(kind.parts.hubs > 0):
+            shared.turning[mine.body] = seen.speed
         sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0])
         if wp.static(kind.parts.tensioners > 0):
             tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
@@ -155,10 +171,12 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         acting = chain_on(state, shared, mine, now)
+        wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):
-            tie(ensemble, state, out, shared, mine, now, acting)
+            tie(ensemble, state, out, shared, mine, now, wrench)
         if mine.body >= 0:
-            advance_body(ensemble, state, out, shared, mine, now, acting)
+            advance_body(ensemble, state, out, shared, mine, now, acting, wrench)
+        bearings.go_along(shared, mine, now)
 
     @wp.func
     def go_on(state: State, shared: Shared, mine: Mine, now: Now):

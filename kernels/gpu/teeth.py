@@ -108,7 +108,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
-    add_yielding = wrenches.add_yielding
+    add_yielding, pass_on = wrenches.add_yielding, wrenches.pass_on
     drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
     gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
@@ -144,6 +144,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             add_yielding(shared, mine, now, s, j, arm, closer.normal, answer)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.measured)
+            pass_on(shared, mine, now, s, j, force, closer.normal, answer)
         else:
             keep(state, now, at, touch.before, after_teeth(touch.before))
 
@@ -177,6 +178,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             if wp.static(moving):
                 if closed:
                     add_push(shared, mine, s, j, force)
+                    pass_on(shared, mine, now, s, j, force, normal, Real(0.0))
             set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
             keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
             if wp.static(kind.measuring) and now.measured != 0:

@@ -22,6 +22,8 @@ from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, 
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
+CARRIED = wp.constant(3)
+"""Not active, but the center goes where the arm goes that carries it (`hub`)."""
 
 
 @wp.func

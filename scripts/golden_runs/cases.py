@@ -216,7 +216,7 @@ def shell(*words: str) -> str:
 
 CASES: dict[str, Callable[[Path], Any]] = {
     "setup": setup,
-    **{name: partial(of_example, name) for name in ("marine", "engine", "industrial", "motorcycle")},
+    **{name: partial(of_example, name) for name in ("marine", "engine", "industrial", "motorcycle", "swing_idler")},
     "laws": laws,
     "guides": guides,
     "mounts": mounts,

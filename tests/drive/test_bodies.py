@@ -1,5 +1,6 @@
 """Guides of every shape, arms and tensioners as data: what follows from them, and the line said of each wrong one."""
 
+import copy
 import math
 import pickle
 import tomllib
@@ -232,6 +233,55 @@ def test_rule(values, path, value, line):
     found = lines_of(values, path, value, line)
     if path not in FOLLOWED:
         assert len(found) == 1, found
+
+
+SWING = tomllib.loads(drive_path("swing_idler").read_text())
+IDLER = "sprockets/1"
+CARRIED = wrong(
+    SWING,
+    (f"{IDLER}/mount/arm", ["swing am"], "must be the name of an arm; did you mean swing arm?"),
+    (f"{IDLER}/mount/arm", [3], "must be a text that is not empty"),
+    (f"{IDLER}/mount/kind", ["lever"], 'must be "fixed", "prescribed", "elastic", "slider" or "arm"'),
+    (f"{IDLER}/mount/pivot", [[0.0, 0.0]], "unknown key; allowed are kind, arm"),
+    (f"{IDLER}/center", [[0.05, -0.11]], 'must not be the pivot of "swing arm", which carries it'),
+    (f"{IDLER}/mass", [None], f'{POSITIVE}; needed with mount kind "arm"'),
+    (f"{IDLER}/bearing/friction", [-0.1], NOT_NEGATIVE),
+    (f"{IDLER}/bearing/radius", [0, None], POSITIVE),
+)
+CARRIED += [
+    (f"{IDLER}/balance_wheel", {"mass": 1.0, "radius": 0.1}, "sprockets.idler.balance_wheel: not together with mount"),
+    ("sprockets/0/bearing", {"friction": 0.1, "radius": 0.01}, "sprockets.gearbox.bearing: not together with prescri"),
+    ("arms", None, 'sprockets.idler.mount.arm = "swing arm": must be the name of an arm; there are none'),
+    (
+        "tensioners",
+        [
+            {
+                "name": "t",
+                "on": "swing arm",
+                "at": [0.1, 0.0],
+                "direction": [0, -1],
+                "kind": "spring",
+                "spring": {"stiffness": 1e3},
+            }
+        ],
+        'tensioners.t.direction = [0.0, -1.0]: turns "idler" the way its strands pull it, (0.06, -0.77); must push',
+    ),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "line"), CARRIED)
+def test_rule_of_a_sprocket_on_an_arm(path, value, line):
+    assert len(lines_of(copy.deepcopy(SWING), path, value, line)) == 1
+
+
+def test_a_sprocket_on_an_arm_weighs_on_it():
+    """Its mass times its distance squared is the arm's, its inertia is not; the chain reaches as far as it is."""
+    drive = Drive(**SWING)
+    distance = math.dist((0.189, -0.02), (0.05, -0.11))
+    assert (drive.carrier(1), drive.carrier(0), drive.sprockets_on(0)) == (0, None, (1,))
+    assert drive.arm_lever(0) == drive.center_lever(1) == pytest.approx(distance)
+    assert drive.arm_inertia(0) == pytest.approx(7e-3 + 0.7 * distance**2)
+    assert loads_drive(dumps_drive(drive)) == drive
 
 
 def test_a_spring_takes_no_oil(values):

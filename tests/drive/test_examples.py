@@ -22,7 +22,8 @@ def load(name):
 
 
 def test_names():
-    assert NAMES == ("car", "conveyor", "engine", "industrial", "marine", "marine_no_guides", "motorcycle")
+    every = "car", "conveyor", "engine", "industrial", "marine", "marine_no_guides", "motorcycle", "swing_idler"
+    assert every == NAMES
     assert all(is_example(drive_path(name)) for name in NAMES)
 
 

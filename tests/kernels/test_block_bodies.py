@@ -12,6 +12,9 @@ from blocks import (
     rk4,
     rubbing_on_moving_sprockets,
     rubbing_rk4,
+    swung,
+    swung_light,
+    swung_rk4,
     trains,
     trains_rk4,
     ways,
@@ -27,6 +30,9 @@ KINDS = (
     bending_rk4,
     rubbing_rk4,
     rk4,
+    swung,
+    swung_light,
+    swung_rk4,
     *TRAINS,
 )
 USUAL = [
@@ -35,6 +41,8 @@ USUAL = [
     (trains, True, "float64"),
     (trains, False, "float32"),
     (bending_rk4, True, "float32"),
+    (swung, False, "float64"),
+    (swung_light, True, "float32"),
 ]
 
 

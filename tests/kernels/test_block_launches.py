@@ -24,8 +24,10 @@ from blocks import (
 )
 from drives import timing, two_sprockets
 
+from warpchain import load_drive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.batch import stacks_of
+from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import (
     TABLE,
     assign_rows,
@@ -135,6 +137,29 @@ def test_block_kernel_settles_an_arm(fibers):
     assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
     # within what the tolerance leaves: micrometers
     np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
+
+
+def test_block_kernel_settles_an_arm_with_its_sprocket(fibers):
+    # as above; the sprocket's center goes with the arm, to the tolerance of that
+    drive = load_drive(drive_path("swing_idler"))
+    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
+    cushion(packed)
+    quickened(packed, stacks_of([drive]))
+    serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=True), 1e-3, 20_000)
+    ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
+    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 0, arms=1, hubs=1), moving=True)
+    inputs = [ensemble, state, tallies, settling, order, 20_000]
+    wp.launch(block_relax_kernel(kind, 4), dim=160, inputs=inputs, block_dim=160, device="cpu")
+    assert settling.numpy()["settled"][0] == serial.settling()["settled"][0] == 1
+    ours, theirs, before = state.bodies.numpy(), serial.bodies(), packed.bodies
+    np.testing.assert_allclose(ours["angle"], theirs["angle"], atol=1e-4)
+    np.testing.assert_allclose(ours["center"], theirs["center"], atol=2e-5)
+    lever, angle = packed.hubs["lever"][1], float(ours["angle"][3])
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ lever
+    np.testing.assert_allclose(ours["center"][1], drive.arms[0].pivot + turned, atol=1e-12)
+    assert abs(ours["angle"][3] - before["angle"][3]) > 1e-4
 
 
 class Blocks:

@@ -12,7 +12,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
-NAMES = ("car-tensioner", "engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep")
+NAMES = ("car-tensioner", "engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep", "swing-idler")
 
 
 def study(name):

@@ -5,6 +5,10 @@ the tangents where it comes and goes (`Taut.levers`). With the strain e of the c
 
     T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
 
+A sprocket that the arm carries takes part with the force of its two strands, and of its own weight: with r its center
+from the pivot, d from where the chain arrives on its pitch circle to where it leaves, the moment is T w r . d / R. m
+counts the arm and its sprockets.
+
 Turning towards the chain lengthens its path, so that the left side falls through 0 once: sought arm by arm, all arms
 over again until none moves. Of a stack's variants angles are arrays (V,).
 """
@@ -20,6 +24,7 @@ import numpy as np
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
 from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.face_profile import direction
+from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
 from warpchain.errors import DriveError
 
@@ -92,17 +97,19 @@ class StillArm:
         arm = drive.arms[a]
         self.arm = arm
         self.gravity = drive.run.gravity
+        carried = [drive.sprockets[s] for s in drive.sprockets_on(a)]
+        self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
         self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 
     def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
-        arm = self.arm
-        x, y = self._turned(arm.center, angle)
-        gx, gy = self.gravity
-        found = (
-            arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
-        )
+        arm, (gx, gy) = self.arm, self.gravity
+        found = 0.0
+        for mass, center in self.weights:
+            x, y = self._turned(center, angle)
+            found = found + mass * (x * gy - y * gx)
+        found = found - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
         for tensioner in self.tensioners:
             lever, _ = self._levers(tensioner, angle)
             found = found + lever * tensioner.force(self.extension(tensioner, angle))
@@ -111,18 +118,14 @@ class StillArm:
     def energy(self, angle: float) -> float:
         """Of which the moment is minus the derivative [J]."""
         arm = self.arm
-        x, y = self._turned(arm.center, angle)
-        gx, gy = self.gravity
-        found = -arm.mass * (x * gx + y * gy) + 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2
+        found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self._sunk(angle)
         found += 0.5 * self.stop * self.over(angle) ** 2
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
         """Minus the derivative of the moment by the angle [N m/rad]."""
         arm = self.arm
-        x, y = self._turned(arm.center, angle)
-        gx, gy = self.gravity
-        found = arm.mass * (x * gx + y * gy) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        found = self._sunk(angle) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
         for tensioner in self.tensioners:
             lever, change = self._levers(tensioner, angle)
             extended = self.extension(tensioner, angle)
@@ -139,6 +142,14 @@ class StillArm:
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
+
+    def _sunk(self, angle: float) -> float:
+        """Work of its weight since all of it was at the pivot [J], which is also minus its moment's derivative."""
+        found, (gx, gy) = 0.0, self.gravity
+        for mass, center in self.weights:
+            x, y = self._turned(center, angle)
+            found += mass * (x * gx + y * gy)
+        return found
 
     def _levers(self, tensioner: StillTensioner, angle: Any) -> tuple[Any, Any]:
         """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
@@ -174,7 +185,20 @@ def on_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
 def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
     """Moment of the chain on arm a about its pivot [N m]."""
     levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
-    return tension(drive, path, beyond) * levers
+    return tension(drive, path, beyond) * (levers + sum(_lever(drive, path, s) for s in drive.sprockets_on(a)))
+
+
+def _lever(drive: Drive, path: ChainPath | Course, s: int) -> Any:
+    """Lever about its arm's pivot of what the strands of sprocket s pull it with [m]."""
+    arm = drive.carrier(s)
+    assert arm is not None
+    px, py = drive.arms[arm].pivot
+    if isinstance(path, Course):
+        (x, y), (ax, ay), (bx, by) = path.center[s], path.end[s - 1], path.start[s]
+    else:
+        (x, y), (ax, ay), (bx, by) = path.center[s], path.strand_end[s - 1], path.strand_start[s]
+    turned = (x - px) * (bx - ax) + (y - py) * (by - ay)
+    return drive.sprockets[s].sign * turned / drive.riding_radius(s)
 
 
 class Balance:

@@ -52,7 +52,7 @@ from warpchain.drive.batch_math import (
     where,
 )
 from warpchain.drive.face_profile import direction
-from warpchain.drive.mounts import initial_place, initial_velocity
+from warpchain.drive.mounts import initial_velocity
 from warpchain.drive.replicates import turned_on
 from warpchain.drive.trains import Tie, ties, turning_sign
 from warpchain.errors import DriveError
@@ -219,10 +219,10 @@ class _Placement:
         lean = self._own(sprocket.sign * self.drive.riding_lean(s)) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         radius = self.radius[:, s, None]
-        (x, y), velocity = initial_place(sprocket), initial_velocity(sprocket)
+        center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket)
         across, up = radius * np.cos(polar), radius * np.sin(polar)
-        self.position[:, rollers, 0] = self._own(x) + across
-        self.position[:, rollers, 1] = self._own(y) + up
+        self.position[:, rollers, 0] = center[:, 0, None] + across
+        self.position[:, rollers, 1] = center[:, 1, None] + up
         self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
         self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 

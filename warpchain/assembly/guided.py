@@ -46,7 +46,7 @@ def turned(profile: Profile, pivot: Point, angle: float) -> Profile:
         return profile
 
     def moved(piece: Piece) -> Piece:
-        return replace(piece, start=_about(pivot, piece.start, angle), heading=piece.heading + angle)
+        return replace(piece, start=turned_about(pivot, piece.start, angle), heading=piece.heading + angle)
 
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
 
@@ -242,10 +242,10 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 
 def _turned(arc: Arc, pivot: Point, angle: Any) -> Arc:
     """An arc turned about a pivot by an angle [rad]."""
-    return replace(arc, center=_about(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
+    return replace(arc, center=turned_about(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
 
-def _about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
+def turned_about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
     """A place turned about a pivot by an angle [rad]."""
     cosine, sine = direction(angle)
     x, y = place[0] - pivot[0], place[1] - pivot[1]

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
+from warpchain.assembly.guided import Placed, Run, obstacles, obstructed, turned_about
 from warpchain.assembly.taut_string import Arc, Taut, TautError, circle, taut
 from warpchain.drive.batch import picked, size_of
 from warpchain.drive.batch_math import (
@@ -75,6 +76,7 @@ class ChainPath:
         arrival_angle: (S,) polar angle about the sprocket's center at which the path arrives on it [rad].
         turning: angle by which the path turns in one round [rad], counter-clockwise positive: +-2 pi for a loop that
             does not cross itself, 0 for a crossed pair.
+        center: (S, 2) centers of the sprockets [m].
         strand_start: (S, 2) point where strand k leaves sprocket k [m].
         strand_end: (S, 2) point where strand k reaches sprocket k + 1 [m].
         strand_length: (S,) lengths as links measure them [m]: straight ones, and on a guide's arc those of chords of
@@ -92,6 +94,7 @@ class ChainPath:
     wrap_angle: NDArray[np.float64]
     arrival_angle: NDArray[np.float64]
     turning: float
+    center: NDArray[np.float64]
     strand_start: NDArray[np.float64]
     strand_end: NDArray[np.float64]
     strand_length: NDArray[np.float64]
@@ -182,6 +185,7 @@ class Course:
     """The values of a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
 
     pitch: Any
+    center: list[Pair]
     wrap: list[Any]
     arriving: list[Any]  # headings
     start: list[Pair]
@@ -194,7 +198,8 @@ class Course:
 
 
 class Plan:
-    """The part of a drive's path that its arms' angles do not change: pitch circles, common tangents, guides as drawn.
+    """The part of a drive's path that its arms' angles do not change: pitch circles, common tangents, guides as drawn;
+    of sprockets on arms, which these move, as drawn too.
 
     Args:
         drive: one, or a stack.
@@ -210,22 +215,42 @@ class Plan:
         pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
         self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
         self.center = [initial_place(sprocket) for sprocket in sprockets]
+        self.carrier = [drive.carrier(s) for s in range(len(sprockets))]
         self.radius = [drive.riding_radius(s) for s in range(len(sprockets))]
         self.sign = [float(sprocket.sign) for sprocket in sprockets]
         self.teeth = [float(sprocket.teeth) for sprocket in sprockets]
         _check_tips(drive, self.radius)
-        _check_apart(drive, self.center, self.radius)
-
-        arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
-        self.lines = [
-            _tangent(one, other, arm, following)
-            for (one, arm), (other, following) in _pairs(zip(self.center, arms, strict=True))
-        ]
+        self.lines = self._lines(self.center)
         self.placed = self._obstacles()
-        self.ends: list[Arc] = []
-        if self.placed:
-            self.ends = [circle(c, r, w) for c, r, w in zip(self.center, self.radius, self.sign, strict=True)]
+        self.ends = self._circles(self.center)
         self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
+
+    def _lines(self, center: Sequence[Pair]) -> list[_Line]:
+        """Common tangents of pitch circles about centers [m]."""
+        _check_apart(self.drive, center, self.radius)
+        arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
+        return [
+            _tangent(one, other, arm, following)
+            for (one, arm), (other, following) in _pairs(zip(center, arms, strict=True))
+        ]
+
+    def _circles(self, center: Sequence[Pair]) -> list[Arc]:
+        """Pitch circles about centers [m], where strands may have to go around guides."""
+        if not self.placed:
+            return []
+        return [circle(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
+
+    def _at(self, arm_angle: Sequence[Any]) -> Plan:
+        """The same with sprockets on arms where these stand at angles (A,) [rad]."""
+        if all(a is None for a in self.carrier):
+            return self
+        at = copy(self)
+        at.center = [
+            place if a is None else turned_about(self.drive.arms[a].pivot, place, arm_angle[a])
+            for place, a in zip(self.center, self.carrier, strict=True)
+        ]
+        at.lines, at.ends = at._lines(at.center), at._circles(at.center)
+        return at
 
     def _obstacles(self) -> tuple[Placed, ...]:
         """The guides that strands may have to go around."""
@@ -250,6 +275,10 @@ class Plan:
             DriveError: as `path_at`.
             Unlike: a stack whose chains touch unlike arcs of guides.
         """
+        return self._at(arm_angle)._course(arm_angle)
+
+    def _course(self, arm_angle: Sequence[Any]) -> Course:
+        """`course`, with sprockets on arms where they stand."""
         sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
         length = [line.length for line in self.lines]
@@ -271,7 +300,7 @@ class Plan:
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
         wrapped = total([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
         strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
-        return Course(self.pitch, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
+        return Course(self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
 
     def path(self, arm_angle: Sequence[Any]) -> ChainPath:
         """The path with the arms at angles (A,) [rad], as that of a stack.
@@ -290,6 +319,7 @@ class Plan:
             wrap_angle=table_of(course.wrap, variants),
             arrival_angle=table_of(arrival, variants),
             turning=turning,  # type: ignore[arg-type]
+            center=self._points(course.center),
             strand_start=self._points(course.start),
             strand_end=self._points(course.end),
             strand_length=table_of(course.length, variants),
@@ -309,8 +339,10 @@ class Plan:
         if not runs:
             return None
         if k not in self.known:
-            string = _string(self.drive, self.ends[k], self.ends[(k + 1) % len(self.ends)], runs)
-            if any(placed.strand == k and placed.arm is not None for placed in self.placed):
+            following = (k + 1) % len(self.ends)
+            string = _string(self.drive, self.ends[k], self.ends[following], runs)
+            moved = self.carrier[k] is not None or self.carrier[following] is not None
+            if moved or any(placed.strand == k and placed.arm is not None for placed in self.placed):
                 return string
             self.known[k] = string
         return self.known[k]

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import StillArm, StillTensioner
-from warpchain.assembly.guided import profile_at
+from warpchain.assembly.guided import profile_at, turned_about
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
@@ -125,6 +125,7 @@ class Potential:
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
+        self.carrier = [(s, a) for s in range(self.sprockets) if (a := drive.carrier(s)) is not None]
         self.moments = np.array([w.sign for w in sprockets]) * moments
         self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
@@ -155,6 +156,20 @@ class Potential:
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
+    def carry(self, x: Array) -> None:
+        """Puts the centers of sprockets on arms where these have them."""
+        for s, a in self.carrier:
+            place = turned_about(self.drive.arms[a].pivot, self.drive.sprockets[s].center, float(x[self.first_arm + a]))
+            self.split(x)[1][s] = place
+
+    def levers(self, x: Array) -> Array:
+        """(S, 2) by which sprockets' centers move as their arms turn [m/rad]; 0 of others."""
+        found = np.zeros((self.sprockets, 2))
+        for s, a in self.carrier:
+            dx, dy = self.split(x)[1][s] - self.drive.arms[a].pivot
+            found[s] = -dy, dx
+        return found
+
     def tensions(self, x: Array) -> Array:
         """(N,) tensions of the links [N], centrifugal part and all."""
         r, _, _ = self.split(x)
@@ -182,6 +197,10 @@ class Potential:
             terms.energy += arm.energy(angle)
             terms.gradient[at] -= arm.moment(angle)
             terms.add_blocks(np.array([[at]]), np.array([[[arm.stiffness(angle)]]]))
+        for s, a in self.carrier:  # the center moves on a circle
+            slope = self.split(terms.gradient)[1][s]
+            bent = -float(slope @ (self.split(x)[1][s] - self.drive.arms[a].pivot))
+            terms.add_blocks(np.array([[self.first_arm + a]]), np.array([[[bent]]]))
         return terms
 
     def _links(self, x: Array, terms: Terms) -> None:

@@ -185,7 +185,8 @@ class Loop:
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.leans = any(map(some, self.lean))
         self.guides = [guide.name for guide in drive.guides]
-        self.x, self.y = zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True)
+        self.x, self.y = map(list, zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True))
+        self.rides = any(drive.carrier(s) is not None for s in range(self.size))
         self.radius = columns(path.radius)
         (self.pitch,) = columns(np.asarray(path.pitch)[:, None])
         self.links = np.atleast_2d(drive.chain.pulled_lengths)
@@ -201,6 +202,8 @@ class Loop:
 
     def take(self, path: ChainPath) -> None:
         """Goes over to another path of the same drive, whose arms stand elsewhere."""
+        if self.rides:
+            self.x, self.y = columns(path.center[..., 0]), columns(path.center[..., 1])
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
         self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where

@@ -150,7 +150,9 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
 def _assembled(potential: Potential, assembly: Assembly) -> Array:
     """The coordinates of a chain as it was laid around its sprockets."""
     parts = assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle, assembly.arm_angle
-    return np.concatenate(parts)
+    x = np.concatenate(parts)
+    potential.carry(x)
+    return x
 
 
 def passing_rate(drive: Drive, speed: float) -> float:
@@ -277,6 +279,7 @@ class _Solver:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
+        self._move_levers(x)
         slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
@@ -284,10 +287,12 @@ class _Solver:
             change = self._solve(curvature, slope, shift)
             change *= min(1.0, _FARTHEST * pitch / float(np.abs(change).max()))
             moved = x + self.weight * change[self.column]
+            self.potential.carry(moved)
             after = self.potential.terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
+                self._move_levers(x)
                 slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
             else:
                 shift *= _GROWTH
@@ -312,6 +317,13 @@ class _Solver:
             f"{_ACCURACY:g}); look at what holds it there, at the layout and how the chain fits (warpchain fit), or "
             "take tensions from a run"
         )
+
+    def _move_levers(self, x: Array) -> None:
+        """Brings up to date by how much the centers of sprockets on arms move."""
+        levers, first = self.potential.levers(x), 2 * self.potential.rollers
+        for s, a in self.potential.carrier:
+            at = first + 2 * s + np.arange(2)
+            self.weight[at] = levers[s] * self.weight[self.potential.first_arm + a]
 
     def _slope(self, terms: Terms) -> Array:
         """Gradient by the free coordinates."""
@@ -378,5 +390,7 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
             count += 1
     for a in range(len(potential.arms)):
         column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.drive.arm_lever(a)
+        for s in potential.drive.sprockets_on(a):
+            column[n + 2 * s : n + 2 * s + 2] = count  # whose weights `_Solver` keeps
         count += 1
     return column, weight, count

@@ -49,8 +49,8 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
 
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
     line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
-    (k_t + k_stop + K sum r^2 + k_T l^2) / I, r the places a pitch apart where its faces can be touched, from its
-    pivot, k_T a tensioner's spring, oil and stop, l its lever.
+    (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r the places a pitch apart where its faces can be
+    touched, from its pivot, k_T a tensioner's spring, oil and stop, l its lever, d the centers of sprockets on it.
     """
     found = []
     for s, sprocket in enumerate(drive.sprockets):
@@ -75,6 +75,9 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         for g in drive.guides_of(a):
             points = drive.profile(g).points(drive.chain.pitch, caps=False)
             stiffness = stiffness + drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
+        for s in drive.sprockets_on(a):
+            pushed = 0.5 * drive.sprockets[s].teeth * drive.sprocket_stiffness(s)
+            stiffness = stiffness + pushed * power(drive.center_lever(s), 2)
         found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
     return found
 

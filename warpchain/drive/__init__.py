@@ -18,7 +18,9 @@ from warpchain.drive.motion_table import MotorTable, SpeedTable, TorqueTable
 from warpchain.drive.run_settings import RunSettings
 from warpchain.drive.shafts import Coupling, Gear, Motor, Shaft
 from warpchain.drive.sprocket import (
+    ArmMount,
     BalanceWheel,
+    Bearing,
     ElasticMount,
     FixedMount,
     Harmonic,
@@ -33,7 +35,9 @@ from warpchain.drive.tensioners import Chamber, Oil, Plunger, Ratchet, Spring, T
 __all__ = [
     "Arc",
     "Arm",
+    "ArmMount",
     "BalanceWheel",
+    "Bearing",
     "Chain",
     "Chamber",
     "Contact",

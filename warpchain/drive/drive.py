@@ -55,7 +55,7 @@ from warpchain.drive.schema import (
     Rule,
 )
 from warpchain.drive.shafts import Coupling, Gear, Shaft
-from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.sprocket import ArmMount, Sprocket
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -309,12 +309,32 @@ class Drive(Part):
         """Indices of the guides that arm a carries."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
+    @among("sprockets", DriveError)
+    def carrier(self, s: int) -> int | None:
+        """Index of the arm that carries sprocket s; None where none does."""
+        mount = self.sprockets[s].mount
+        return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
+
+    @among("arms", DriveError)
+    def sprockets_on(self, a: int) -> tuple[int, ...]:
+        """Indices of the sprockets that arm a carries."""
+        return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
+
+    @among("sprockets", DriveError)
+    def center_lever(self, s: int) -> float:
+        """Distance of sprocket s, which an arm carries, from the arm's pivot [m]."""
+        (x, y), (px, py) = self.sprockets[s].center, self.arms[self.carrier(s)].pivot  # type: ignore[index]
+        return hypot(x - px, y - py)
+
     @among("arms", DriveError)
     def arm_lever(self, a: int) -> float:
-        """Largest distance of chain from the pivot of arm a [m]; without guides, that of its center of mass."""
+        """Largest distance of guided chain and of sprockets' centers from the pivot of arm a [m]; where it carries
+        neither, that of its center of mass.
+        """
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = largest(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
+        reach = largest(reach, *(self.center_lever(s) for s in self.sprockets_on(a)))
         beside = self.arms[a].center_radius
         return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 
@@ -330,9 +350,14 @@ class Drive(Part):
 
     @among("arms", DriveError)
     def arm_inertia(self, a: int) -> float:
-        """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
+        """Inertia of arm a about its pivot [kg m^2], with plungers that move with it and sprockets' masses at their
+        levers.
+        """
         body = self.first_arm_body + a
-        return self.arms[a].inertia + self.plunger_mass_on(body)
+        carried = 0.0
+        for s in self.sprockets_on(a):
+            carried = carried + self.sprockets[s].mass * power(self.center_lever(s), 2)
+        return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
     @checked(DriveError)
     def plunger_mass_on(self, body: Index) -> float:

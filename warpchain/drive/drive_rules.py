@@ -218,13 +218,24 @@ def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Guides hang on arms that there are."""
+    """Guides and sprockets hang on arms that there are."""
     names = [get(arm, "name") for arm in elements(drive, "arms")]
-    for g, guide in enumerate(elements(drive, "guides")):
-        arm = get(guide, "arm")
+    places: list[tuple[tuple[str | int, ...], Any]] = [
+        (("guides", g), guide) for g, guide in enumerate(elements(drive, "guides"))
+    ]
+    places += [(("sprockets", s, "mount"), get(part, "mount")) for s, part in enumerate(elements(drive, "sprockets"))]
+    for keys, part in places:
+        arm = get(part, "arm")
         if isinstance(arm, str) and arm not in names:
             hint = nearest(arm, filter(is_name, names)) if names else "there are none"
-            yield Problem(("guides", g, "arm"), arm, f"must be the name of an arm; {hint}")
+            yield Problem((*keys, "arm"), arm, f"must be the name of an arm; {hint}")
+    pivots = {get(arm, "name"): get(arm, "pivot") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        arm, center = get(get(sprocket, "mount"), "arm"), get(sprocket, "center")
+        if is_name(arm) and center is not None and list(center) == list(pivots.get(arm) or ()):
+            yield Problem(
+                ("sprockets", s, "center"), list(center), f'must not be the pivot of "{arm}", which carries it'
+            )
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
@@ -287,6 +298,23 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
         rides = f"which rides on the {' and '.join(sorted(sides))} of {names} from start to end"
         text = f'turns "{arm.name}" away from the chain, {rides}; must push towards it'
         yield Problem(("direction",), list(tensioner.direction), text)
+    yield from _turns_sprockets(drive, tensioner, arm, lever, chain.pitch)
+
+
+def _turns_sprockets(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
+    """The tensioner must turn the sprockets on its arm against the pull of their strands."""
+    sprockets = [valid(Sprocket, part) for part in elements(drive, "sprockets")]
+    whole = [sprocket for sprocket in sprockets if sprocket is not None]
+    if len(whole) < 2 or len(whole) < len(sprockets):
+        return
+    for s, own in enumerate(whole):
+        pull = _pull(whole, s, pitch) if get(own.mount, "arm") == arm.name else None
+        if pull is not None:
+            dx, dy = own.center[0] - arm.pivot[0], own.center[1] - arm.pivot[1]
+            turned = dx * pull[1] - dy * pull[0]
+            if turned * lever > 0.0 and abs(turned) > 0.1 * math.hypot(dx, dy):
+                text = f'turns "{own.name}" the way its strands pull it, ({pull[0]:.2f}, {pull[1]:.2f})'
+                yield Problem(("direction",), list(tensioner.direction), f"{text}; must push against them")
 
 
 def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:

@@ -1,7 +1,8 @@
 """Mounts and balance wheels of sprockets: where centers begin, their masses.
 
-A prescribed center begins where its motion puts it at t = 0. One on springs begins at its stated center, at rest, where
-its springs are relaxed; the preload acts from the first step on.
+A prescribed center begins where its motion puts it at t = 0, one on an arm where the arm stands (`ChainPath.center`).
+One on springs begins at its stated center, at rest, where its springs are relaxed; the preload acts from the first step
+on.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.batch_math import cos, hypot, joined, largest, power, sin, some
-from warpchain.drive.sprocket import ElasticMount, FixedMount, PrescribedMount, SliderMount
+from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
     from warpchain.drive.sprocket import Sprocket
@@ -39,11 +40,6 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
     return x + ux * way, y + uy * way
 
 
-def initial_center(sprocket: Sprocket) -> NDArray[np.float64]:
-    """Center at t = 0 (2,) [m]."""
-    return joined(initial_place(sprocket))
-
-
 def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
     """Velocity of the center at t = 0 (2,) [m/s]."""
     mount = sprocket.mount
@@ -61,8 +57,8 @@ def farthest(sprocket: Sprocket) -> float:
 
 
 def moves(sprocket: Sprocket) -> bool:
-    """True if the center can move."""
-    return not isinstance(sprocket.mount, FixedMount)
+    """True if the center can move on a mount of its own; on an arm it goes where that goes."""
+    return not isinstance(sprocket.mount, FixedMount | ArmMount)
 
 
 def on_springs(sprocket: Sprocket) -> bool:

@@ -184,11 +184,36 @@ class SliderMount(Part):
     preload: Finite = 0.0
 
 
+class ArmMount(Part):
+    """The center is a point of an arm, as drawn, and turns with it about the pivot; the sprocket turns for itself.
+
+    Attributes:
+        arm: name of the arm.
+    """
+
+    kind: Literal["arm"]
+    arm: Name
+
+
 Mount = Annotated[
-    FixedMount | PrescribedMount | ElasticMount | SliderMount,
+    FixedMount | PrescribedMount | ElasticMount | SliderMount | ArmMount,
     Field(discriminator="kind"),
-    Allowed('must be "fixed", "prescribed", "elastic" or "slider"'),
+    Allowed('must be "fixed", "prescribed", "elastic", "slider" or "arm"'),
 ]
+
+
+class Bearing(Part):
+    """A bearing that rubs: a moment mu_b r_b |F| against turning, on an arm against turning relative to it.
+
+    F is the chain's force on the sprocket.
+
+    Attributes:
+        friction: coefficient mu_b [-].
+        radius: radius r_b at which it slides [m].
+    """
+
+    friction: NonNegative
+    radius: Positive
 
 
 class Sprocket(Part):
@@ -200,7 +225,7 @@ class Sprocket(Part):
         center: where it stands [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
-        mass: its mass without the balance wheel [kg]; needed when the mount is elastic or a slider.
+        mass: its mass without the balance wheel [kg]; needed when the mount is elastic, a slider or an arm.
         inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
@@ -208,6 +233,7 @@ class Sprocket(Part):
         mount: how the center is held.
         shaft: the shaft that it is on, which then has motion and load; None is one of its own.
         key: its angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
+        bearing: friction of its bearing; None is none.
     """
 
     name: Name
@@ -223,6 +249,7 @@ class Sprocket(Part):
     mount: Mount = FixedMount()
     shaft: Name | None = None
     key: Finite | None = None
+    bearing: Bearing | None = None
 
     _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
 
@@ -238,5 +265,9 @@ class Sprocket(Part):
         if all(get(node, key) is None for key in ("inertia", "prescribed", "shaft")):
             yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
         kind = get(get(node, "mount"), "kind")
-        if kind in ("elastic", "slider") and get(node, "mass") is None:
+        if kind in ("elastic", "slider", "arm") and get(node, "mass") is None:
             yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
+        if kind == "arm" and get(node, "balance_wheel") is not None:
+            yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
+        if get(node, "bearing") is not None and get(node, "prescribed") is not None:
+            yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)

@@ -135,7 +135,8 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
         parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
-        return BlockKind(kind.Real, shape, parts, profiles=kind.profiles, links=links)
+        moving = bool(parts.hubs)
+        return BlockKind(kind.Real, shape, parts, moving=moving, profiles=kind.profiles, links=links)
     return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared)
 
 
@@ -155,8 +156,9 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
+        "hubs": drives["hubs"],
         "integrator": drives["integrator"],
-        "moving": np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0,
+        "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
         "profiles": packed.carried_guides,
         "contacts": packed.slides,
         "joints": packed.joints["rubs"],

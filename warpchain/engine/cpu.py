@@ -29,7 +29,7 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
     form = real_of(precision), _capacity(packed)
     drives = packed.drives
-    plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces", "tied"))
+    plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces", "tied", "hubs"))
     if name == "relax":
         return relax.relax_kernel(*form, plain)
     plain = plain and not any(drives[what].any() for what in ("integrator", "light"))

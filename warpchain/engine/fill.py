@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
-from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
+from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.batch_math import along, joined, largest, power, where
 from warpchain.drive.friction_coefficients import Rubbing
 from warpchain.drive.laws import LAWS
@@ -21,7 +21,6 @@ from warpchain.drive.motion_table import Table
 from warpchain.drive.mounts import (
     active,
     farthest,
-    initial_center,
     initial_velocity,
     moving_mass,
     on_springs,
@@ -36,7 +35,7 @@ from warpchain.engine.fill_bodies import piece_count
 from warpchain.engine.fill_trains import fill_counts
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
-from warpchain.kernels.physics.mount import FREE, PRESCRIBED
+from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
@@ -187,7 +186,7 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
     eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a sprocket that turns
     and whose center moves (b of its balance wheel, J about their common center of mass), r as far as rollers are looked
-    after. So 1/m_e = 1/m + z times that.
+    after; an arm that carries it adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
     """
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -198,6 +197,9 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
         inertia = inertia - moment * offset
     if is_free(drive, s):
         mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
+    arm = drive.carrier(s)
+    if arm is not None:
+        mobility = mobility + power(drive.center_lever(s), 2) / drive.arm_inertia(arm)
     return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
 
@@ -218,7 +220,11 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = escape(drive, assembly)[..., None]
+    row["hubs"] = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
     reach = [drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)]
+    for s in range(len(reach)):
+        if drive.carrier(s) is not None:
+            reach[s] = reach[s] + 2.0 * drive.center_lever(s)  # wherever the arm turns
     corners = [
         (joined(s.center) - along(r), joined(s.center) + along(r)) for s, r in zip(drive.sprockets, reach, strict=True)
     ]
@@ -237,16 +243,35 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
     row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
+def fill_hub(row: Any, drive: Drive, s: int) -> None:
+    """Fills a sprocket's `kernels.structs.Hub`, its `inertia` for a step of 1 s."""
+    sprocket, arm = drive.sprockets[s], drive.carrier(s)
+    row["arm"] = GROUND if arm is None else len(drive.sprockets) + arm
+    if arm is not None:
+        row["lever"] = joined(sprocket.center) - joined(drive.arms[arm].pivot)
+    if sprocket.bearing is not None:
+        row["bearing"] = sprocket.bearing.friction * sprocket.bearing.radius
+        assert sprocket.inertia is not None  # the sprocket's own rule
+        mobility = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
+        if arm is not None:
+            mobility = mobility + len(drive.sprockets_on(arm)) / drive.arm_inertia(arm)
+        row["inertia"] = 1.0 / mobility
+
+
 def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     """Fills a sprocket's `kernels.structs.BodyState` with its initial state."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
-    row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
+    row["center"], row["velocity"] = assembly.path.center[..., s, :], initial_velocity(sprocket)
 
 
 def fill_mount(row: Any, drive: Drive, s: int) -> None:
-    """Fills the `kernels.structs.Mount` of sprocket s; it stays zero for a fixed center without a wheel."""
+    """Fills the `kernels.structs.Mount` of sprocket s; it stays zero for a fixed center without a wheel, and on an arm
+    but for what says so.
+    """
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
     plungers, rollers = drive.plunger_mass_on(s), sprocket.teeth * drive.chain.mass
+    if isinstance(sprocket.mount, ArmMount):
+        row["moves"], row["home"] = CARRIED, joined(sprocket.center)
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers

@@ -76,10 +76,13 @@ def guide_effective_mass(drive: Drive, g: int) -> float:
 def arm_effective_mass(drive: Drive, a: int) -> float:
     """m_e [kg] of a roller on arm a, as `fill.tooth_effective_mass`.
 
-    With the n rollers that there is room for on its faces, at its reach r: 1/m_e = 1/m + n r^2 / I.
+    With the n rollers that there is room for on its faces, at its reach r, and the z on sprockets that it carries with
+    their centers d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
     rollers = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
-    return 1.0 / (1.0 / drive.chain.mass + rollers * power(drive.arm_lever(a), 2) / drive.arm_inertia(a))
+    square = rollers * power(drive.arm_lever(a), 2)
+    square = square + sum(drive.sprockets[s].teeth * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
+    return 1.0 / (1.0 / drive.chain.mass + square / drive.arm_inertia(a))
 
 
 def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
@@ -94,6 +97,9 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
         row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
     row["mass_moment"] = along(arm.mass) * (joined(arm.center) - joined(arm.pivot))
+    for s in drive.sprockets_on(a):
+        carried = drive.sprockets[s]
+        row["mass_moment"] += along(carried.mass) * (joined(carried.center) - joined(arm.pivot))
     row["gravity"] = joined(drive.run.gravity)
     body["angle"] = assembly.arm_angle[:, a]
 

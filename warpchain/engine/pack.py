@@ -33,6 +33,7 @@ from warpchain.engine.fill import (
     fill_chain,
     fill_drive,
     fill_guide,
+    fill_hub,
     fill_joint,
     fill_links,
     fill_motion,
@@ -85,9 +86,11 @@ def pack(
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
     fill_steps(packed)
+    owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
     for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["inertia"][: len(steps)] /= steps
+    packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
     lightest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
     packed.drives["light"] = lightest < LIGHT
     packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
@@ -202,6 +205,8 @@ def _pack_sprocket(
         fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
     with _rows(packed.mounts, body) as row:
         fill_mount(row, drive, s)
+    with _rows(packed.hubs, mine) as row:
+        fill_hub(row, drive, s)
     with _rows(packed.bodies, body) as row:
         fill_body(row, sprocket, assembly, s)
 

@@ -18,6 +18,7 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.packed import Packed
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.structs import GROUND
 
 Array = NDArray[np.float64]
 
@@ -149,6 +150,13 @@ class Probe:
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
         bodies["center"], bodies["angle"] = states.bodies[..., :2], states.bodies[..., 2]
         bodies["velocity"], bodies["speed"] = states.rates[..., :2], states.rates[..., 2]
+        for s, hub in enumerate(self.base.hubs[: self.sprockets]):
+            if hub["arm"] != GROUND:  # where its arm has it, which accelerates it too
+                arm, (x, y) = bodies[:, hub["arm"]], hub["lever"]
+                cosine, sine = np.cos(arm["angle"]), np.sin(arm["angle"])
+                lever = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+                bodies["center"][:, s] = arm["center"] + lever
+                bodies["velocity"][:, s] = arm["speed"][:, None] * np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
         self._oil[:] = self.base.oil[: self.tensioners]
         self._oil["content"][:count] = states.oil
         self._seat[:], self._impact_speed[:] = self._start_seat, 0.0

@@ -46,6 +46,7 @@ def elastic(packed: Packed) -> Packed:
     """
     still = packed.copy()
     still.tooth_sliding, still.guide_sliding = np.zeros_like(still.tooth_sliding), np.zeros_like(still.guide_sliding)
+    still.hubs["bearing"] = 0.0
     still.tensioners = springs(packed.tensioners)
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
@@ -155,6 +156,9 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     packed.rollers[xy] = moved[xy]
     arms = spread(rows["first_body"] + drive.first_arm_body, len(drive.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
+    for s in range(len(drive.sprockets)):
+        if drive.carrier(s) is not None:
+            packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]
     for places, assembly in packed.assemblies.among(stack.members):
         margin = escape(picked(drive, places), assembly)[..., None]
         box = rows[places]

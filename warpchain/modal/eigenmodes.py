@@ -206,6 +206,16 @@ def modes(
     return modes_of(system(drive, speed, valve=valve), count)
 
 
+def _carry(found: System, bodies: NDArray[Any]) -> None:
+    """Moves the centers of sprockets on arms with these, in bodies (K, B, 3)."""
+    drive, placed = found.drive, found.state.bodies[0]
+    for s in range(len(drive.sprockets)):
+        arm = drive.carrier(s)
+        if arm is not None:
+            x, y = placed[s, :2] - drive.arms[arm].pivot
+            bodies[:, s, :2] = bodies[:, len(drive.sprockets) + arm, 2, None] * np.array([-y, x])
+
+
 def modes_of(found: System, count: int) -> Modes:
     """The lowest modes of small motion."""
     stiff = float(found.packed.chains["stiffness"][0]) / found.at.mass
@@ -223,6 +233,7 @@ def modes_of(found: System, count: int) -> Modes:
     alone = value[~zero & real].real
     vector = _normal(vector[:, swings], found.mass)
     shape, bodies = found.at.split(vector.T)
+    _carry(found, bodies)
     parts, share, across = _participation(found, vector)
     pushed = plungers(found, vector)
     return Modes(

@@ -143,6 +143,7 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     position, centers, _ = potential.split(x)
     for name in ("joints", "tooth_sliding", "guide_sliding"):
         setattr(still, name, np.zeros_like(getattr(still, name)))
+    still.hubs["bearing"] = 0.0
     still.rows(0)[:] = 0.0
     still.rows(0)[0:2] = position.T
     still.seat[:] = -1

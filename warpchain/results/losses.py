@@ -26,9 +26,10 @@ from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
 
 JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guides", "links", "mounts"
-ARMS, COUPLINGS = "arms and tensioners", "couplings"
-"""The groups: friction in the joints; damping and friction of rollers on teeth and on guides; damping of the links, of
-mounts, of arms and tensioners with what gap and valve take of the oil's energy, and of couplings."""
+BEARINGS, ARMS, COUPLINGS = "bearings", "arms and tensioners", "couplings"
+"""The groups: friction in the joints; damping and friction of rollers on teeth and on guides; damping of the links and
+of mounts; friction in bearings; damping of arms and tensioners with what gap and valve take of the oil's energy, and of
+couplings."""
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
@@ -48,6 +49,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
         BARS: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
         LINKS: ["links.dissipated"],
         MOUNTS: [f"{name}.mount_dissipated" for name in teeth],
+        BEARINGS: [f"{name}.bearing_friction" for name in teeth],
         ARMS: [f"{name}.{kind}" for name in pushed for kind in ("damping_loss", "oil_loss")],
         COUPLINGS: [f"{coupling.name}.damping_loss" for coupling in drive.couplings],
     }

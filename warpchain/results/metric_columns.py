@@ -184,6 +184,12 @@ MOUNT = Group(
     source="mount",
     where=lambda drive, index: moves(drive.sprockets[index]),
 )
+BEARING = Group(
+    "sprocket",
+    (Column("bearing_friction", "J", "energy dissipated by friction in its bearing", total("friction")),),
+    source="mount",
+    where=lambda drive, index: drive.sprockets[index].bearing is not None,
+)
 SLIP = Group(
     "sprocket",
     (Column("slips", "1", "teeth that the chain jumped", total("slips"), kind=int),),
@@ -474,7 +480,7 @@ REPORTED = (
 MEASURED = (
     (CHAIN,),
     (STRAND_TENSION, STRAND_DISPLACEMENT),
-    (SPROCKET, MOUNT, SLIP),
+    (SPROCKET, MOUNT, BEARING, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (ARM,),
     (TENSIONER, OIL),

@@ -205,7 +205,10 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1) + supplied,
         output=-loaded,
         links=chain["dissipated"],
-        dissipated=dissipated + mounts["dissipated"].sum(axis=1) + sums["contact"]["friction"].sum(axis=1),
+        dissipated=dissipated
+        + mounts["dissipated"].sum(axis=1)
+        + sums["contact"]["friction"].sum(axis=1)
+        + mounts["friction"].sum(axis=1),
         change=chain["energy_end"] - chain["energy_start"],
         stored=np.maximum(abs(chain["energy_end"]), abs(chain["energy_start"])),
     )

@@ -13,7 +13,6 @@ from warpchain.assembly.assembly import assembled_path
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
 from warpchain.drive.face_profile import Profile
-from warpchain.drive.mounts import initial_center
 from warpchain.drive.tooth_shape import teeth_outline
 from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory, need
@@ -78,9 +77,9 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
     Raises:
         DriveError: as `chain_path`.
     """
-    centers = np.array([initial_center(sprocket) for sprocket in drive.sprockets])
-    arms = (chain_path(drive) if path is None else path).arm_angle if drive.arms else np.zeros(0)
-    return Pose(centers, np.zeros(len(centers)), arms)
+    path = chain_path(drive) if path is None else path
+    arms = path.arm_angle if drive.arms else np.zeros(0)
+    return Pose(path.center, np.zeros(len(path.center)), arms)
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
@@ -97,7 +96,7 @@ def chain_line(drive: Drive, path: ChainPath) -> Array:
     for s, sprocket in enumerate(drive.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
         angles = path.arrival_angle[s] + sprocket.sign * np.linspace(0.0, path.wrap_angle[s], count)
-        line.append(initial_center(sprocket) + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        line.append(path.center[s] + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
         string = path.strings[s]
         if string is not None:
             line.append(Profile(string.pieces).points(spacing))
@@ -128,7 +127,7 @@ def parts_at(drive: Drive, pose: Pose) -> list[Part]:
         if body < len(drive.sprockets):
             way = pose.center[body] - drive.sprockets[body].center
         else:
-            a = body - len(drive.sprockets)
+            a = body - drive.first_arm_body
             way = turned(at, drive.arms[a].pivot, pose.arm[a]) - at
         along = np.array(tensioner.unit_direction)
         parts.append(Part("plunger", tensioner.name, plunger + (way @ along) * along, True))
@@ -160,9 +159,12 @@ def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends and to where tensioners push it."""
+    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends, to its sprockets and to where
+    tensioners push it.
+    """
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
+    ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
     ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
     return [np.array([arm.pivot, end], dtype=float) for end in ends]
 
