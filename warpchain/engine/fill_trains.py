@@ -8,7 +8,6 @@ from typing import Any
 from warpchain.assembly import Assembly
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.mounts import initial_center
 from warpchain.drive.replicates import turned_on
 from warpchain.drive.trains import (
     PRESSURE_ANGLE,
@@ -40,7 +39,7 @@ def fill_tie(row: Any, drive: Drive, b: int) -> None:
 def fill_shaft(row: Any, drive: Drive, h: int, assembly: Assembly) -> None:
     """Fills the `kernels.structs.BodyState` of shaft h; it stands where the first sprocket does, and does not move."""
     row["speed"] = assembly.shaft_speed[..., h]
-    row["center"] = initial_center(drive.sprockets[0])
+    row["center"] = assembly.path.center[..., 0, :]
 
 
 def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
