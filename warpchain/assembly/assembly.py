@@ -53,6 +53,7 @@ from warpchain.drive.batch_math import (
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.replicates import turned_on
+from warpchain.drive.sprocket import Led
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -387,9 +388,10 @@ def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:
     motion = sprocket.prescribed
     if motion is None or some(motion.ramp_time > 0.0):
         return 0.0
-    motion = turned_on(drive, sprocket, motion)
+    motion = sprocket.driver if isinstance(sprocket, Led) else turned_on(drive, sprocket, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
-    return speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
+    speed = speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
+    return speed * sprocket.start_ratio if isinstance(sprocket, Led) else speed
 
 
 def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
@@ -22,7 +22,8 @@ from warpchain.arguments import checked
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
-from warpchain.drive.chain import Chain
+from warpchain.drive.chain import Chain, NamedChain
+from warpchain.drive.chain_rules import OF_CHAINS, SEVERAL, shaft_group_rules
 from warpchain.drive.contact_settings import (
     Contact,
     GuideContact,
@@ -45,13 +46,17 @@ from warpchain.drive.drive_rules import (
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.rings import rings_of
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import (
     Allowed,
     Part,
     Problem,
     Rule,
+    elements,
+    get,
 )
+from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
@@ -61,6 +66,7 @@ from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
 
 RULES = (
+    *SEVERAL,
     sprocket_rules,
     name_rules,
     place_rules,
@@ -77,31 +83,47 @@ RULES = (
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
-    size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
-    profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
-    tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
+    shaft_group_rules: {"sprockets.center", "sprockets.mount"},
+    size_rules: {
+        *(f"{kind}.{key}" for kind in ("chain", "chains") for key in ("pitch", "roller_radius")),
+        "contact",
+        "guides.contact",
+    },
+    profile_rules: {
+        "chain.pitch",
+        "chains.pitch",
+        *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius")),
+    },
+    tensioner_rules: {"chain.pitch", "chains.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
+
+
+class _NoSingleChain(DriveError, AttributeError):
+    """Signals that a drive of several chains was taken for one of a single chain."""
 
 
 class Drive(Part):
     """A whole drive: immutable, compared and hashed by value.
 
     Attributes:
-        chain: the chain.
-        sprockets: (S,) sprockets in the order in which the chain visits them; at least 2, at least one prescribed.
+        chain: the chain; of a drive of several, an error that says so.
+        chains: the chains, where there are several, (); a single one is read as `chain`.
+        sprockets: (S,) sprockets in the order in which their chain visits them; at least 2, at least one prescribed.
         guides: (G,) guides.
         arms: (A,) bodies that turn about a pivot; they stand after the sprockets where bodies are counted.
         tensioners: (T,) what pushes arms, or sprockets on sliders.
         contact: contact settings.
         run: run settings.
         probes: places at which the chain that passes is looked at.
+        shafts: what sprockets of several chains turn with.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
     """
 
-    chain: Chain
+    chain: Annotated[Chain, Allowed("must be a table")] = None  # type: ignore[assignment]  # see `__getattr__`
+    chains: Annotated[tuple[NamedChain, ...], Allowed("must be a list of chains")] = ()
     sprockets: Annotated[tuple[Sprocket, ...], Allowed("must be a list of at least 2 sprockets")]
     guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
     arms: Annotated[tuple[Arm, ...], Allowed("must be a list of arms")] = ()
@@ -109,6 +131,15 @@ class Drive(Part):
     contact: Contact
     run: RunSettings
     probes: Annotated[tuple[Probe, ...], Allowed("must be a list of probes")] = ()
+    shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "chain":
+                names = ", ".join(chain.name for chain in self.chains)
+                raise _NoSingleChain(f"chains: there are several, {names}; this takes drives of one chain, [chain]")
+            return super().__getattr__(name)
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
@@ -143,6 +174,11 @@ class Drive(Part):
         return tuple(settable(self))
 
     @property
+    def links(self) -> int:
+        """Number of links of all chains."""
+        return sum(chain.links for chain in self.chains) if self.chains else self.chain.links
+
+    @property
     def driver(self) -> int:
         """Index of the first prescribed sprocket."""
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
@@ -156,7 +192,10 @@ class Drive(Part):
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next."""
+        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next; of several chains, "CHAIN.FROM->TO"."""
+        if self.chains:
+            rings = rings_of(self)
+            return tuple(f"{ring.name}.{name}" for ring in rings for name in ring.drive.strand_names)
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
@@ -352,15 +391,33 @@ class Drive(Part):
                 keys.update(f"{kind}.{name}" for name in (inner if isinstance(key, int) else (key,)))
         return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]
 
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        """The values, with a single one of `chains` as `chain`, which then no part names."""
+        chains = elements(values, "chains")
+        if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
+            return values
+        if not isinstance(chains[0], Mapping | NamedChain):
+            return values
+        alone = dict(chains[0])
+        name, _ = alone.pop("name", None), alone.pop("plane", None)
+        whole = {key: value for key, value in values.items() if key != "chains"} | {"chain": alone}
+        for kind in OF_CHAINS:
+            whole[kind] = [_unnamed(part, name) for part in elements(values, kind)]
+        return whole
+
     @model_validator(mode="wrap")
     @classmethod
     def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         drive = handler(values)
         if drive is values:
             return drive
-        links = drive.chain.links
-        if links % 2:
-            warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        if drive.chains:
+            del drive.__dict__["chain"]
+        for ring in rings_of(drive):
+            links, of = ring.drive.chain.links, f"chains.{ring.name}" if ring.name else "chain"
+            if links % 2:
+                warnings.warn(f"{of}.links = {links}: an odd number needs an offset link", stacklevel=4)
         for arm in drive.arms:
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
@@ -368,15 +425,30 @@ class Drive(Part):
                     f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}",
                     stacklevel=4,
                 )
-        for s in drive.catching():
-            limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
-            warnings.warn(
-                f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
-                f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
-                f"they let them go below {limit:.1f} degrees",
-                stacklevel=4,
-            )
+        for ring in rings_of(drive):
+            _warn_of_catching(ring.drive)
         return drive
+
+
+def _warn_of_catching(drive: Drive) -> None:
+    """Warns of sprockets whose straight flanks do not let rollers go."""
+    for s in drive.catching():
+        limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
+        warnings.warn(
+            f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
+            f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
+            f"they let them go below {limit:.1f} degrees",
+            stacklevel=5,
+        )
+
+
+def _unnamed(part: Any, name: Any) -> Any:
+    """A part, or the mapping that should become one, that does not name its chain where that has this name."""
+    if get(part, "chain") != name:
+        return part
+    if isinstance(part, Part):
+        return part.model_copy(update={"chain": None})
+    return {key: value for key, value in part.items() if key != "chain"} if isinstance(part, Mapping) else part
 
 
 @checked(DriveError)

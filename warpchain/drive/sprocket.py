@@ -196,12 +196,14 @@ class Sprocket(Part):
 
     Attributes:
         name: unique among all parts.
+        chain: name of its chain, where there are several.
+        shaft: name of the shaft that it turns with; None is one of its own.
         teeth: number of teeth, z >= 5.
         center: where it stands [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
         mass: its mass without the balance wheel [kg]; needed when the mount is elastic or a slider.
-        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed.
+        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
         balance_wheel: eccentric mass that turns with it.
@@ -212,6 +214,8 @@ class Sprocket(Part):
     teeth: Teeth
     center: Pair
     wrap: Wrap
+    chain: Name | None = None
+    shaft: Name | None = None
     pitch: Positive | None = None
     mass: Positive | None = None
     inertia: Positive | None = None
@@ -227,12 +231,36 @@ class Sprocket(Part):
         """+1 if forward rotation is counter-clockwise, else -1."""
         return 1 if self.wrap == "ccw" else -1
 
+    @property
+    def free(self) -> bool:
+        """Whether its angle follows from the moments on it."""
+        return self.prescribed is None
+
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         positive = allowed(cls, "mass")
         yield from at_most(node, "teeth", MOST_TEETH)
-        if get(node, "inertia") is None and get(node, "prescribed") is None:
+        if all(get(node, key) is None for key in ("inertia", "prescribed", "shaft")):
             yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
         kind = get(get(node, "mount"), "kind")
         if kind in ("elastic", "slider") and get(node, "mass") is None:
             yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
+
+
+class Led(Sprocket):
+    """The sprocket that leads a chain of which none is prescribed: its shaft is turned by another chain.
+
+    Before a run, and where runs are looked at, it counts as prescribed at the speed that the ratios give.
+
+    Attributes:
+        driver: motion of the drive's driver, as it begins.
+        start_ratio: forward speed at the start over the driver's [-], by the radii at which rollers ride.
+    """
+
+    driver: Prescribed
+    start_ratio: float
+
+    @property
+    def free(self) -> bool:
+        """Whether its angle follows from the moments on it: it does."""
+        return True

@@ -1,0 +1,237 @@
+"""Drives of several chains: the parts of each chain, ratios of shafts, and each chain as a drive of its own.
+
+With z_c teeth of the sprocket by which chain c is led, and z_d of the driver, a shaft turns
+
+    r = (z_d / z_1) (z_2 / z_3) ...                                                                             (a)
+
+times as fast as the driver, z_1 on the shaft that the first chain leads, z_2 on the same shaft for the next, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive.arms import Arm
+from warpchain.drive.chain import Chain, NamedChain
+from warpchain.drive.schema import elements, get, valid
+from warpchain.drive.sprocket import Led, Prescribed, Sprocket
+
+if TYPE_CHECKING:
+    from warpchain.drive.drive import Drive
+
+PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
+"""Lists of a drive whose parts are of one chain each."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One chain of a drive, with what it runs over.
+
+    Attributes:
+        name: of the chain, "" where it is the only one.
+        drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
+            that another chain turns counts as prescribed (`warpchain.drive.sprocket.Led`).
+        places: by list, `PARTS`, the places of its parts in the whole drive.
+    """
+
+    name: str
+    drive: Drive
+    places: dict[str, tuple[int, ...]]
+
+
+def chain_of(drive: Any, part: Any) -> Chain | None:
+    """The chain of a sprocket, guide or probe; None where it is not sound. Drives may be mappings, as for rules."""
+    chains = elements(drive, "chains")
+    if not chains:
+        return valid(Chain, get(drive, "chain"))
+    own = next((chain for chain in chains if get(chain, "name") == get(part, "chain")), None)
+    return None if own is None else valid(NamedChain, own)
+
+
+def shaft_of(sprocket: Any) -> str:
+    """The shaft that a sprocket turns with: by name, or of its own (by a text that no name is)."""
+    shaft = get(sprocket, "shaft")
+    return shaft if shaft is not None else f"{get(sprocket, 'name')}="
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Two ways from a shaft to another with unlike ratios.
+
+    Attributes:
+        chains: the names of those that go both ways directly, one where the other way is longer.
+        shafts: that one, and the other.
+        ratios: of the other's speed over the one's, each way.
+        teeth: that the last sprocket would need.
+    """
+
+    chains: tuple[str, ...]
+    shafts: tuple[str, str]
+    ratios: tuple[Fraction, Fraction]
+    teeth: Fraction
+
+
+@dataclass(frozen=True)
+class Train:
+    """Order in which motion goes through the chains.
+
+    Attributes:
+        speeds: of each shaft that the driver turns, over the driver's, (a).
+        leaders: of each chain that is turned, the index of the sprocket that leads it; in order.
+        contradictions: none, in a drive that is allowed.
+    """
+
+    speeds: dict[str, Fraction]
+    leaders: dict[str, int]
+    contradictions: tuple[Contradiction, ...]
+
+
+def train_of(sprockets: Sequence[Any]) -> Train:
+    """The train of sprockets whose chains, shafts and teeth are sound; it begins at the first that is prescribed."""
+    chains = dict.fromkeys(get(sprocket, "chain") for sprocket in sprockets)
+    moved = {shaft_of(s) for s in sprockets if get(s, "prescribed") is not None}
+    first = next(s for s in sprockets if get(s, "prescribed") is not None)
+    speeds, leaders, wrong = {shaft_of(first): Fraction(1)}, dict[str, int](), list[Contradiction]()
+    while len(leaders) < len(chains):
+        led = _next(sprockets, [chain for chain in chains if chain not in leaders], (moved, set(speeds)))
+        if led is None:
+            break
+        chain, leader = led
+        leaders[chain] = leader
+        begin, teeth = shaft_of(sprockets[leader]), get(sprockets[leader], "teeth")
+        speeds.setdefault(begin, Fraction(1))
+        for sprocket in (s for s in sprockets if get(s, "chain") == chain and shaft_of(s) != begin):
+            end, ratio = shaft_of(sprocket), Fraction(teeth, get(sprocket, "teeth"))
+            if end in speeds and speeds[end] != speeds[begin] * ratio and end not in moved:
+                known = speeds[end] / speeds[begin]
+                pair = {shaft_of(s) for s in sprockets if get(s, "chain") == chain} & {begin, end}
+                before = [c for c in leaders if c != chain and pair <= _shafts(sprockets, c)]
+                names = (*before[:1], chain)
+                wrong.append(Contradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))
+            speeds.setdefault(end, speeds[begin] * ratio)
+    return Train(speeds, leaders, tuple(wrong))
+
+
+def _shafts(sprockets: Sequence[Any], chain: str) -> set[str]:
+    return {shaft_of(s) for s in sprockets if get(s, "chain") == chain}
+
+
+def _next(sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]]) -> tuple[str, int] | None:
+    """The next chain that is turned, and by which sprocket; shafts of the first of `ways` come first."""
+    for turning in ways:
+        for chain in todo:
+            for s, sprocket in enumerate(sprockets):
+                if get(sprocket, "chain") == chain and shaft_of(sprocket) in turning:
+                    return chain, s
+    return None
+
+
+def rings_of(drive: Drive) -> tuple[Ring, ...]:
+    """The chains of a drive, or of a stack of drives, each as a drive of its own; of one chain, the drive itself."""
+    if not drive.chains:
+        return (Ring("", drive, {kind: tuple(range(len(getattr(drive, kind)))) for kind in PARTS}),)
+    train = train_of(drive.sprockets)
+    first = next(s for s in drive.sprockets if s.prescribed is not None)
+    begins = {shaft_of(first): 1.0}
+    found: dict[str, Ring] = {}
+    for name, leader in train.leaders.items():  # in the order of motion: speeds at the start follow from those before
+        ring = found[name] = _ring(drive, name, leader, train, begins)
+        own = ring.places["sprockets"]
+        at = own.index(leader)
+        begin = begins.setdefault(shaft_of(drive.sprockets[leader]), 1.0)
+        for k, s in enumerate(own):
+            ratio = ring.drive.riding_radius(at) / ring.drive.riding_radius(k)
+            begins.setdefault(shaft_of(drive.sprockets[s]), begin * ratio)
+    return tuple(found[chain.name] for chain in drive.chains)
+
+
+def _ring(drive: Drive, name: str, leader: int, train: Train, begins: dict[str, float]) -> Ring:
+    """A chain that a sprocket leads; `begins` are speeds of shafts at the start over the driver's."""
+    from warpchain.drive.replicates import turned_on
+
+    places = _places(drive, name)
+    names = {drive.sprockets[s].name for s in places["sprockets"]}
+    leads, first = drive.sprockets[leader], next(s for s in drive.sprockets if s.prescribed is not None)
+    turned, run = float(train.speeds[shaft_of(leads)]), drive.run
+    if run.phase is not None:
+        run = run.model_copy(update={"phase": run.phase * turned * leads.teeth / first.teeth})
+    parts: dict[str, Any] = {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in PARTS}
+    sprockets = [_sprocket(drive, drive.sprockets[s], names, train) for s in places["sprockets"]]
+    if all(sprocket.prescribed is None for sprocket in sprockets):
+        assert first.prescribed is not None
+        at, own = places["sprockets"].index(leader), first.prescribed
+        mean = Prescribed.model_construct(speed=turned * own.top_speed, ramp_time=own.ramp_time)
+        motion = turned_on(drive, first, own)
+        values = sprockets[at].__dict__ | {"prescribed": mean}
+        sprockets[at] = Led.model_construct(**values, driver=motion, start_ratio=begins[shaft_of(leads)])
+    parts["sprockets"] = tuple(sprockets)
+    chain = next(chain for chain in drive.chains if chain.name == name)
+    changes = {"chain": chain, "chains": (), "shafts": (), "run": run, **parts}
+    return Ring(name, drive.model_copy(update=changes), places)
+
+
+def _places(drive: Drive, name: str) -> dict[str, tuple[int, ...]]:
+    """Places of a chain's parts; an arm is of the chain of its guides, else of the first, a tensioner of its body's."""
+    naming = ("sprockets", "guides", "probes")
+    own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
+    own["arms"] = {a for a, arm in enumerate(drive.arms) if arm_chain(drive, arm) == name}
+    bodies = {drive.sprockets[s].name for s in own["sprockets"]} | {drive.arms[a].name for a in own["arms"]}
+    own["tensioners"] = {t for t, tensioner in enumerate(drive.tensioners) if tensioner.on in bodies}
+    return {kind: tuple(sorted(own[kind])) for kind in PARTS}
+
+
+def arm_chain(drive: Drive, arm: Arm) -> str | None:
+    """Name of the chain that an arm is of."""
+    return next((guide.chain for guide in drive.guides if guide.arm == arm.name), drive.chains[0].name)
+
+
+def companions(drive: Drive, sprocket: Sprocket) -> list[Sprocket]:
+    """The sprockets that turn with one, it among them, in order."""
+    if sprocket.shaft is None:
+        return [sprocket]
+    return [other for other in drive.sprockets if other.shaft == sprocket.shaft]
+
+
+def _sprocket(drive: Drive, sprocket: Sprocket, names: set[str], train: Train) -> Sprocket:
+    """A sprocket with what its shaft has, the motion or the inertia of all that turns."""
+    from warpchain.drive.mounts import wheel_inertia
+
+    changes: dict[str, Any] = {}
+    together = companions(drive, sprocket)
+    motion = next((other.prescribed for other in together if other.prescribed is not None), None)
+    if motion is not None:
+        changes["prescribed"] = _by_own_angle(motion, drive, sprocket, names, train)
+    elif len(together) > 1:
+        whole = sum((0.0 if other.inertia is None else other.inertia) + wheel_inertia(other) for other in together)
+        changes["inertia"] = whole - wheel_inertia(sprocket)
+    if sprocket.load is not None:
+        changes["load"] = _by_own_angle(sprocket.load, drive, sprocket, names, train)
+    return sprocket.model_copy(update=changes) if changes else sprocket
+
+
+def _by_own_angle(motion: Any, drive: Drive, sprocket: Sprocket, names: set[str], train: Train) -> Any:
+    """A motion or load whose harmonics and tables go by shafts of its own chain, or by its own."""
+
+    def ratio(shaft: str) -> float:
+        other = next(s for s in drive.sprockets if s.name == shaft)
+        return float(train.speeds[shaft_of(other)] / train.speeds[shaft_of(sprocket)])
+
+    def own(h: Any) -> Any:
+        if h.shaft is None or h.shaft in names:
+            return h
+        return h.model_copy(update={"order": h.order * ratio(h.shaft), "shaft": None})
+
+    table = motion.table
+    if table is not None and table.shaft is not None and table.shaft not in names:
+        angle = tuple(x / ratio(table.shaft) for x in table.angle)
+        table = table.model_copy(update={"angle": angle, "shaft": None})
+    return motion.model_copy(update={"harmonics": tuple(map(own, motion.harmonics)), "table": table})
+
+
+def all_rings(drives: Sequence[Drive]) -> Iterator[Ring]:
+    """The chains of all drives, one drive after the other."""
+    for drive in drives:
+        yield from rings_of(drive)
