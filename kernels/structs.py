@@ -49,6 +49,7 @@ class Curves:
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
+    rings: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
     sprockets: wp.int32  # S
     guides: wp.int32  # G
@@ -96,6 +97,14 @@ class Motion:
     load_harmonics: Harmonics
     drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
     load_table: Tabulated  # torque [N m], on top of `load`
+
+
+@wp.struct
+class Tie:
+    """How a body turns with others, of drives with several chains."""
+
+    train: wp.int32  # number of the first body that turns with it among the variant's, its own where it turns alone
+    beside: wp.float64  # part of the inertia in its motion that is of the others [kg m^2]
 
 
 @wp.struct
@@ -625,6 +634,7 @@ class Ensemble:
     lengths: wp.array[wp.float64]  # (all rollers,) unloaded length of each link [m]
     sprockets: wp.array[Sprocket]  # (all sprockets,)
     motions: wp.array[Motion]  # (all bodies,)
+    ties: wp.array[Tie]  # (all bodies,)
     mounts: wp.array[Mount]  # (all bodies,)
     guides: wp.array[Guide]  # (all guide-bars,)
     seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use (`physics.tooth`)

@@ -155,6 +155,23 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     joints = joint_passes(Real, capacity)
 
     @wp.func
+    def try_contacts(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Wrenches on bodies with how their contacts answer accelerations, and nothing else."""
+        memory.stage = PREDICTING
+        memory.wanted = Now()
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
+        evaluate_all(ensemble, state, drive, chain, w, memory)
+        clear(w, row.fx, row.fy, drive.rollers)
+
+    @wp.func
     def predict(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -164,12 +181,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory: kinds.Memory,
     ):
         """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
-        memory.stage = PREDICTING
-        memory.wanted = Now()
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
-        clear(w, row.fx, row.fy, drive.rollers)
+        try_contacts(ensemble, state, drive, chain, w, memory)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)
@@ -178,7 +190,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 state.poses[b].angular = state.bodies[b].angular
 
     @wp.func
-    def evaluate(
+    def pull(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
@@ -188,10 +200,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
-
-        Totals have what only metrics want as far as `memory` wants it.
-        """
+        """Forces of links and joints on rollers, and of tensioners, after poses of bodies."""
         n = drive.rollers
         see_bodies(state, drive)
         if links.varied_links != 0 or joint.rubs != 0:
@@ -208,11 +217,41 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 pushed = state.poses[drive.first_body + tensioner.body]
                 state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
-            if drive.light != 0 and memory.lag > Real(0.0):
-                predict(ensemble, state, drive, chain, w, memory)
+
+    @wp.func
+    def push(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Forces of contacts on rollers, and their wrenches on bodies."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
+
+    @wp.func
+    def evaluate(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        links: kinds.Links,
+        joint: kinds.Joint,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
+
+        Totals have what only metrics want as far as `memory` wants it.
+        """
+        pull(ensemble, state, drive, chain, links, joint, w, memory)
+        if wp.static(not plain):
+            if drive.light != 0 and memory.lag > Real(0.0):
+                predict(ensemble, state, drive, chain, w, memory)
+        push(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())
 

@@ -124,6 +124,7 @@ TABLE = {
         "tooth_sliding": Array("sprocket", packed="tooth_sliding"),
         "motions": Array("body", packed="motions"),
         "mounts": Array("body", packed="mounts"),
+        "ties": Array("body", packed="ties"),
         "guides": Array("guide", packed="guides"),
         "guide_sliding": Array("guide", packed="guide_sliding"),
         "pieces": Array("piece", packed="pieces"),

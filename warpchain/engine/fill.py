@@ -111,7 +111,8 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
     row["following"] = tooth_effective_mass(drive, s) / drive.chain.mass
-    if sprocket.prescribed is not None:
+    if not sprocket.free:
+        assert sprocket.prescribed is not None
         motion = turned_on(drive, sprocket, sprocket.prescribed)
         row["prescribed"] = 1
         row["speed"] = motion.top_speed
@@ -192,7 +193,7 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     if on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
         inertia = inertia - moment * offset
-    if sprocket.prescribed is None:
+    if sprocket.free:
         mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
     return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
@@ -208,6 +209,7 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
+    row["rings"] = 1
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.arms), len(drive.arms)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
@@ -253,7 +255,7 @@ def fill_mount(
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)
-    own = sprocket.inertia if sprocket.prescribed is None else None
+    own = sprocket.inertia if sprocket.free else None
     row["inertia"] = (0.0 if own is None else own) + wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase

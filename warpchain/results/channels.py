@@ -33,7 +33,7 @@ class Sizes:
     @classmethod
     def of(cls, drive: Drive) -> Sizes:
         """Those of a drive."""
-        return cls(drive.chain.links, len(drive.sprockets), len(drive.arms), len(drive.tensioners))
+        return cls(drive.links, len(drive.sprockets), len(drive.arms), len(drive.tensioners))
 
     def count(self, kind: Kind) -> int:
         """Number of things of a kind."""
