@@ -117,7 +117,7 @@ class Form:
         """The layout of frames of a drive."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
-        return cls(drive.chain.links, names, channels, precision, values, exact, variant, arms, len(drive.tensioners))
+        return cls(drive.links, names, channels, precision, values, exact, variant, arms, len(drive.tensioners))
 
     @property
     def topics(self) -> tuple[str, ...]:

@@ -10,14 +10,14 @@ times as fast as the driver, z_1 on the shaft that the first chain leads, z_2 on
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.schema import elements, get, valid
-from warpchain.drive.sprocket import Led, Prescribed, Sprocket
+from warpchain.drive.sprocket import Led, Load, Prescribed, Sprocket
 
 if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
@@ -171,6 +171,51 @@ def _ring(drive: Drive, name: str, leader: int, train: Train, begins: dict[str, 
     chain = next(chain for chain in drive.chains if chain.name == name)
     changes = {"chain": chain, "chains": (), "shafts": (), "run": run, **parts}
     return Ring(name, drive.model_copy(update=changes), places)
+
+
+def loaded_rings(drive: Drive) -> tuple[Ring, ...]:
+    """The chains as `rings_of`, with the steady loads of the chains that each turns on its own sprockets, for looks
+    before a run: a chain that is led takes its loads M, times the ratios of teeth, and what else is on its shaft.
+    """
+    rings = rings_of(drive)
+    if len(rings) == 1:
+        return rings
+    train, found = train_of(drive.sprockets), {ring.name: ring for ring in rings}
+    for name in reversed(train.leaders):
+        leader = drive.sprockets[train.leaders[name]]
+        turning = next((s for s in companions(drive, leader) if _turned(found, s) and s is not leader), None)
+        if turning is None or leader.chain is None:
+            continue
+        moment = _demand(found[name].drive, found[name].places["sprockets"].index(train.leaders[name]))
+        found[str(turning.chain)] = _with_load(found[str(turning.chain)], drive.sprockets.index(turning), moment)
+    return tuple(found[ring.name] for ring in rings)
+
+
+def _turned(found: dict[str, Ring], sprocket: Sprocket) -> bool:
+    """Whether a sprocket's chain turns it, rather than it the chain."""
+    ring = found[str(sprocket.chain)].drive
+    mine = next(s for s in ring.sprockets if s.name == sprocket.name)
+    return mine.prescribed is None
+
+
+def _demand(ring: Drive, lead: int) -> float:
+    """Moment [N m] that the steady loads of a chain ask of the sprocket that leads it, its own load among them."""
+    own = ring.sprockets[lead]
+    assert own.prescribed is not None
+    speed, moment = own.prescribed.top_speed, 0.0
+    for sprocket in ring.sprockets:
+        if sprocket.load is not None:
+            ratio = own.teeth / sprocket.teeth
+            moment = moment + sprocket.load.steady(speed * ratio) * ratio
+    return moment
+
+
+def _with_load(ring: Ring, s: int, moment: float) -> Ring:
+    """A chain with a further load on a sprocket, the `s`th of the whole drive."""
+    at, sprockets = ring.places["sprockets"].index(s), list(ring.drive.sprockets)
+    load = sprockets[at].load or Load()
+    sprockets[at] = sprockets[at].model_copy(update={"load": load.model_copy(update={"torque": load.torque + moment})})
+    return replace(ring, drive=ring.drive.model_copy(update={"sprockets": tuple(sprockets)}))
 
 
 def _places(drive: Drive, name: str) -> dict[str, tuple[int, ...]]:

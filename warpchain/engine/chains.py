@@ -14,11 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, stacks_of
 from warpchain.drive.mounts import wheel_inertia
-from warpchain.drive.rings import Ring, rings_of, shaft_of
+from warpchain.drive.rings import Ring, loaded_rings, rings_of, shaft_of
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
 from warpchain.results.metrics import Ended
@@ -125,6 +126,8 @@ class Rows:
                 if packed.motions["prescribed"][body] == 0 and len(groups[shaft_of(sprocket)]) > 1:
                     own = (sprocket.inertia or 0.0) + wheel_inertia(sprocket)
                     packed.ties["beside"][body] = 1.0 / packed.motions["inverse_inertia"][body] - own
+        for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
+            rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
         rows["light"][a:b] = (packed.motions["following"][begin:end] < LIGHT).any()
 
 

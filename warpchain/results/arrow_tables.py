@@ -61,8 +61,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
 
     variables = {name: (CHANNEL[name].dimensions, values, {"units": UNITS[name]}) for name, values in channels.items()}
     labels: dict[str, Any] = {
-        "roller": np.arange(drive.chain.links),
-        "link": np.arange(drive.chain.links),
+        "roller": np.arange(drive.links),
+        "link": np.arange(drive.links),
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
         "arm": [arm.name for arm in drive.arms],
         "tensioner": [tensioner.name for tensioner in drive.tensioners],

@@ -51,3 +51,12 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
         held = {name: values for name, values in held.items() if values.shape[1]}
         found[ring.name] = Trajectory(ring.drive, trajectory.time, **held)
     return found
+
+
+def chain_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A chain's row of metrics as that of a drive of its own: its own columns without its name, then all others."""
+    if not name:
+        return dict(row)
+    before = f"{name}."
+    own = {column.removeprefix(before): value for column, value in row.items() if column.startswith(before)}
+    return own | {column: value for column, value in row.items() if column not in own and not column.startswith(before)}

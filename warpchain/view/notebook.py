@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
 from warpchain.errors import WarpchainError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.channels import CHANNEL
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
 from warpchain.results.metric_columns import title_of, unit_of
@@ -164,6 +166,8 @@ def _beside(left: str, right: str) -> str:
 
 
 def _picture(drive: Drive) -> str:
+    if drive.chains:
+        return "".join(_picture(ring.drive) for ring in rings_of(drive))
     try:
         return drive_svg(drive)
     except WarpchainError as error:
@@ -171,6 +175,8 @@ def _picture(drive: Drive) -> str:
 
 
 def _drive(drive: Drive) -> str:
+    if drive.chains:
+        return "".join(f"<p>{escape(ring.name)}</p>{_drive(ring.drive)}" for ring in rings_of(drive))
     chain = drive.chain
     size = f"{chain.size}, " if chain.size else ""
     about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_text(chain.mass, 'kg')} a roller)"
@@ -191,7 +197,8 @@ def _drive(drive: Drive) -> str:
 
 def _first_metrics(drive: Drive) -> list[str]:
     """The metrics to show first."""
-    names = ["tension_mean", "tension_max", "efficiency"]
+    chains = [f"{chain.name}." for chain in drive.chains] or [""]
+    names = [*(f"{chain}tension_{of}" for chain in chains for of in ("mean", "max")), "efficiency"]
     for sprocket in drive.sprockets:
         names += [f"{sprocket.name}.speed_mean", f"{sprocket.name}.moment_mean", f"{sprocket.name}.force_max"]
     names += [f"{guide.name}.force_max" for guide in drive.guides]
@@ -235,4 +242,6 @@ def _trajectory(trajectory: Trajectory) -> str:
     ]
     right = table_html(("channel", "unit", "shape", "type"), rows, f"{frames} frames, {spell}")
     moving = trajectory.position is not None and frames > 0
-    return _beside(frame_svg(trajectory, frames - 1) if moving else _picture(trajectory.drive), right)
+    chains = chain_trajectories(trajectory).values()
+    picture = "".join(frame_svg(chain, frames - 1) for chain in chains) if moving else _picture(trajectory.drive)
+    return _beside(picture, right)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import (
     arm_outline,
@@ -148,17 +150,20 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
 
     position, tension = need(trajectory, "position", "tension")
     drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
-    x = position[f]
-    arrows, largest, reach = _arrows(trajectory, f)
-    low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
+    x, parts = position[f], list(chain_trajectories(trajectory).values())
+    arrows, largest, reach = _arrows(parts, f)
+    ends = [_extent(part, f, [x + reach * force for force in arrows]) for part in parts]
+    low, high = np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)
     span = high - low
     unit, factor = shown("m", span)
     figure = Figure(figsize=_size(float(span[1] / span[0])), layout="constrained")
     axis = figure.subplots()
-    _draw_parts(axis, trajectory, f, factor)
+    for part in parts:
+        _draw_parts(axis, part, f, factor)
     top = scale_top([trajectory]) if top is None else top
     newton, scale = display_unit("N", top)
-    links = factor * np.stack([x, np.roll(x, -1, axis=0)], axis=1)
+    after = np.concatenate([np.roll(part.position[f], -1, axis=0) for part in parts])  # type: ignore[index]
+    links = factor * np.stack([x, after], axis=1)
     chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension[f])
     axis.add_collection(chain)
@@ -183,12 +188,13 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
     return figure
 
 
-def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
+def _arrows(chains: Sequence[Trajectory], f: int) -> tuple[list[Any], float, float]:
     """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
-    (position,) = need(trajectory, "position")
-    arrows = [force[0] for force in contact_arrows(trajectory.at(slice(f, f + 1)))]
+    position = np.concatenate([need(chain, "position")[0][f] for chain in chains])
+    each = [contact_arrows(chain.at(slice(f, f + 1))) for chain in chains]
+    arrows = [np.concatenate([forces[kind][0] for forces in each]) for kind in range(2)]
     largest = max(float(np.hypot(*force.T).max()) for force in arrows)
-    span = float(np.ptp(position[f], axis=0).max())
+    span = float(np.ptp(position, axis=0).max())
     return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0
 
 
