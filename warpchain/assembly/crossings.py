@@ -1,4 +1,4 @@
-"""Chains of one plane that cross."""
+"""All chains of a drive in place; chains of one plane that cross are refused."""
 
 from __future__ import annotations
 
@@ -8,10 +8,29 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
 from warpchain.drive.rings import Ring, rings_of, shaft_of
 from warpchain.errors import DriveError
+
+
+def assemble_chains(drive: Drive) -> list[Assembly]:
+    """The initial state of each chain.
+
+    Raises:
+        DriveError: a chain that does not fit, or chains of one plane that cross.
+    """
+    if not drive.chains:
+        return [assemble(drive)]
+    found = []
+    for ring in rings_of(drive):
+        try:
+            found.append(assemble(ring.drive))
+        except DriveError as error:
+            raise DriveError(f'chain "{ring.name}": {error}') from None
+    check_planes(drive, [assembly.path for assembly in found])
+    return found
 
 
 def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from warpchain.assembly import guide_report, statics
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.crossings import check_planes
+from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
 from warpchain.assembly.path import path_at
@@ -19,7 +19,7 @@ from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, rings_of, train_of
+from warpchain.drive.rings import loaded_rings, train_of
 from warpchain.drive.stiffness import contact_rebound
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
@@ -168,7 +168,7 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
         for shaft in drive.shafts
     ]
     step = _step(drive)
-    check_planes(drive, [assemble(ring.drive).path for ring in rings_of(drive)])
+    assemble_chains(drive)
     own = {}
     for ring in loaded_rings(drive):
         automatic = ring.drive.run.model_copy(update={"step": "auto"})
