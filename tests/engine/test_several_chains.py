@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from drives import two_sprockets
 
-from warpchain import Limits, Record, loads_drive, simulate
+from warpchain import Limits, Record, load_drive, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
+from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError, SuspectWarning
 from warpchain.results.chains import chain_trajectories
 
@@ -76,7 +77,9 @@ def test_the_energy_balance_is_of_all_chains(turning):
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_variant_alone_is_the_same_in_a_crowd(precision):
+    others = [load_drive(drive_path(name)).with_values({"run.duration": 0.002}) for name in ("engine", "marine")]
     drives = [chains.two_stages(duration=0.01), two_sprockets(duration=0.01), chains.side_by_side(2, duration=0.01)]
+    drives += others
     crowd = simulate(drives, device="cpu", precision=precision)
     for v, drive in enumerate(drives):
         alone = simulate(drive, device="cpu", precision=precision)[0]

@@ -112,7 +112,7 @@ def ratio_rules(drive: Any) -> Iterator[Problem]:
     train = train_of(sprockets)
     for c, chain in enumerate(chains):
         name = get(chain, "name")
-        if name not in train.leaders:
+        if is_name(name) and name not in train.leaders:
             text = "is turned by nothing: no sprocket of it is prescribed, or on a shaft that another chain turns"
             yield Problem(("chains", c, "name"), name, text)
     for wrong in train.contradictions:
@@ -137,10 +137,10 @@ def _sound(drive: Any, sprocket: Any) -> bool:
 def plane_rules(drive: Any) -> Iterator[Problem]:
     """Chains that have sprockets on one shaft are not in one plane."""
     seen: dict[tuple[str, str], Any] = {}
-    chains = {get(chain, "name"): c for c, chain in enumerate(elements(drive, "chains"))}
+    chains = {name: c for c, chain in enumerate(elements(drive, "chains")) if is_name(name := get(chain, "name"))}
     for sprocket in elements(drive, "sprockets"):
         name = get(sprocket, "chain")
-        if get(sprocket, "shaft") is None or not isinstance(name, str) or name not in chains:
+        if not is_name(get(sprocket, "shaft")) or not is_name(name) or name not in chains:
             continue
         plane = get(elements(drive, "chains")[chains[name]], "plane")
         other = seen.setdefault((shaft_of(sprocket), plane), name) if isinstance(plane, str) else name

@@ -83,7 +83,7 @@ RULES = (
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
-    shaft_group_rules: {"sprockets.center", "sprockets.mount"},
+    shaft_group_rules: {"shafts", "sprockets.center", "sprockets.mount"},
     size_rules: {
         *(f"{kind}.{key}" for kind in ("chain", "chains") for key in ("pitch", "roller_radius")),
         "contact",
