@@ -23,11 +23,11 @@ from .steps import evaluating, moving, stepping
 
 
 @cache
-def shafts(Real: type, capacity: int) -> SimpleNamespace:
+def shafts(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that make the bodies of each shaft of a variant turn as one."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    rates_of = moving(Real, False).rates_of
+    rates_of = moving(Real, plain).rates_of
 
     @wp.func
     def bodies_of(ensemble: Ensemble, first: int, rings: int):
@@ -52,12 +52,14 @@ def shafts(Real: type, capacity: int) -> SimpleNamespace:
                 state.rates[b] = rates
 
     @wp.func
-    def find_rates(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
-        """Accelerations of all bodies of a variant at `time`."""
-        for r in range(variant, variant + rings):
-            drive = ensemble.drives[r]
-            for b in range(drive.first_body, drive.first_body + drive.bodies):
-                state.rates[b] = rates_of(ensemble, state, drive, b, time)
+    def find_rates(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
+        """Accelerations of a chain's bodies at `time`, as if they were alone."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.rates[b] = rates_of(ensemble, state, drive, b, time)
+
+    @wp.func
+    def join_all(ensemble: Ensemble, state: State, variant: int, rings: int):
+        """`join`, of all bodies of a variant."""
         join(ensemble, state, ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings))
 
     @wp.func
@@ -65,7 +67,9 @@ def shafts(Real: type, capacity: int) -> SimpleNamespace:
         """Finds the accelerations with which all contacts of each body agree, from wrenches that say how they answer
         (`steps.evaluating`).
         """
-        find_rates(ensemble, state, variant, rings, time)
+        for r in range(variant, variant + rings):
+            find_rates(ensemble, state, ensemble.drives[r], time)
+        join_all(ensemble, state, variant, rings)
         begin = ensemble.drives[variant].first_body
         for b in range(begin, begin + bodies_of(ensemble, variant, rings)):
             first = begin + ensemble.ties[b].train
@@ -83,15 +87,15 @@ def shafts(Real: type, capacity: int) -> SimpleNamespace:
 
 
 @cache
-def chains_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
+def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kernel:
     """The kernel that takes variants of several chains through the steps of a launch (`serial.advance_kernel`)."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     part = passes(Real, capacity)
-    do, of_bodies, together = stepping(Real, capacity, False), moving(Real, False), shafts(Real, capacity)
-    sums_of, frames_of = measuring(Real, capacity, False), sampling(Real, capacity, frame, False)
-    forces = evaluating(Real, capacity, False)
-    neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, False)
+    do, of_bodies, together = stepping(Real, capacity, plain), moving(Real, plain), shafts(Real, plain)
+    sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
+    forces = evaluating(Real, capacity, plain)
+    neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
 
     @wp.func
     def memory_at(ensemble: Ensemble, state: State, drive: Drive, at: Stage, wanted: Now):
@@ -104,30 +108,33 @@ def chains_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         return memory
 
     @wp.func
+    def pull(ensemble: Ensemble, state: State, r: int, drive: Drive, w: wp.array[Real], memory: kinds.Memory):
+        """`steps.evaluating`'s, of the chain in row r."""
+        forces.pull(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
+
+    @wp.func
     def evaluate(
         ensemble: Ensemble, state: State, variant: int, rings: int, scratch: wp.array2d[Real], at: Stage, wanted: Now
     ):
         """Forces on all rollers and wrenches on all bodies, then the bodies' accelerations."""
-        light = int(0)
-        for c in range(rings):
-            r = variant + c
-            drive = ensemble.drives[r]
-            memory = memory_at(ensemble, state, drive, at, wanted)
-            chain, links, joint = ensemble.chains[r], ensemble.links[r], ensemble.joints[r]
-            forces.pull(ensemble, state, drive, chain, links, joint, scratch[c], memory)
-            if drive.light != 0 and memory.lag > Real(0.0):
-                light = int(1)
-        if light != 0:
-            for c in range(rings):
-                drive = ensemble.drives[variant + c]
-                memory = memory_at(ensemble, state, drive, at, wanted)
-                forces.try_contacts(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
-            together.predict(ensemble, state, variant, rings, at.time)
+        predicted = int(0)
+        if wp.static(not plain):
+            if ensemble.drives[variant].light != 0 and ensemble.drives[variant].integrator == 0:
+                predicted = int(1)
+                for c in range(rings):
+                    drive = ensemble.drives[variant + c]
+                    memory = memory_at(ensemble, state, drive, at, wanted)
+                    pull(ensemble, state, variant + c, drive, scratch[c], memory)
+                    forces.try_contacts(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
+                together.predict(ensemble, state, variant, rings, at.time)
         for c in range(rings):
             drive = ensemble.drives[variant + c]
             memory = memory_at(ensemble, state, drive, at, wanted)
+            if predicted == 0:
+                pull(ensemble, state, variant + c, drive, scratch[c], memory)
             forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
-        together.find_rates(ensemble, state, variant, rings, at.time)
+            together.find_rates(ensemble, state, drive, at.time)
+        together.join_all(ensemble, state, variant, rings)
 
     @wp.func
     def observe(
@@ -168,7 +175,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             if drive.integrator == 0:
                 kick = leapfrog_kick(now.step, drive.step)
                 do.leapfrog(ensemble, state, drive, chain, scratch[c], now.time, kick)
-            else:
+            elif wp.static(not plain):
                 do.take_stage(ensemble, state, drive, chain, scratch[c], at)
 
     @wp.func
@@ -206,7 +213,8 @@ def chains_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                 if stage != 0:
                     wanted = Now()
                 evaluate(ensemble, state, variant, rings, scratch, at, wanted)
-                if stage == 0:
+                checks = step % DIVERGENCE_CHECK == 0 or step == whole.steps
+                if stage == 0 and (checks or now.measures != 0 or now.sizes != 0):
                     progress.diverged = observe(ensemble, state, sums, variant, rings, frames, scratch, now, taken)
                     if now.sizes != 0:
                         taken = taken + 1
@@ -224,7 +232,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             state.progress[variant + c] = progress
             part.put_back(state, scratch[c], drive.first_roller, drive.rollers)
 
-    @wp.kernel(enable_backward=False, module=own_module(__file__, "advance_chains", Real, capacity, frame))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "advance_chains", Real, capacity, frame, plain))
     def advance(
         ensemble: Ensemble,
         state: State,

@@ -83,7 +83,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 arm = arm_of(drive, b)
                 if arm >= 0:
                     energy = arm_energy(energy, body, heading, ensemble.arms[arm])
-                energy -= wp.float64(0.5) * ensemble.ties[b].beside * body.speed * body.speed
+            energy -= wp.float64(0.5) * ensemble.ties[b].beside * body.speed * body.speed
             total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):

@@ -32,9 +32,9 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces"))
     if name == "relax":
         return relax.relax_kernel(*form, plain)
-    if most_chains(packed) > 1:
-        return chains.chains_kernel(*form, packed.frame)
     plain = plain and not any(drives[what].any() for what in ("integrator", "light"))
+    if most_chains(packed) > 1:
+        return chains.chains_kernel(*form, packed.frame, plain)
     return serial.advance_kernel(*form, packed.frame, plain)
 
 
