@@ -49,6 +49,7 @@ class Curves:
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
+    rings: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
     sprockets: wp.int32  # S
     guides: wp.int32  # G
@@ -108,9 +109,10 @@ class Motion:
 
 @wp.struct
 class Tie:
-    """The place of a body in its train, of drives that are tied (`physics.train`)."""
+    """The place of a body in its train, of drives that are tied (`physics.train`) or have several chains."""
 
-    train: wp.int32  # number of the train's first body in the drive, its own where it turns alone; negative: an arm
+    train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
+    # turns alone; negative: an arm of a drive that is tied
     ratio: wp.float64  # rho, its speed over that of the first
     inertia: wp.float64  # J of its own [kg m^2]
 

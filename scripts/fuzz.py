@@ -33,10 +33,11 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 
-from warpchain import ArchiveOptions, Drive, Record, assemble, read_archive, run_study, simulate, write_archive
+from warpchain import ArchiveOptions, Drive, Record, read_archive, run_study, simulate, write_archive
 from warpchain.archive.archive_format import TOPICS
 from warpchain.archive.mcap_read import RECORD, records
 from warpchain.archive.recover import recover_archive
+from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Guide, dumps_drive, load_drive, loads_drive
 from warpchain.drive.csv_files import read_points
@@ -252,7 +253,7 @@ class Fuzz:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.home = folder, folder / "home"
-        drives = [example(name) for name in ("marine", "engine", "motorcycle", "conveyor", "swing_idler")]
+        drives = [example(name) for name in ("marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6")]
         self.base, self.texts = drives[0], [dumps_drive(drive) for drive in drives]
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]
@@ -277,7 +278,7 @@ class Fuzz:
         path.write_bytes(draw(changed_text(draw(one(self.texts)))))
         drive = load_drive(path)
         resolve_step(drive)
-        assemble(drive)
+        assemble_chains(drive)
         assert loads_drive(dumps_drive(drive)) == drive
 
     def studies(self, draw: Draw) -> None:

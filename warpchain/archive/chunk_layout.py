@@ -119,8 +119,9 @@ class Form:
         """The layout of frames of a drive."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
-        counts = (len(parts) for parts in (drive.tensioners, drive.shafts, drive.couplings))
-        return cls(drive.chain.links, names, channels, precision, values, exact, variant, arms, *counts)
+        sizes = Sizes.of(drive)
+        counts = sizes.tensioners, sizes.shafts, sizes.couplings
+        return cls(drive.links, names, channels, precision, values, exact, variant, arms, *counts)
 
     @property
     def topics(self) -> tuple[str, ...]:

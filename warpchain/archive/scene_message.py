@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from warpchain.archive.archive_format import message_type, sprocket_frame, varint
 from warpchain.archive.chunk_layout import Form
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
 from warpchain.results.scene import guide_outline, tooth_outline
 
 FRAME = "drive"
@@ -41,6 +42,12 @@ def scene_update(form: Form, drive: Drive) -> bytes:
     with it, or, where the frames do not hold how it lies, at angle zero in the drive's frame; one a guide,
     `guide/NAME`: its face and ends (open), in the frame of the arm that carries it if it has one. Points in metres.
     """
+    entities = [entity for ring in rings_of(drive) for entity in _entities(form, ring.drive)]
+    return b"".join(_field(2, entity) for entity in entities)
+
+
+def _entities(form: Form, drive: Drive) -> list[bytes]:
+    """The entities of a chain's sprockets and guides."""
     entities = []
     turn = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -58,7 +65,7 @@ def scene_update(form: Form, drive: Drive) -> bytes:
             frame = sprocket_frame(form.variant, guide.arm)
             outline = outline - np.asarray(next(arm.pivot for arm in drive.arms if arm.name == guide.arm))
         entities.append(_entity(frame, f"guide/{guide.name}", {}, [_line("LINE_STRIP", outline, GUIDE_COLOR)]))
-    return b"".join(_field(2, entity) for entity in entities)
+    return entities
 
 
 def _field(number: int, data: bytes) -> bytes:

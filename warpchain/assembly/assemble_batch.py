@@ -61,8 +61,8 @@ class Assemblies(Sequence[Assembly]):
             yield places, state if whole else state.of(rows)
 
 
-def assemble_all(stacks: Sequence[Stack], first: int = 0) -> Assemblies:
-    """Assembles the drives of stacks; `first` is what variant 0 is called.
+def assemble_all(stacks: Sequence[Stack], first: int | Places = 0) -> Assemblies:
+    """Assembles the drives of stacks; `first` is what variant 0 is called, or what all are.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the first variant.

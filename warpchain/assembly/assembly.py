@@ -54,6 +54,7 @@ from warpchain.drive.batch_math import (
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_velocity
 from warpchain.drive.replicates import turned_on
+from warpchain.drive.sprocket import Led
 from warpchain.drive.trains import Tie, ties, turning_sign
 from warpchain.errors import DriveError
 
@@ -438,9 +439,10 @@ def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
     motion = turned.prescribed
     if motion is None or some(motion.ramp_time > 0.0):
         return 0.0
-    motion = turned_on(drive, turned, motion)
+    motion = turned.driver if isinstance(turned, Led) else turned_on(drive, turned, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
-    return speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
+    speed = speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
+    return speed * turned.start_ratio if isinstance(turned, Led) else speed
 
 
 def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from warpchain.assembly import guide_report, statics, train_report
 from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
 from warpchain.assembly.path import ChainPath, path_at
@@ -18,6 +19,7 @@ from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
+from warpchain.drive.rings import loaded_rings, train_of, with_shafts
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
 
@@ -75,9 +77,13 @@ def derive(drive: Drive) -> dict[str, Any]:
     Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
     `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md lists the keys.
 
+    Of several chains "chains" has those of each by name, with the loads that it passes on; the step is of all.
+
     Raises:
-        DriveError: a chain that does not fit, or a step beyond its limit.
+        DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
+    if drive.chains:
+        return _derive_several(drive)
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
@@ -142,11 +148,39 @@ def derive(drive: Drive) -> dict[str, Any]:
             if active(sprocket)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
+        **_step(drive),
+    }
+
+
+def _step(drive: Drive) -> dict[str, Any]:
+    """The step and its limits."""
+    return {
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
         "stiffest_part": stiffest_part(drive),
         "automatic_step": automatic_step(drive),
     }
+
+
+def _derive_several(drive: Drive) -> dict[str, Any]:
+    """`derive` of several chains."""
+    speeds = train_of(with_shafts(drive)).speeds
+    shafts = [
+        {
+            "name": shaft.name,
+            "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
+            "ratio": float(speeds[shaft.name]),
+            "speed": float(speeds[shaft.name]) * drive.driver_speed,
+        }
+        for shaft in drive.shafts
+    ]
+    step = _step(drive)
+    assemble_chains(drive)
+    own = {}
+    for ring in loaded_rings(drive):
+        automatic = ring.drive.run.model_copy(update={"step": "auto"})
+        own[ring.name] = derive(ring.drive.model_copy(update={"run": automatic})) | step
+    return {"chains": own, "shafts": shafts, **step}
 
 
 def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady) -> list[dict[str, Any]]:
@@ -457,9 +491,28 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
+    if "chains" in values:
+        return _report_several(values)
+    return "\n".join([*_chain_lines(values), *_step_lines(values)])
+
+
+def _report_several(values: dict[str, Any]) -> str:
+    """`report` of several chains."""
+    lines: list[str] = []
+    for name, chain in values["chains"].items():
+        lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
+    rows: list[tuple[str, ...]] = [
+        (s["name"], ", ".join(s["sprockets"]), f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s") for s in values["shafts"]
+    ]
+    lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
+    return "\n".join([*lines, *_step_lines(values)])
+
+
+def _chain_lines(values: dict[str, Any]) -> list[str]:
+    """Lines on a chain, and what it runs over."""
     state = "taut" if values["strain"] >= 0.0 else "slack"
     worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
-    lines = [
+    return [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
@@ -477,6 +530,4 @@ def report(values: dict[str, Any]) -> str:
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
-        *_step_lines(values),
     ]
-    return "\n".join(lines)

@@ -19,6 +19,7 @@ from warpchain.drive.batch import picked
 from warpchain.drive.batch_math import largest, power, some, sqrt
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
+from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import is_free, names_of, seen_inertia
 from warpchain.errors import DriveError
 
@@ -52,6 +53,8 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
     (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r the places a pitch apart where its faces can be
     touched, from its pivot, k_T a tensioner's spring, oil and stop, l its lever, d the centers of sprockets on it.
     """
+    if drive.chains:
+        return _together([body for ring in rings_of(drive) for body in moving_bodies(ring.drive, held)])
     found = []
     for s, sprocket in enumerate(drive.sprockets):
         if on_springs(sprocket):
@@ -64,7 +67,9 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         if not held and is_free(drive, s) and not on_springs(sprocket):
             inertia = seen_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
-            found.append(Body(f'sprocket "{sprocket.name}"', turning / inertia, 0.0))
+            of_several = sprocket.shaft is not None and not drive.shafts  # a ring's, see `_together`
+            name = f'shaft "{sprocket.shaft}"' if of_several else f'sprocket "{sprocket.name}"'
+            found.append(Body(name, turning / inertia, 0.0))
     found += [] if held else _couplings(drive)
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
@@ -104,6 +109,15 @@ def _couplings(drive: Drive) -> list[Body]:
     return found
 
 
+def _together(bodies: Sequence[Body]) -> list[Body]:
+    """Bodies with those of one shaft, which has the inertia of all, as one that all its chains' rollers push."""
+    found: dict[str, Body] = {}
+    for body in bodies:
+        known = found.get(body.name, Body(body.name, 0.0, 0.0))
+        found[body.name] = Body(body.name, known.square + body.square, known.rate + body.rate)
+    return list(found.values())
+
+
 def _pushes(drive: Drive, body: int) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of the tensioners that push a body; of an arm times their levers' squares."""
     stiffness = damping = 0.0
@@ -135,6 +149,8 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
 
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
+    if drive.chains:
+        return largest(*(_highest_frequency(ring.drive, damped_links, bodies) for ring in rings_of(drive)))
     mass = drive.chain.mass
     half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
     stiffest = largest(0.0, *(stiffness for _, stiffness in _contacts(drive)))
@@ -145,6 +161,8 @@ def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body])
 
 def stiffest_part(drive: Drive) -> str:
     """The part that needs the shortest steps: a roller on its links and one contact, the links' dampers, or a body."""
+    if drive.chains:
+        return _stiffest_of_several(drive)
     chain, mass = drive.chain, drive.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
     parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contacts(drive)}
@@ -154,6 +172,17 @@ def stiffest_part(drive: Drive) -> str:
     parts["the dampers of the links"] = links * links
     parts |= {body.name: body.square + body.rate * body.rate for body in moving_bodies(drive)}
     return max(parts, key=parts.__getitem__)
+
+
+def _stiffest_of_several(drive: Drive) -> str:
+    """`stiffest_part` of the chain that needs the shortest steps, or the body that lowers them most."""
+    bodies = moving_bodies(drive)
+    ring = max(rings_of(drive), key=lambda ring: _highest_frequency(ring.drive, True, bodies)).drive
+    fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=Body("", 0.0, 0.0))
+    held = _highest_frequency(ring, True, [])
+    if fastest.square + fastest.rate * fastest.rate > held * held:
+        return fastest.name
+    return f'{stiffest_part(ring)}, chain "{ring.chain.name}"'  # type: ignore[attr-defined]
 
 
 def step_limit(drive: Drive, damped_links: bool = True, held: bool = False) -> float:

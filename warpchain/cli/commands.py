@@ -196,12 +196,15 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """Results of a run in a few lines."""
     if row["diverged"]:
         return [row["reason"]]
-    if row.get("tension_mean") is None:
+    if row.get("input_work") is None:
         return [f"{seconds:.1f} s; the window for metrics was not reached"]
     lines = [
         f"window {row['window_start']:g} to {row['window_end']:g} s; the run took {seconds:.1f} s",
-        f"tension: mean {row['tension_mean']:.0f} N, from {row['tension_min']:.0f} to {row['tension_max']:.0f} N",
     ]
+    for before in [f"{chain.name}." for chain in drive.chains] or [""]:
+        mean, least, most = (row[f"{before}tension_{of}"] for of in ("mean", "min", "max"))
+        named = before.replace(".", ": ")
+        lines.append(f"{named}tension: mean {mean:.0f} N, from {least:.0f} to {most:.0f} N")
     for sprocket in drive.sprockets:
         name = sprocket.name
         lines.append(
@@ -216,7 +219,9 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     residual = row["energy_residual_relative"]
     works = f"in {row['input_work']:.5g} J, out {row['output_work']:.5g} J"
     efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
-    rubbing = "" if row.get("joints.friction") is None else f", joint friction {row['joints.friction']:.4g} J"
+    joints = [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"]
+    rubbed = [row[name] for name in joints if row.get(name) is not None]
+    rubbing = f", joint friction {sum(rubbed):.4g} J" if rubbed else ""
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
     lines += _loss_lines(drive, row)
     if row.get("steady") is False:

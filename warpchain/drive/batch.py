@@ -58,7 +58,9 @@ class Stack:
 def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
     """Drives sorted into stacks, in the order of their first members."""
     bent = np.array(_bent(drives), dtype=bool)
-    groups = [(np.flatnonzero(bent == faces), faces) for faces in (False, True)]
+    several = np.array([bool(drive.chains) for drive in drives])
+    ways = ((faces, chains) for faces in (False, True) for chains in (False, True))
+    groups = [(np.flatnonzero((bent == faces) & (several == chains)), faces) for faces, chains in ways]
     found = [stack for members, faces in groups if len(members) for stack in _stacks(drives, members, faces)]
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
@@ -263,7 +265,12 @@ def first_refused(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int
     return int(stack.members[begin]), error
 
 
-def first_of(refused: Sequence[tuple[int, DriveError]], first: int = 0) -> DriveError:
-    """The error to raise of refused variants: that of the first, which it names; `first` is the number of variant 0."""
+def first_of(refused: Sequence[tuple[int, DriveError]], first: int | NDArray[np.int64] = 0) -> DriveError:
+    """The error to raise of refused variants: that of the first, which it names.
+
+    Args:
+        refused: numbers and errors.
+        first: the number that variant 0 has, or those that all have.
+    """
     v, error = min(refused, key=lambda pair: pair[0])
-    return DriveError(f"variant {first + v}: {error}")
+    return DriveError(f"variant {first + v if isinstance(first, int) else int(first[v])}: {error}")

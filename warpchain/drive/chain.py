@@ -13,6 +13,7 @@ from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.schema import (
     BARE,
     Allowed,
+    Name,
     NonNegative,
     Part,
     Positive,
@@ -327,3 +328,16 @@ class Chain(Part):
         yield from exactly_one(node, "damping", "damping_ratio", "must be a number of at least 0")
         if numbers(radius, pitch) and radius >= pitch / 2 > 0:
             yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")
+
+
+class NamedChain(Chain):
+    """One of several chains of a drive: what `[chain]` has, and a name.
+
+    Attributes:
+        name: unique among all parts; what is of the chain or of its strands in the metrics begins with it.
+        plane: plane in which it runs, by any name; chains of one plane must not cross. None is the plane of all that
+            name none.
+    """
+
+    name: Name
+    plane: Name | None = None

@@ -14,7 +14,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
@@ -22,7 +22,8 @@ from warpchain.arguments import Index, among, checked
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
-from warpchain.drive.chain import Chain
+from warpchain.drive.chain import Chain, NamedChain
+from warpchain.drive.chain_rules import OF_CHAINS, SEVERAL, shaft_group_rules
 from warpchain.drive.contact_settings import (
     Contact,
     GuideContact,
@@ -47,12 +48,15 @@ from warpchain.drive.drive_rules import (
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.rings import rings_of, with_shafts
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import (
     Allowed,
     Part,
     Problem,
     Rule,
+    elements,
+    get,
 )
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket
@@ -68,6 +72,7 @@ from warpchain.show import html
 
 RULES = (
     count_rules,
+    *SEVERAL,
     sprocket_rules,
     name_rules,
     place_rules,
@@ -84,24 +89,31 @@ RULES = (
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
 FACES = ("start", "end", "points", "radius", "arcs", "profile", "end_radius")
+PITCHES = ("chain.pitch", "chains.pitch")
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
-    size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
-    profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
-    face_rules: {"chain.pitch", *(f"guides.{key}" for key in FACES)},
-    tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
+    shaft_group_rules: {"shafts", "sprockets.center", "sprockets.mount"},
+    size_rules: {*PITCHES, "chain.roller_radius", "chains.roller_radius", "contact", "guides.contact"},
+    profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
+    face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
+    tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"sprockets", "shafts", "gears", "couplings"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
+
+
+class _NoSingleChain(DriveError, AttributeError):
+    """Signals that a drive of several chains was taken for one of a single chain."""
 
 
 class Drive(Part):
     """A whole drive: immutable, compared and hashed by value.
 
     Attributes:
-        chain: the chain.
-        sprockets: (S,) sprockets in the order in which the chain visits them; at least 2, at least one prescribed.
+        chain: the chain; of a drive of several, an error that says so.
+        chains: the chains, where there are several, (); a single one is read as `chain`.
+        sprockets: (S,) sprockets in the order in which their chain visits them; at least 2, at least one prescribed.
         guides: (G,) guides.
         arms: (A,) bodies that turn about a pivot; they stand after the sprockets where bodies are counted.
         tensioners: (T,) what pushes arms, or sprockets on sliders.
@@ -116,7 +128,8 @@ class Drive(Part):
         DriveError: with one line for each value that is missing, unknown or not allowed.
     """
 
-    chain: Chain
+    chain: Annotated[Chain, Allowed("must be a table")] = None  # type: ignore[assignment]  # see `__getattr__`
+    chains: Annotated[tuple[NamedChain, ...], Allowed("must be a list of chains")] = ()
     sprockets: Annotated[tuple[Sprocket, ...], Allowed("must be a list of at least 2 sprockets")]
     guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
     arms: Annotated[tuple[Arm, ...], Allowed("must be a list of arms")] = ()
@@ -127,6 +140,14 @@ class Drive(Part):
     shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
     gears: Annotated[tuple[Gear, ...], Allowed("must be a list of gear pairs")] = ()
     couplings: Annotated[tuple[Coupling, ...], Allowed("must be a list of couplings")] = ()
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "chain":
+                names = ", ".join(chain.name for chain in self.chains)
+                raise _NoSingleChain(f"chains: there are several, {names}; this takes drives of one chain, [chain]")
+            return super().__getattr__(name)
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
@@ -161,16 +182,21 @@ class Drive(Part):
         return tuple(settable(self))
 
     @property
+    def links(self) -> int:
+        """Number of links of all chains."""
+        return sum(chain.links for chain in self.chains) if self.chains else self.chain.links
+
+    @property
     def driver(self) -> int:
         """Index of the sprocket that drives: the first prescribed one, or the nearest to the shaft that drives."""
-        prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
+        prescribed = (s for s, sprocket in enumerate(with_shafts(self)) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def driver_speed(self) -> float:
         """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
-        prescribed = self.sprockets[self.driver].prescribed
+        prescribed = with_shafts(self)[self.driver].prescribed
         return top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property
@@ -185,7 +211,10 @@ class Drive(Part):
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next."""
+        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next; of several chains, "CHAIN.FROM->TO"."""
+        if self.chains:
+            rings = rings_of(self)
+            return tuple(f"{ring.name}.{name}" for ring in rings for name in ring.drive.strand_names)
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
@@ -429,15 +458,33 @@ class Drive(Part):
                 keys.update(f"{kind}.{name}" for name in (inner if isinstance(key, int) else (key,)))
         return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]
 
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        """The values, with a single one of `chains` as `chain`, which then no part names."""
+        chains = elements(values, "chains")
+        if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
+            return values
+        if not isinstance(chains[0], Mapping | NamedChain):
+            return values
+        alone = dict(chains[0])
+        name, _ = alone.pop("name", None), alone.pop("plane", None)
+        whole = {key: value for key, value in values.items() if key != "chains"} | {"chain": alone}
+        for kind in OF_CHAINS:
+            whole[kind] = [_without(part, "chain", name) for part in elements(values, kind)]
+        return _without_names(whole)
+
     @model_validator(mode="wrap")
     @classmethod
     def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         drive = handler(values)
         if drive is values:
             return drive
-        links = drive.chain.links
-        if links % 2:
-            warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        if drive.chains:
+            del drive.__dict__["chain"]
+        for ring in rings_of(drive):
+            links, of = ring.drive.chain.links, f"chains.{ring.name}" if ring.name else "chain"
+            if links % 2:
+                warnings.warn(f"{of}.links = {links}: an odd number needs an offset link", stacklevel=4)
         for arm in drive.arms:
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
@@ -445,15 +492,45 @@ class Drive(Part):
                     f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}",
                     stacklevel=4,
                 )
-        for s in drive.catching():
-            limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
-            warnings.warn(
-                f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
-                f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
-                f"they let them go below {limit:.1f} degrees",
-                stacklevel=4,
-            )
+        for ring in rings_of(drive):
+            _warn_of_catching(ring.drive)
         return drive
+
+
+def _warn_of_catching(drive: Drive) -> None:
+    """Warns of sprockets whose straight flanks do not let rollers go."""
+    for s in drive.catching():
+        limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
+        warnings.warn(
+            f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
+            f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
+            f"they let them go below {limit:.1f} degrees",
+            stacklevel=5,
+        )
+
+
+def _without(part: Any, key: str, name: Any) -> Any:
+    """A part, or the mapping that should become one, that does not name its chain or shaft where that has this name."""
+    if get(part, key) != name:
+        return part
+    if isinstance(part, Part):
+        return part.model_copy(update={key: None})
+    return {own: value for own, value in part.items() if own != key} if isinstance(part, Mapping) else part
+
+
+def _without_names(values: dict[str, Any]) -> dict[str, Any]:
+    """The values of one chain without the shafts that are names of single sprockets' own."""
+    if any(elements(values, kind) for kind in ("gears", "couplings")):
+        return values
+    kept = []
+    for shaft in elements(values, "shafts"):
+        name, held = get(shaft, "name"), (get(shaft, key) for key in Shaft.model_fields if key != "name")
+        on = sum(get(sprocket, "shaft") == name for sprocket in values["sprockets"])
+        if on == 1 and all(value is None for value in held):
+            values["sprockets"] = [_without(sprocket, "shaft", name) for sprocket in values["sprockets"]]
+        else:
+            kept.append(shaft)
+    return values | {"shafts": kept}
 
 
 @checked(DriveError)

@@ -11,9 +11,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from warpchain.drive.arms import Arm
-from warpchain.drive.chain import Chain
+from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive.guides import guide_profile
+from warpchain.drive.rings import chain_of
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
 from warpchain.drive.sprocket import SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
@@ -65,12 +66,14 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
 
 def rolling_rules(drive: Any) -> Iterator[Problem]:
     """A roller that rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
-    chain = valid(Chain, get(drive, "chain"))
-    if chain is None or chain.joint is not None:
-        return
     text = "must be false without chain.joint, whose friction rolling rollers pass on"
-    places: list[tuple[tuple[str | int, ...], Any]] = [(("contact", "guide"), get(get(drive, "contact"), "guide"))]
-    places += [(("guides", i, "contact"), get(guide, "contact")) for i, guide in enumerate(elements(drive, "guides"))]
+    chains = [chain for chain, _ in _chains(drive) if chain.joint is None]
+    places: list[tuple[tuple[str | int, ...], Any]] = []
+    if chains:
+        places.append((("contact", "guide"), get(get(drive, "contact"), "guide")))
+    for i, guide in enumerate(elements(drive, "guides")):
+        if chain_of(drive, guide) in chains:
+            places.append((("guides", i, "contact"), get(guide, "contact")))
     for keys, contact in places:
         if get(contact, "rolling") is True:
             yield Problem((*keys, "rolling"), True, text)
@@ -78,9 +81,26 @@ def rolling_rules(drive: Any) -> Iterator[Problem]:
 
 def size_rules(drive: Any) -> Iterator[Problem]:
     """Rules that hold the contacts against the chain's size."""
-    chain = valid(Chain, get(drive, "chain"))
-    if chain is None:
-        return
+    seen = set()
+    for chain, guides in _chains(drive):
+        for problem in _sizes(drive, chain, guides):
+            if problem.path not in seen:
+                seen.add(problem.path)
+                yield problem
+
+
+def _chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
+    """The chains that are sound, each with its guides and their places."""
+    guides = list(enumerate(elements(drive, "guides")))
+    chains = elements(drive, "chains")
+    if not chains and (chain := valid(Chain, get(drive, "chain"))) is not None:
+        yield chain, guides
+    for node in chains:
+        if (named := valid(NamedChain, node)) is not None:
+            yield named, [(g, guide) for g, guide in guides if get(guide, "chain") == named.name]
+
+
+def _sizes(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]]) -> Iterator[Problem]:
     contact, radius = get(drive, "contact"), chain.roller_radius
     sprocket = valid(SprocketContact, get(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
@@ -97,7 +117,7 @@ def size_rules(drive: Any) -> Iterator[Problem]:
     if guide is None:
         return
     yield from _load_rule(guide, radius, math.inf, "contact", "guide")
-    for i, bar in enumerate(elements(drive, "guides")):
+    for i, bar in guides:
         own = get(bar, "contact")
         if all(get(own, key) is None for key in MATERIALS):
             continue
@@ -115,7 +135,7 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
 
 
 TURNED = ("sprockets", "shafts")
-NAMED = (*TURNED, "guides", "arms", "tensioners", "gears", "couplings", "probes")
+NAMED = ("chains", *TURNED, "guides", "arms", "tensioners", "gears", "couplings", "probes")
 PLACES = {
     "sprockets": ("center",),
     "guides": ("start", "end"),
@@ -166,15 +186,15 @@ def count_rules(drive: Any) -> Iterator[Problem]:
 
 def face_rules(drive: Any) -> Iterator[Problem]:
     """No face is longer, and no faces have more pieces, than can be worked through."""
-    chain = valid(Chain, get(drive, "chain"))
-    guides = elements(drive, "guides")
-    if chain is None or len(guides) > MOST_PARTS:
+    guides, count = elements(drive, "guides"), 0
+    if len(guides) > MOST_PARTS:
         return
-    longest, count = LONGEST_FACE * chain.pitch, 0
     for g, guide in enumerate(guides):
-        profile = guide_profile(guide, chain.pitch)
-        if profile is None:
+        chain = chain_of(drive, guide)
+        profile = None if chain is None else guide_profile(guide, chain.pitch)
+        if chain is None or profile is None:
             continue
+        longest = LONGEST_FACE * chain.pitch
         count += len(profile.pieces)
         length = sum(piece.length for piece in profile.pieces)
         if length > longest:
@@ -188,12 +208,11 @@ def face_rules(drive: Any) -> Iterator[Problem]:
 
 def profile_rules(drive: Any) -> Iterator[Problem]:
     """No face bends within a pitch: links cannot follow it."""
-    chain = valid(Chain, get(drive, "chain"))
-    if chain is None:
-        return
-    pitch = chain.pitch
     for g, guide in enumerate(elements(drive, "guides")):
-        offset = get(guide, "offset")
+        chain = chain_of(drive, guide)
+        if chain is None:
+            continue
+        pitch, offset = chain.pitch, get(guide, "offset")
         if numbers(offset) and offset > pitch:
             yield Problem(("guides", g, "offset"), offset, f"must be at most a pitch, {pitch:g}")
         yield from (problem.under("guides", g) for problem in _tight(guide, pitch))
@@ -285,10 +304,11 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
         text = f'points through the pivot of "{arm.name}" and cannot turn it'
         yield Problem(("direction",), list(tensioner.direction), f"{text}; must point past it")
         return
-    chain = valid(Chain, get(drive, "chain"))
+    nodes = [guide for guide in elements(drive, "guides") if get(guide, "arm") == arm.name]
+    carried = [part for part in elements(drive, "sprockets") if get(get(part, "mount"), "arm") == arm.name]
+    chain = next((chain_of(drive, part) for part in (*nodes, *carried)), None)
     if chain is None:
         return
-    nodes = [guide for guide in elements(drive, "guides") if get(guide, "arm") == arm.name]
     profiles = [profile for guide in nodes if (profile := guide_profile(guide, chain.pitch)) is not None]
     ends = [(math.dist(p.face[-1].end, arm.pivot), math.dist(p.face[0].start, arm.pivot)) for p in profiles]
     sense = sum(end * end - start * start for end, start in ends)
@@ -303,7 +323,9 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
 
 def _turns_sprockets(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
     """The tensioner must turn the sprockets on its arm against the pull of their strands."""
-    sprockets = [valid(Sprocket, part) for part in elements(drive, "sprockets")]
+    parts = elements(drive, "sprockets")
+    mine = next((get(part, "chain") for part in parts if get(get(part, "mount"), "arm") == arm.name), None)
+    sprockets = [valid(Sprocket, part) for part in parts if get(part, "chain") == mine]
     whole = [sprocket for sprocket in sprockets if sprocket is not None]
     if len(whole) < 2 or len(whole) < len(sprockets):
         return
@@ -325,8 +347,10 @@ def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
         text = f'must be the name of an arm, or of a sprocket on a slider; the mount of "{name}" is of kind "{kind}"'
         yield Problem(("on",), name, text)
         return
-    sprockets = [valid(Sprocket, part) for part in elements(drive, "sprockets")]
-    tensioner, chain = valid(Tensioner, node), valid(Chain, get(drive, "chain"))
+    place, parts = s, elements(drive, "sprockets")
+    along_chain = [k for k, part in enumerate(parts) if get(part, "chain") == get(parts[s], "chain")]
+    s, sprockets = along_chain.index(place), [valid(Sprocket, parts[k]) for k in along_chain]
+    tensioner, chain = valid(Tensioner, node), chain_of(drive, parts[place])
     own = sprockets[s]
     if own is None or tensioner is None or not isinstance(own.mount, SliderMount):
         return

@@ -129,6 +129,7 @@ class Guide(Part):
         radius: radius of the rounded corners of `points` [m].
         side: side of the way from start to end on which the chain rides; None is the left.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
+        chain: name of the chain that it guides, where there are several.
         arm: arm that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
         contact: contact settings that differ from `[contact.guide]`.
     """
@@ -143,6 +144,7 @@ class Guide(Part):
     profile: Measured | None = None
     side: Side | None = None
     offset: Positive | None = None
+    chain: Name | None = None
     arm: Name | None = None
     contact: GuideOverrides | None = None
 

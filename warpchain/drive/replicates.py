@@ -114,7 +114,7 @@ def turned_on(drive: Drive, turned: Sprocket | Shaft, motion: Motion) -> Motion:
     if phase is None or not some(phase):
         return motion
     teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
-    if drive.shafts:
+    if drive.shafts and not drive.chains:
         turns = signed_turns(drive)[len(drive.sprockets) :]
         teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
 

@@ -71,8 +71,10 @@ class Probe(Part):
         name: unique among all parts.
         at: its place [m].
         radius: how near the chain must come to be seen [m]; None is a pitch.
+        chain: name of the chain that it looks at, where there are several.
     """
 
     name: Name
     at: Pair
     radius: Positive | None = None
+    chain: Name | None = None

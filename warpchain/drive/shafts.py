@@ -103,7 +103,8 @@ class Shaft(Part):
 
     Attributes:
         name: unique among all parts.
-        inertia: its moment of inertia, without its sprockets' own [kg m^2]; needed unless prescribed.
+        inertia: its moment of inertia, without its sprockets' own [kg m^2]; needed unless prescribed, of several chains
+            unless one of its sprockets has one.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
         motor: moment in the direction of forward rotation.
@@ -119,9 +120,6 @@ class Shaft(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "inertia") is None and get(node, "prescribed") is None:
-            text = f"missing; {allowed(cls, 'inertia')}; needed unless the shaft is prescribed"
-            yield Problem(("inertia",), None, text, BARE)
         for key in ("motor", "initial_speed"):
             if get(node, "prescribed") is not None and get(node, key) is not None:
                 yield Problem((key,), None, "not together with prescribed", BARE)

@@ -221,17 +221,19 @@ class Sprocket(Part):
 
     Attributes:
         name: unique among all parts.
+        chain: name of its chain, where there are several.
         teeth: number of teeth, z >= 5.
         center: where it stands [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
         mass: its mass without the balance wheel [kg]; needed when the mount is elastic, a slider or an arm.
-        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed.
+        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
         balance_wheel: eccentric mass that turns with it.
         mount: how the center is held.
-        shaft: the shaft that it is on, which then has motion and load; None is one of its own.
+        shaft: the shaft that it is on, which then has motion and load, or one of its sprockets where there are several
+            chains; None is one of its own.
         key: its angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
         bearing: friction of its bearing; None is none.
     """
@@ -240,6 +242,7 @@ class Sprocket(Part):
     teeth: Teeth
     center: Pair
     wrap: Wrap
+    chain: Name | None = None
     pitch: Positive | None = None
     mass: Positive | None = None
     inertia: Positive | None = None
@@ -271,3 +274,18 @@ class Sprocket(Part):
             yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
         if get(node, "bearing") is not None and get(node, "prescribed") is not None:
             yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)
+
+
+class Led(Sprocket):
+    """The sprocket that leads a chain of which none is prescribed: its shaft is turned by another chain.
+
+    Before a run, and where runs are looked at, it counts as prescribed at the speed that the ratios give; in the run
+    its angle is free (`warpchain.drive.trains.is_free`).
+
+    Attributes:
+        driver: motion of the drive's driver, as it begins.
+        start_ratio: forward speed at the start over the driver's [-], by the radii at which rollers ride.
+    """
+
+    driver: Prescribed
+    start_ratio: float

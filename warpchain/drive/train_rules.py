@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
+from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import Tie, has_trains, names_of, rigid, ties, with_chain
 
@@ -19,10 +20,16 @@ SAME = 1e-6
 
 def train_rules(drive: Any) -> Iterator[Problem]:
     """Everything that ties shafts says the same, and something turns them."""
+    if elements(drive, "chains"):
+        return  # `chain_rules`
     if not has_trains(drive) and all(get(of, "shaft") is None for of in elements(drive, "sprockets")):
         return
     names = names_of(drive)
     yield from _known(drive, [name for name in names if is_name(name)])
+    for h, shaft in enumerate(elements(drive, "shafts")):
+        if get(shaft, "inertia") is None and get(shaft, "prescribed") is None:
+            text = f"missing; {allowed(Shaft, 'inertia')}; needed unless the shaft is prescribed"
+            yield Problem(("shafts", h, "inertia"), None, text, BARE)
     yield from _on_shafts(drive)
     found = ties(drive)
     if len(names) > MOST_BODIES:

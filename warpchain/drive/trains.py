@@ -11,7 +11,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.schema import elements, get
-from warpchain.drive.sprocket import Load
+from warpchain.drive.sprocket import Led, Load
 
 PRESSURE_ANGLE = 20.0
 """Of gears' teeth [degrees]."""
@@ -159,7 +159,8 @@ def seen_inertia(drive: Any, b: int) -> Any:
 def leader_of(drive: Any, b: int) -> tuple[int, float] | None:
     """The body of b's train whose motion is prescribed, and how fast b turns beside it; None where b is free."""
     for other, ratio in zip(*train_of(drive, b), strict=True):
-        if turned_part(drive, other).prescribed is not None:
+        part = turned_part(drive, other)
+        if part.prescribed is not None and not isinstance(part, Led):
             return other, 1.0 / ratio
     return None
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
-from warpchain.kernels.cpu import relax, serial
+from warpchain.kernels.cpu import chains, relax, serial
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -33,7 +33,14 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     if name == "relax":
         return relax.relax_kernel(*form, plain)
     plain = plain and not any(drives[what].any() for what in ("integrator", "light"))
+    if most_chains(packed) > 1:
+        return chains.chains_kernel(*form, packed.frame, plain)
     return serial.advance_kernel(*form, packed.frame, plain)
+
+
+def most_chains(packed: Packed) -> int:
+    """The most chains that a variant of an ensemble has."""
+    return int(packed.drives["rings"].max())
 
 
 class CpuEngine(Engine):
@@ -52,8 +59,10 @@ class CpuEngine(Engine):
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
+        self._chains = most_chains(packed)
+        shape = (self._chains, serial.SCRATCH_ROWS * self.capacity)
         for _ in range(workers):
-            self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
+            self._scratch.put(wp.zeros(shape, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")
         self.state = upload_state(packed, "cpu")
         self.cpu_sums = empty_sums(packed, "cpu")
@@ -76,7 +85,8 @@ class CpuEngine(Engine):
             scratch = self._scratch.get()
             try:
                 count = min(group, self.variants - first)
-                wp.launch(kernel, dim=count, inputs=[*before, scratch, first, *after], device="cpu", block_dim=1)
+                rows = scratch if name == "advance" and self._chains > 1 else scratch[0]
+                wp.launch(kernel, dim=count, inputs=[*before, rows, first, *after], device="cpu", block_dim=1)
             finally:
                 self._scratch.put(scratch)
 

@@ -214,6 +214,7 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
+    row["rings"] = 1
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
     fill_counts(row, drive)
@@ -246,13 +247,12 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
 def fill_hub(row: Any, drive: Drive, s: int) -> None:
     """Fills a sprocket's `kernels.structs.Hub`, its `inertia` for a step of 1 s."""
     sprocket, arm = drive.sprockets[s], drive.carrier(s)
-    row["arm"] = GROUND if arm is None else len(drive.sprockets) + arm
+    row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
     if arm is not None:
         row["lever"] = joined(sprocket.center) - joined(drive.arms[arm].pivot)
     if sprocket.bearing is not None:
         row["bearing"] = sprocket.bearing.friction * sprocket.bearing.radius
-        assert sprocket.inertia is not None  # the sprocket's own rule
-        mobility = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
+        mobility = 1.0 / seen_inertia(drive, s)
         if arm is not None:
             mobility = mobility + len(drive.sprockets_on(arm)) / drive.arm_inertia(arm)
         row["inertia"] = 1.0 / mobility

@@ -106,6 +106,8 @@ def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
 def refusal(packed: Packed, first: int = 0) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
     drives = packed.drives
+    if (drives["rings"] > 1).any():
+        return 'drives of several chains are stepped on the CPU only; use device="cpu"'
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
         (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),

@@ -59,7 +59,10 @@ from warpchain.results.schedule import Schedule, schedule_columns
 
 
 def pack(
-    drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequence[Stack] | None = None, first: int = 0
+    drives: Sequence[Drive],
+    schedules: Sequence[Schedule],
+    stacks: Sequence[Stack] | None = None,
+    first: int | NDArray[np.int64] = 0,
 ) -> Packed:
     """Packs drives in float64, each in its assembled initial state: those of a kind all at once.
 
@@ -67,7 +70,7 @@ def pack(
         drives: the drives.
         schedules: their steps.
         stacks: the drives sorted into kinds, where they are.
-        first: what the first of them is called.
+        first: what the first of them is called, or what all are.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.

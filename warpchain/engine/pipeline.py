@@ -49,7 +49,7 @@ def _too_large(members: Members) -> bool:
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.drive for stack in members.stacks]
-    return any(d.chain.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
+    return any(d.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
 
 
 def begun(

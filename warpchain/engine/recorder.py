@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
+from warpchain.results.chains import of_chains
 from warpchain.results.channels import Sizes, channels_of, frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.chains import Rows
     from warpchain.engine.packed import Packed
 
 BUFFER_SHARE = 0.25
@@ -74,13 +76,17 @@ class Recorder:
         packed: Packed,
         info: RunInfo,
         recording: Recording,
+        rows: Rows,
     ) -> None:
         record, memory = recording.record, _beside_statistics(packed, recording.memory)
         self.drives, self.schedules, self.packed = drives, schedules, packed
         self.channels = tuple(record.channels)
         self.indices = record.indices(len(drives))
-        self.widths = np.array([frame_width(drives[v], packed.frame) for v in self.indices], dtype=np.int64)
-        self.every = np.array([schedules[v].sample_every for v in self.indices], dtype=np.int64)
+        self.rows, self.begins = rows, rows.first
+        self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
+        self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
+        self.widths = np.array([frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
+        self.every = np.array([schedules[v].sample_every for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive: Any = None
@@ -103,7 +109,7 @@ class Recorder:
 
     def _check_memory(self, memory: int) -> None:
         """Refuses trajectories that would not fit in memory."""
-        frames = np.array([self.schedules[v].frames for v in self.indices], dtype=np.int64)
+        frames = np.array([self.schedules[v].frames for v in self.owners], dtype=np.int64)
         wanted = float((frames * self.widths).sum()) * self.bytes_per_value
         if wanted > memory:
             raise SimulationError(
@@ -125,26 +131,29 @@ class Recorder:
         counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
-        self.packed.drives["first_value"][list(self.indices)] = self.first
+        self.packed.drives["first_value"][self.written] = self.first
         return int(ends[-1]) if self.indices else 0
 
     def take(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
-        """Takes the frames of a launch from its buffer; `before` and `after` are the variants' progress."""
-        for k, v in enumerate(self.indices):
+        """Takes the frames of a launch from its buffer; `before` and `after` are the rows' progress."""
+        parts: dict[int, list[Trajectory]] = {}
+        for k, (v, r) in enumerate(zip(self.owners, self.written, strict=True)):
             every, width = int(self.every[k]), int(self.widths[k])
-            start = -(-int(before["step"][v]) // every)
-            stop_step = int(after["step"][v]) + int(after["diverged"][v]) * (1 - int(before["diverged"][v]))
+            start = -(-int(before["step"][r]) // every)
+            stop_step = int(after["step"][r]) + int(after["diverged"][r]) * (1 - int(before["diverged"][r]))
             stop = -(-stop_step // every)
             if stop <= start:
                 continue
             first = int(self.first[k])
             values = buffer[first : first + (stop - start) * width].reshape(stop - start, width)
             time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
-            self._keep(v, self._trajectory(v, time, values))
+            parts.setdefault(v, []).append(self._trajectory(r, time, values))
+        for v, chains in parts.items():
+            self._keep(v, chains[0] if len(chains) == 1 else of_chains(self.drives[v], chains))
 
-    def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
-        """Frames as they lie in a buffer, as a trajectory of its own memory."""
-        drive = self.drives[v]
+    def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
+        """Frames of a row as they lie in a buffer, as a trajectory of its own memory."""
+        drive = self.rows.drives[r]
         channels, names = self.packed.frame.split(values, Sizes.of(drive)), channels_of(drive, self.channels)
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
@@ -169,7 +178,10 @@ class Recorder:
         """A variant's chunks as one trajectory."""
         chunks = self._kept.pop(v)
         if not chunks:
-            return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v], self.packed.frame))))
+            rows = range(self.begins[v], self.begins[v + 1])
+            widths = [frame_width(self.rows.drives[r], self.packed.frame) for r in rows]
+            parts = [self._trajectory(r, np.zeros(0), np.zeros((0, w))) for r, w in zip(rows, widths, strict=True)]
+            return parts[0] if len(parts) == 1 else of_chains(self.drives[v], parts)
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])

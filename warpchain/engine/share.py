@@ -21,6 +21,7 @@ from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked
 from warpchain.engine.arrays import Engine
+from warpchain.engine.chains import Rows
 from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
 from warpchain.engine.outcomes import batch_durations, causes_of, engaged, split_sums
 from warpchain.engine.pack import pack
@@ -29,7 +30,7 @@ from warpchain.engine.recorder import Recorder, Recording
 from warpchain.engine.settling import net_force, settle
 from warpchain.progress import Report, Stop
 from warpchain.results.channels import FrameLayout
-from warpchain.results.metrics import Blocks, Ended, metrics_blocks
+from warpchain.results.metrics import Blocks, Ended, Part, metrics_blocks
 from warpchain.results.run import RunInfo
 from warpchain.results.schedule import Schedule
 
@@ -63,7 +64,7 @@ class Members:
         """(V,) roller-steps of each."""
         rollers = np.zeros(len(self.drives))
         for stack in self.stacks:
-            rollers[stack.members] = stack.drive.chain.links
+            rollers[stack.members] = stack.drive.links
         return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
 
     def part(self, begin: int, end: int) -> Members:
@@ -121,19 +122,22 @@ class Share:
 
     def __init__(self, members: Members, frame: FrameLayout) -> None:
         self.members = members
-        drives, stacks = members.drives, members.stacks
-        self.packed = replace(pack(drives, members.schedules, stacks, members.first), frame=frame)
-        self.layouts = layouts_of(drives, self.packed.assemblies, stacks)
+        self.rows = rows = Rows(members.drives, members.stacks)
+        packed = pack(rows.drives, rows.spread(members.schedules), rows.stacks, rows.called(members.first))
+        rows.couple(packed, members.first)
+        self.packed = replace(packed, frame=frame)
+        self.row_layouts = layouts_of(rows.drives, self.packed.assemblies, rows.stacks)
+        self.layouts = rows.layouts(self.row_layouts)
 
     def recorder(self, info: RunInfo, recording: Recording, count: int) -> Recorder:
         """Takes their frames; of the memory of `count` variants they have their part."""
         drives, schedules = self.members.drives, self.members.schedules
         recording = replace(recording, memory=recording.memory * len(drives) // count)
-        return Recorder(drives, schedules, self.packed, info, recording)
+        return Recorder(drives, schedules, self.packed, info, recording, self.rows)
 
     def run(self, how: How, recorder: Recorder, report: Report, stop: Stop, keeper: Keeper | None = None) -> Outcome:
         """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""
-        drives, stacks, packed = self.members.drives, self.members.stacks, self.packed
+        drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
         steps = launch_steps(how.devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
         settling, of = (drives, stacks) if keeper is None else (keeper.unsettled(), None)
 
@@ -159,27 +163,37 @@ class Share:
             at = time.monotonic()
             state = engine.progress()
             diverged = state["diverged"] != 0
-            ended = Ended(
+            rows = Ended(
                 drives,
-                self.members.schedules,
+                self.rows.spread(self.members.schedules),
                 state["step"],
                 diverged,
                 settled,
                 engaged(engine, drives, stacks),
-                self.layouts,
+                self.row_layouts,
                 left,
                 causes_of(engine, drives, diverged),
                 stacks,
             )
-            return Outcome(ended, partial(_blocks, ended, engine.sums(), engine.packed, self.members.first), at)
+            ended = self.rows.ended(rows, self.members.schedules, self.members.stacks)
+            sums = engine.sums()
+            blocks = partial(_blocks, ended, rows, self.rows.first, (sums, engine.packed), self.members.first)
+            return Outcome(ended, blocks, at)
         finally:
             engine.close()
 
 
-def _blocks(ended: Ended, sums: dict[str, NDArray[Any]], packed: Packed, first: int) -> Blocks:
-    """The metrics of variants from their sums; `first` is what variant 0 is called."""
-    found = metrics_blocks(ended, lambda variants: split_sums(sums, packed, variants))
-    return [(first + variants, columns) for variants, columns in found]
+def _blocks(
+    ended: Ended, rows: Ended, begins: NDArray[np.int64], sums: tuple[dict[str, NDArray[Any]], Packed], first: int
+) -> Blocks:
+    """The metrics of variants from the sums of their rows, which begin at `begins`; variant 0 is called `first`."""
+    chains = np.diff(begins)
+
+    def parts_of(variants: NDArray[np.intp]) -> list[Part]:
+        found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
+        return [(rows.of(mine), split_sums(*sums, mine)) for mine in found]
+
+    return [(first + variants, columns) for variants, columns in metrics_blocks(ended, parts_of)]
 
 
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:

@@ -23,7 +23,9 @@ from warpchain.arguments import Count, FiniteNumber, PositiveNumber, Workers, ch
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
+from warpchain.drive.batch_math import largest
 from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
+from warpchain.drive.rings import rings_of
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.gc_tuning import rare_collections
@@ -148,7 +150,11 @@ def simulate(
     common = schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None
     info = RunInfo(installed(), ",".join(devices), precision, created=created, step=common, choice=why)
     kind = f"{precision} {devices[0].partition(':')[0]}"
-    keeper = None if states is None else Keeper(states, chosen, schedules, kind)
+    keeper = None
+    if states is not None and any(drive.chains for drive in chosen):
+        states.kept, states.used = [None] * len(chosen), [False] * len(chosen)
+    elif states is not None:
+        keeper = Keeper(states, chosen, schedules, kind)
     begin = time.monotonic()
     recorder = share.recorder(info, recording, len(chosen))
     try:
@@ -255,7 +261,8 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
         drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.
         step: of it, or (V,) of each variant.
     """
-    moved = np.asarray(drive.chain_speed * step / drive.chain.pitch)
+    chains = [ring.drive for ring in rings_of(drive)]
+    moved = np.asarray(largest(*(of.chain_speed * step / of.chain.pitch for of in chains)))
     return np.where((moved > 0.0) & (OF_A_PITCH * FURTHER * moved <= 1.0), FURTHER, LOOK_EVERY)
 
 

@@ -213,7 +213,7 @@ def _carry(found: System, bodies: NDArray[Any]) -> None:
         arm = drive.carrier(s)
         if arm is not None:
             x, y = placed[s, :2] - drive.arms[arm].pivot
-            bodies[:, s, :2] = bodies[:, len(drive.sprockets) + arm, 2, None] * np.array([-y, x])
+            bodies[:, s, :2] = bodies[:, drive.first_arm_body + arm, 2, None] * np.array([-y, x])
 
 
 def modes_of(found: System, count: int) -> Modes:

@@ -65,8 +65,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
         facts = {"units": UNITS[name], "long_name": CHANNEL[name].description}
         variables[name] = (CHANNEL[name].dimensions, values, facts)
     labels: dict[str, Any] = {
-        "roller": np.arange(drive.chain.links),
-        "link": np.arange(drive.chain.links),
+        "roller": np.arange(drive.links),
+        "link": np.arange(drive.links),
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
         "arm": [arm.name for arm in drive.arms],
         "tensioner": [tensioner.name for tensioner in drive.tensioners],

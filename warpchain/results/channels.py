@@ -34,9 +34,9 @@ class Sizes:
 
     @classmethod
     def of(cls, drive: Drive) -> Sizes:
-        """Those of a drive."""
-        parts = drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings
-        return cls(drive.chain.links, *map(len, parts))
+        """Those of a drive; shafts of several chains have their sprockets' channels only."""
+        shafts = () if drive.chains else drive.shafts
+        return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, shafts, drive.couplings)))
 
     def count(self, kind: Kind) -> int:
         """Number of things of a kind."""

@@ -219,7 +219,7 @@ def window_of(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, fl
     """The window of a row of metrics [s], within what was recorded; the latter half where it was not reached."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
-    if row.get("tension_mean") is None or start is None or stop is None or start >= end:
+    if row.get("input_work") is None or start is None or stop is None or start >= end:
         return 0.5 * end, end
     return float(start), min(float(stop), end)
 

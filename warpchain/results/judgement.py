@@ -19,7 +19,7 @@ from warpchain.drive.schema import Part, Value
 from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.drive import Chain, Drive
 
 NAMED = 6
 """Most variants that a warning names."""
@@ -83,7 +83,8 @@ class Rule:
         of: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
         least: whether the limit is a lower one.
         size: what of a value an upper limit is for.
-        over: what the column is taken over, from drives and columns (V,), NaN where there is nothing; left out for 1.
+        over: what a column is taken over, from drives, columns (V,) and what stands before its name, NaN where there is
+            nothing; left out for 1.
     """
 
     key: str
@@ -94,7 +95,7 @@ class Rule:
     of: str = ""
     least: bool = False
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
-    over: Callable[[Sequence[Drive], Mapping[str, Given]], NDArray[np.float64]] | None = None
+    over: Callable[[Sequence[Drive], Mapping[str, Given], str], NDArray[np.float64]] | None = None
 
     @property
     def where(self) -> str:
@@ -102,27 +103,43 @@ class Rule:
         return f"{self.of}.{self.column}" if self.of else self.column
 
 
-def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+def _chains(drives: Sequence[Drive], of: str) -> list[Chain | None]:
+    """The chain of each drive that a column's prefix is of; None of drives that have no such."""
+    name = of.partition(".")[0]
+    return [
+        next((chain for chain in drive.chains if chain.name == name), None) if drive.chains else drive.chain
+        for drive in drives
+    ]
+
+
+def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Breaking load of each drive's chain [N], NaN where it names no size."""
-    return np.array([drive.chain.breaking_load for drive in drives], dtype=float)
+    loads = [None if chain is None else chain.breaking_load for chain in _chains(drives, of)]
+    return np.array(loads, dtype=float)
 
 
 LEAST_STRETCH = 1e-9
 """Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/integrate.py`)."""
 
 
-def largest_pull(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+def least_force(drives: Sequence[Drive], of: str) -> NDArray[np.float64]:
+    """What counts as a force of a link [N], NaN where a drive has no such chain."""
+    return LEAST_STRETCH * np.array([np.nan if chain is None else chain.stiffness for chain in _chains(drives, of)])
+
+
+def largest_pull(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Largest link tension of the window [N], at least what counts."""
-    least = LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives])
-    return np.maximum(columns["tension_max"][0], least) if "tension_max" in columns else np.full(len(drives), np.nan)
+    chain, several, _ = of.rpartition(".")
+    name = f"{chain}.tension_max" if several else "tension_max"
+    return np.maximum(columns[name][0], least_force(drives, of)) if name in columns else np.full(len(drives), np.nan)
 
 
-def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Largest link force of the window [N], pulling or pushing, at least what counts; NaN where there is none."""
-    ends = [np.abs(columns[name][0]) for name in ("tension_min", "tension_max") if name in columns]
+    names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
+    ends = [np.abs(columns[name][0]) for name in names if name in columns]
     largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
-    least = LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives])
-    return np.where(largest > 0.0, np.maximum(largest, least), np.nan)
+    return np.where(largest > 0.0, np.maximum(largest, least_force(drives, of)), np.nan)
 
 
 RULES = (
@@ -274,25 +291,33 @@ def judge(
     for v, name in _not_finite(columns).items():
         if not diverged[v]:
             found.setdefault(v, []).append(f"{name} is not finite: {CAUSES[TORN]}, or less load")
+    chains = {chain.name for drive in drives for chain in drive.chains}
     for rule in RULES:
         limit = float(getattr(limits, rule.key))
-        names = [name for name in columns if (name.endswith(f".{rule.column}") if rule.of else name == rule.column)]
+        names = [name for name in columns if _is_of(name, rule, chains)]
         if not names or limit == (0.0 if rule.least else np.inf):
             continue
-        scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns)
         for name in names:
+            of = name.removesuffix(rule.column).removesuffix(".")
+            scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns, of)
             values, null = columns[name]
             shares = values / scale
             within = shares >= limit if rule.least else rule.size(shares) <= limit
             beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool) & np.isfinite(values)
-            of = name.removesuffix(rule.column).removesuffix(".")
             for v in np.flatnonzero(beyond).tolist():
-                found.setdefault(v, []).append(f"{rule.text(of, float(shares[v]))}: {rule.advice}")
+                named = f"{of}: " if drives[v].chains and not rule.of and of else ""
+                found.setdefault(v, []).append(f"{named}{rule.text(of, float(shares[v]))}: {rule.advice}")
     status, reason = [OK] * len(drives), [""] * len(drives)
     for v, reasons in found.items():
         status[v] = DIVERGED if diverged[v] else SUSPECT
         reason[v] = "; ".join(reasons)
     return Judgement(status, reason)
+
+
+def _is_of(name: str, rule: Rule, chains: set[str]) -> bool:
+    """Whether a column is held against a rule's limit; chains have the names of `chains` where there are several."""
+    of, _, column = name.rpartition(".")
+    return column == rule.column and (of != "" and of not in chains if rule.of else of == "" or of in chains)
 
 
 def _not_finite(columns: Mapping[str, Given]) -> dict[int, str]:

@@ -44,7 +44,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     bars = [g.name for g in drive.guides]
     pushed = [arm.name for arm in drive.arms] + [tensioner.name for tensioner in drive.tensioners]
     columns = {
-        JOINTS: ["joints.friction"],
+        JOINTS: [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"],
         TEETH: [f"{name}.{kind}" for name in teeth for kind in ("dissipated", "friction")],
         BARS: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
         LINKS: ["links.dissipated"],

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
+from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import is_free
 from warpchain.results.batch_means import ERROR
 from warpchain.results.formulas import (
@@ -523,12 +524,19 @@ def of_drive(drive: Drive, blocks: Blocks = METRICS) -> Iterator[tuple[str, int,
                     yield prefix, index, group
 
 
+OF_A_CHAIN = ("chain", "strand")
+"""Things whose metrics begin with their chain's name where there are several."""
+OF_LINKS = ("links.dissipated",)
+"""Columns of the energy balance that chains have, too."""
+
 SOME = tuple(group for groups in METRICS for group in groups if group.where is not None)
 """The groups that only some things have."""
 
 
 def _kind(drive: Drive) -> Hashable:
     """A key of the columns that a drive has, and of the terms of its energy balance."""
+    if drive.chains:
+        return tuple((ring.name, _kind(ring.drive)) for ring in rings_of(drive))
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
     sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
     trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears) for part in parts)
@@ -551,7 +559,20 @@ def same_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None)
 
 def metric_names(drive: Drive) -> list[str]:
     """Names of the metrics that a drive has."""
+    if drive.chains:
+        return _names_of_chains(drive)
     return [prefix + column.name for prefix, _, group in of_drive(drive) for column in group.columns]
+
+
+def _names_of_chains(drive: Drive) -> list[str]:
+    """Names of the metrics of a drive with several chains (`results.metrics.metrics_of_chains`)."""
+    found = []
+    for ring in rings_of(drive):
+        for prefix, _, group in of_drive(ring.drive):
+            before = f"{ring.name}.{prefix}" if group.of in OF_A_CHAIN else prefix
+            columns = [c for c in group.columns if group is not BALANCE or c.name in OF_LINKS]
+            found += [before + column.name for column in columns]
+    return [*found, *(column.name for column in BALANCE.columns), "steady"]
 
 
 def column_of(name: str) -> Column | None:

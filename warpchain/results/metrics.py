@@ -7,7 +7,7 @@ drives have the same columns are worked on at once, as arrays.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,8 @@ from warpchain.results.metric_columns import (
     DESIGN,
     ENGAGED,
     MEASURED,
+    OF_A_CHAIN,
+    OF_LINKS,
     SETTLING,
     STEADY,
     Group,
@@ -263,15 +265,45 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
 
 
-def metrics_blocks(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]]) -> Blocks:
+Part = tuple[Ended, Mapping[str, Any]]
+"""Ends of one chain of some variants, which count as variants then, and their sums as `metrics_of` takes them."""
+
+
+def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[Part]) -> Columns:
+    """The metrics of V variants of the same columns, from those of their chains.
+
+    Those of a chain and of its strands begin with its name. The energy balance is of all chains together, as shafts
+    pass on energy from one to another.
+    """
+    columns: Columns = {}
+    balances, measured = [], parts[0][0].measured
+    for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
+        own, drive = metrics_of(ended, sums), ended.drives[0]
+        names = {p + c.name for p, _, g in of_drive(drive) if g.of in OF_A_CHAIN for c in g.columns}
+        shared = {c.name for c in BALANCE.columns if c.name not in OF_LINKS}
+        columns |= {f"{chain.name}.{n}" if n in names else n: v for n, v in own.items() if n not in shared}
+        balances.append(energy_balance(drive, sums))
+    with np.errstate(all="ignore"):
+        whole = Balance(*(sum(getattr(b, field.name) for b in balances) for field in fields(Balance)))
+        for c in BALANCE.columns:
+            if c.value:
+                columns[c.name] = where(measured, c.value(whole))
+    steady = [columns[f"{chain.name}.steady"] for chain in drives[0].chains]
+    unknown = np.any([np.ma.getmaskarray(of) for of in steady], axis=0)
+    return columns | {"steady": where(~unknown, np.all([np.ma.getdata(of) for of in steady], axis=0))}
+
+
+def metrics_blocks(ended: Ended, parts_of: Callable[[NDArray[np.intp]], Sequence[Part]]) -> Blocks:
     """The metrics of all variants, block by block.
 
     Args:
-        sums_of: gives the sums of variants whose drives have the same columns, by their numbers, as `metrics_of` takes
-            them.
+        parts_of: gives the chains of variants whose drives have the same columns, by their numbers.
     """
-    blocks = _blocks(same_columns(ended.drives, ended.stacks))
-    return [(variants, metrics_of(ended.of(variants), sums_of(variants))) for variants in blocks]
+    found: Blocks = []
+    for variants in _blocks(same_columns(ended.drives, ended.stacks)):
+        parts, drives = parts_of(variants), [ended.drives[v] for v in variants]
+        found.append((variants, metrics_of_chains(drives, parts) if len(parts) > 1 else metrics_of(*parts[0])))
+    return found
 
 
 def metrics_table(ended: Ended, blocks: Blocks, limits: Limits | None = None) -> pa.Table:

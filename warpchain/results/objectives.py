@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
 from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket
@@ -71,6 +72,8 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
     Raises:
         SimulationError: fewer than three frames in the window.
     """
+    if trajectory.drive.chains:
+        return _of_chains(trajectory, start, end, woehler)
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
@@ -90,6 +93,16 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
                 row[f"{sprocket.name}.engagement_impulse"] = float(impulses.mean())
     if woehler is not None and part.tension is not None:
         row |= _fatigue(part, woehler)
+    return row
+
+
+def _of_chains(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
+    """`from_trajectory` of several chains; fatigue begins with the chain's name."""
+    row: Row = {}
+    for name, chain in chain_trajectories(trajectory).items():
+        parts = {sprocket.name for sprocket in chain.drive.sprockets}
+        found = from_trajectory(chain, start, end, woehler)
+        row |= {key if key.partition(".")[0] in parts else f"{name}.{key}": value for key, value in found.items()}
     return row
 
 
@@ -124,6 +137,6 @@ def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
 
     rows = run.metrics.to_pylist()
     for variant, ok, row in zip(run.numbers, run.ok, rows, strict=True):
-        if row.get("tension_mean") is not None and ok and variant in run:
+        if row.get("input_work") is not None and ok and variant in run:
             row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
     return table_of(rows)

@@ -190,7 +190,7 @@ def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calib
     if not drives:
         return Cost(0.0, 0.0, 0.0, 0.0, False)
     steps = [(study.run.duration or drive.run.duration) / resolve_step(drive, study.run.step) for drive in drives]
-    work = count * float(np.mean([n * drive.chain.links for n, drive in zip(steps, drives, strict=True)]))
+    work = count * float(np.mean([n * drive.links for n, drive in zip(steps, drives, strict=True)]))
     rate, each = (GPU_RATE * gpus if gpus else CORE_RATE * cores), 0.0
     if calibrate:
         rate, each = _measured(study, drives, 1000 * PROBES * gpus if gpus else PROBES * cores, min(steps), cores)
@@ -208,7 +208,7 @@ def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, co
 
     chosen = [drives[k * len(drives) // count % len(drives)] for k in range(count)]
     finest = min(resolve_step(drive, study.run.step) for drive in chosen)
-    rollers = sum(drive.chain.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
+    rollers = sum(drive.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
 
     def seconds(steps: int) -> float:
         begin = time.perf_counter()

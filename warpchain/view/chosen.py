@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Run, Trajectory, need
 
 NEEDED = (
@@ -61,6 +62,14 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
     return Recorded(run, index, trajectory, f"variant {index}")
+
+
+def by_chain(one: Recorded) -> list[Recorded]:
+    """A variant's chains, each as a variant of its own; of one chain, the variant itself."""
+    if not one.trajectory.drive.chains:
+        return [one]
+    chains = chain_trajectories(one.trajectory).items()
+    return [replace(one, trajectory=chain, label=f"{one.label} {name}") for name, chain in chains]
 
 
 def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
 from warpchain.errors import WarpchainError
 from warpchain.results.channels import CHANNEL
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
@@ -86,6 +87,8 @@ def _picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 
 
 def _drive(drive: Drive) -> str:
+    if drive.chains:
+        return "".join(f"<p>{escape(ring.name)}</p>{_drive(ring.drive)}" for ring in rings_of(drive))
     chain = drive.chain
     size = f"{chain.size}, " if chain.size else ""
     about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_text(chain.mass, 'kg')} a roller)"
@@ -108,7 +111,8 @@ def _drive(drive: Drive) -> str:
 
 def _first_metrics(drive: Drive) -> list[str]:
     """The metrics to show first."""
-    names = ["tension_mean", "tension_max", "efficiency"]
+    chains = [f"{chain.name}." for chain in drive.chains] or [""]
+    names = [*(f"{chain}tension_{of}" for chain in chains for of in ("mean", "max")), "efficiency"]
     for sprocket in drive.sprockets:
         names += [f"{sprocket.name}.speed_mean", f"{sprocket.name}.moment_mean", f"{sprocket.name}.force_max"]
     names += [f"{guide.name}.force_max" for guide in drive.guides]

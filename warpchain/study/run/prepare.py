@@ -165,7 +165,7 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
         cores: CPU threads of a shard.
         memory: budget of a shard [bytes].
     """
-    links = drive.chain.links
+    links = drive.links
     fits = memory // (ROLLER_BYTES * links + VARIANT_BYTES)
     try:
         step = resolve_step(drive, study.run.step)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from warpchain.assembly import assemble
+from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.fitting import drawn_paths, fit_positions, nearest_links
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.timestep import resolve_step
@@ -299,6 +299,6 @@ def try_alone(study: Study, variant: Variant) -> None:
     assert variant.drive is not None  # as chosen
     try:
         resolve_step(variant.drive, study.run.step)
-        assemble(variant.drive)
+        assemble_chains(variant.drive)
     except DriveError as error:
         variant.fail(error)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import (
     Part,
@@ -61,25 +63,32 @@ def drive_figure(
     arrows: list[Array] = []
     largest = 0.0
     if isinstance(of, Drive):
-        path = chain_path(of)
-        drive, pose, line, title = of, pose_at_start(of, path), chain_line(of, path), "As it begins"
+        drive, title = of, "As it begins"
+        chains = [_at_start(ring.drive) for ring in rings_of(of)]
     else:
-        (position,) = need(of, "position")
+        need(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
-        drive, pose, line, title = of.drive, pose_at_frame(of, f), position[f], f"At {of.time[f]:.4g} s"
-        arrows, largest = _arrows(of, f)
+        drive, title = of.drive, f"At {of.time[f]:.4g} s"
+        each = list(chain_trajectories(of).values())
+        chains = [_Chain(one.drive, pose_at_frame(one, f), need(one, "position")[0][f]) for one in each]
+        arrows, largest = _arrows(each, f)
+    line = np.concatenate([chain.line for chain in chains])
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
-    parts = [*teeth_at(drive, pose, 4), *parts_at(drive, pose)]
-    low, high = _extent([line, *(part.points for part in parts), *(line + reach * force for force in arrows)])
+    parts = [[*teeth_at(chain.drive, chain.pose, 4), *parts_at(chain.drive, chain.pose)] for chain in chains]
+    points = (part.points for of_chain in parts for part in of_chain)
+    low, high = _extent([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
     unit, factor = shown("m", span)
     figure = Figure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
-    draw_parts(axis, drive, pose, parts, factor)
+    for chain, mine in zip(chains, parts, strict=True):
+        draw_parts(axis, chain.drive, chain.pose, mine, factor)
+    lines = [chain.line for chain in chains]
     if isinstance(of, Trajectory) and of.tension is not None:
-        color_chain(axis, line, of.tension[f], scale_top([of]) if top is None else top, factor)
+        color_chain(axis, lines, of.tension[f], scale_top([of]) if top is None else top, factor)
     else:
-        axis.plot(*factor * np.vstack([line, line[:1]]).T, color=CHAIN, lw=2, zorder=3)
+        for loop in lines:
+            axis.plot(*factor * np.vstack([loop, loop[:1]]).T, color=CHAIN, lw=2, zorder=3)
     if arrows:
         draw_arrows(axis, line, arrows, reach, factor)
         word, share = display_unit("N", largest)
@@ -90,6 +99,20 @@ def drive_figure(
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
     return figure
+
+
+class _Chain(NamedTuple):
+    """A chain of a drive, as a drive of its own, how it stands and the rollers' centers [m]."""
+
+    drive: Drive
+    pose: Pose
+    line: Array
+
+
+def _at_start(drive: Drive) -> _Chain:
+    """A chain as it is laid."""
+    path = chain_path(drive)
+    return _Chain(drive, pose_at_start(drive, path), chain_line(drive, path))
 
 
 def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: float) -> None:
@@ -114,13 +137,13 @@ def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: f
         axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **halo)
 
 
-def color_chain(axis: Any, position: Array, tension: Array, top: float, factor: float) -> None:
-    """Draws links in the color of their tension, with the scale of colors up to `top` [N]."""
+def color_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
+    """Draws links of chains in the color of their tension, with the scale of colors up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
     newton, scale = display_unit("N", top)
-    links = list(factor * np.stack([position, np.roll(position, -1, axis=0)], axis=1))
+    links = [link for line in chains for link in factor * np.stack([line, np.roll(line, -1, axis=0)], axis=1)]
     chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension)
     axis.add_collection(chain)
@@ -138,12 +161,13 @@ def draw_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, f
             axis.plot([], [], color=color, lw=1.5, label=label)
 
 
-def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Array], float]:
+def _arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
     """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars, and the largest [N]; none where not recorded."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
-    if any(getattr(trajectory, channel) is None for channel in needed):
+    if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
-    arrows: list[Array] = [force[0] for force in contact_arrows(trajectory.at(slice(f, f + 1)))]
+    each = [contact_arrows(chain.at(slice(f, f + 1))) for chain in chains]
+    arrows: list[Array] = [np.concatenate([forces[kind][0] for forces in each]) for kind in range(2)]
     return arrows, max(float(np.hypot(*force.T).max()) for force in arrows)
 
 

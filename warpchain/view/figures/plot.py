@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.errors import SimulationError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Run, Trajectory
 from warpchain.view.chosen import recorded
 from warpchain.view.figures.chain_figures import (
@@ -55,7 +56,27 @@ def draw_figures(
     for name in only:
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
-    trajectory = recorded(source, variant).trajectory
+    whole = recorded(source, variant).trajectory
+    if whole.drive.chains:
+        return _of_chains(whole, only, roller, scale)
+    return _figures(whole, only, roller, scale)
+
+
+def _of_chains(whole: Trajectory, only: Sequence[str], roller: int | None, scale: Scale) -> dict[str, Figure]:
+    """The figures of each chain, by its name and theirs; that of the drive has all chains."""
+    drawn: dict[str, Figure] = {}
+    chosen = only or tuple(FIGURES)
+    if "drive" in chosen:
+        drawn["drive"] = drive_figure(whole, top=scale_top([whole], scale))
+    rest = [name for name in chosen if name != "drive"]
+    for chain, trajectory in chain_trajectories(whole).items() if rest else ():
+        found = _figures(trajectory, rest, roller, scale)
+        drawn |= {f"{chain} {name}": figure for name, figure in found.items()}
+    return drawn
+
+
+def _figures(trajectory: Trajectory, only: Sequence[str], roller: int | None, scale: Scale) -> dict[str, Figure]:
+    """The figures of a chain by name."""
     if roller is None:
         roller = telling_roller(trajectory)
     if not 0 <= roller < trajectory.drive.chain.links:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.signals import TOOTH_PASSINGS, peak_frames
@@ -34,8 +35,10 @@ def arrowed(name: str) -> str:
 
 def about(drive: Drive) -> str:
     """A line on what was run."""
+    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(r.drive.chain.pitch for r in rings_of(drive)))
+    several = f" in {len(drive.chains)} chains" if drive.chains else ""
     return (
-        f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
+        f"{drive.links} links of {pitches} mm{several}, "
         f"{drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
     )
 

@@ -10,6 +10,7 @@ from warpchain.arguments import checked
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, write_text
+from warpchain.results.chains import chain_row, chain_trajectories
 from warpchain.results.engineering_report import HandedIn, Wear, window_of
 from warpchain.results.judgement import OK
 from warpchain.results.losses import power_over_speed
@@ -247,7 +248,7 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
 
 def over_variants(run: Run) -> str:
     """Friction power over the speeds of a run's variants; nothing where they have fewer than three."""
-    known = power_over_speed(run) if len(run.drives) > 2 else None
+    known = power_over_speed(run) if len(run.drives) > 2 and not run.drives[0].chains else None
     return "" if known is None else pictured(load.variants_figure(run.drives[0], *known), "friction power over speed")
 
 
@@ -279,8 +280,14 @@ def report_html(
     """The page of a recorded variant, as text; `report` has the arguments."""
     chosen = recorded(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
-    found = HandedIn(chosen.trajectory, *window_of(row, chosen.trajectory), wear)
-    return html.page(title or heading(found), list(sections(found, row, chosen.run)))
+    made: list[html.Section] = []
+    chains = chain_trajectories(chosen.trajectory)
+    for name, trajectory in chains.items():
+        found = HandedIn(trajectory, *window_of(row, trajectory), wear)
+        own = list(sections(found, chain_row(row, name), chosen.run))
+        made += [s._replace(name=f"{name} {s.name}", title=f"{name}: {s.title}") for s in own] if name else own
+        title = title or heading(found)
+    return html.page(title or "", made)
 
 
 @checked(SimulationError)

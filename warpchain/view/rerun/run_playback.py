@@ -16,7 +16,7 @@ import numpy as np
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.signals import TENSION, forward
-from warpchain.view.chosen import NEEDED, Recorded, to_compare
+from warpchain.view.chosen import NEEDED, Recorded, by_chain, to_compare
 from warpchain.view.palette import CURVES, Color, Scale, scale_top, thing_colors
 from warpchain.view.rerun.chart import BACKGROUND, Chart
 from warpchain.view.rerun.drive_scene import log_drive, log_outline, shown_frames
@@ -99,10 +99,18 @@ def blueprint(
     if len(roots) == 1:
         tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
     else:
+        of_first = [one.label for one in shown if one.index == shown[0].index and one.run is shown[0].run]
+        if len(of_first) > 1:  # chains of one drive
+            whole = [f"+ {entity(root, 'drive')}/**" for root in of_first]
+            name = f"all chains: link tension {scale}"
+            picture = rrb.Spatial2DView(
+                origin="/", contents=whole, name=name, visual_bounds=bounds, background=BACKGROUND
+            )
+            tabs.append(rrb.Horizontal(picture, beside, column_shares=[2, 3], name="drive"))
         tabs.append(rrb.Horizontal(*drives, name="side by side"))
         overlay = rrb.Spatial2DView(
             origin="/",
-            contents=["+ /overlaid/**", f"+ {entity(roots[0], 'drive', 'sprockets')}/**"],
+            contents=["+ /overlaid/**", *(f"+ {entity(root, 'drive', 'sprockets')}/**" for root in of_first)],
             name="chains overlaid (zoom in to tell them apart)",
             visual_bounds=bounds,
         )
@@ -245,6 +253,7 @@ def log_recording(
     measured: Sequence[Comparison] = (),
 ) -> rrb.Blueprint:
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
+    shown = [chain for one in shown for chain in by_chain(one)]
     several = len(shown) > 1
     top = scale_top([one.trajectory for one in shown], scale)
     images, lines = [], dict[str, list[Line]]()

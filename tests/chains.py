@@ -1,0 +1,109 @@
+"""Drives of several chains that tests share."""
+
+import math
+
+from warpchain import loads_drive
+
+
+def span(first, second, links, pitch, strain=2e-4):
+    """Distance of two sprockets [m] at which the path of a chain around them is longer than it by `strain`.
+
+    2 sqrt(a^2 - d^2) + R_1 (pi - 2 b) + R_2 (pi + 2 b), d = R_2 - R_1, sin(b) = d / a, wrapped arcs in chords.
+    """
+    radii = [pitch / (2.0 * math.sin(math.pi / z)) for z in (first, second)]
+    d = radii[1] - radii[0]
+
+    def length(a):
+        lean = math.asin(d / a)
+        wraps = first * pitch * (math.pi - 2.0 * lean) + second * pitch * (math.pi + 2.0 * lean)
+        return 2.0 * math.sqrt(a * a - d * d) + wraps / (2.0 * math.pi)
+
+    low, high = abs(d) + 1e-6, links * pitch
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if length(middle) < links * pitch * (1.0 + strain) else (low, middle)
+    return 0.5 * (low + high)
+
+
+CONTACT = """
+[contact.sprocket]
+clearance = 1e-4
+seat_angle = 125.0
+restitution = 0.5
+impact_speed_floor = 0.02
+stiffness = 2e8
+"""
+
+
+def chain(name, links, pitch=0.05, mass=1.0, stiffness=5e7, damping=2000.0, plane=None):
+    of_plane = "" if plane is None else f'plane = "{plane}"'
+    return f"""
+[[chains]]
+name = "{name}"
+pitch = {pitch}
+links = {links}
+roller_mass = {mass}
+stiffness = {stiffness}
+damping = {damping}
+roller_radius = {0.3 * pitch}
+{of_plane}
+"""
+
+
+def sprocket(name, teeth, center, chain="", shaft="", more=""):
+    of_chain = f'chain = "{chain}"' if chain else ""
+    of_shaft = f'shaft = "{shaft}"' if shaft else ""
+    return f"""
+[[sprockets]]
+name = "{name}"
+teeth = {teeth}
+center = [{center[0]!r}, {center[1]!r}]
+wrap = "ccw"
+{of_chain}
+{of_shaft}
+{more}
+"""
+
+
+def run(duration=0.2, step=5e-6, settle="false", gravity=0.0):
+    return f"""
+[run]
+duration = {duration}
+step = {step}
+settle = {settle}
+sample_rate = 2000.0
+gravity = [0.0, {gravity}]
+"""
+
+
+def two_stages(teeth=(20, 30, 18, 36), links=(66, 68), pitches=(0.05, 0.04), speed=10.0, torque=300.0, **settings):
+    """A crank turns a shaft by chain "first", which turns a last one by chain "second"; its load is a torque [N m]."""
+    z, mid = teeth, span(teeth[0], teeth[1], links[0], pitches[0])
+    end = mid + span(teeth[2], teeth[3], links[1], pitches[1])
+    return loads_drive(
+        chain("first", links[0], pitches[0])
+        + chain("second", links[1], pitches[1], mass=0.7, stiffness=4e7)
+        + '[[shafts]]\nname = "mid"\n'
+        + sprocket("crank", z[0], (0.0, 0.0), "first", more=f"prescribed = {{ speed = {speed} }}")
+        + sprocket("mid in", z[1], (mid, 0.0), "first", "mid", "inertia = 1.0")
+        + sprocket("mid out", z[2], (mid, 0.0), "second", "mid", "inertia = 1.0")
+        + sprocket("out", z[3], (end, 0.0), "second", more=f"inertia = 2.0\nload = {{ torque = {torque} }}")
+        + CONTACT
+        + run(**settings)
+    )
+
+
+def side_by_side(count, **settings):
+    """Between two shafts `count` equal chains, or for 0 one of twice the mass, stiffness, damping and contact."""
+    links, z, twice = 60, (20, 20), 1 if count else 2
+    a = span(*z, links, 0.05)
+    text = ""
+    for k in range(max(count, 1)):
+        text += chain(f"c{k}", links, mass=twice, stiffness=5e7 * twice, damping=2000.0 * twice)
+    text += '[[shafts]]\nname = "A"\n[[shafts]]\nname = "B"\n'
+    for k in range(max(count, 1)):
+        own = "prescribed = { speed = 10.0 }" if k == 0 else ""
+        text += sprocket(f"a{k}", z[0], (0.0, 0.0), f"c{k}", "A", own)
+        own = "inertia = 2.0\nload = { torque = 600.0 }" if k == 0 else ""
+        text += sprocket(f"b{k}", z[1], (a, 0.0), f"c{k}", "B", own)
+    return loads_drive(text + CONTACT.replace("2e8", f"{2e8 * twice}") + run(**settings))

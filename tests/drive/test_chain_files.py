@@ -1,0 +1,113 @@
+"""Drives of several chains: what files may say, ratios, and each chain as a drive of its own."""
+
+from fractions import Fraction
+
+import chains
+import pytest
+
+from warpchain.drive import dumps_drive, loads_drive
+from warpchain.drive.rings import rings_of, train_of
+from warpchain.drive.trains import is_free
+from warpchain.errors import DriveError
+
+MID = '[[shafts]]\nname = "mid"\n'
+
+
+def test_a_drive_of_two_chains_reads_back_equal():
+    drive = chains.two_stages()
+    assert loads_drive(dumps_drive(drive)) == drive
+    assert drive.strand_names == (
+        "first.crank->mid in", "first.mid in->crank", "second.mid out->out", "second.out->mid out",
+    )  # fmt: skip
+
+
+def test_a_single_chain_of_the_list_is_the_chain():
+    alone = chains.side_by_side(1)
+    assert not alone.chains and alone.chain.links == 60
+    assert {sprocket.chain for sprocket in alone.sprockets} == {None}
+
+
+def test_code_for_one_chain_refuses_several_in_one_line():
+    with pytest.raises(DriveError, match=r"^chains: there are several, first, second; this takes drives of one chain"):
+        _ = chains.two_stages().chain
+
+
+def test_ratios_multiply_stage_by_stage():
+    train = train_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
+    assert train.speeds == {"crank=": Fraction(1), "mid": Fraction(2, 3), "out=": Fraction(20 * 18, 30 * 36)}
+
+
+def test_each_chain_is_a_drive_with_the_inertia_of_its_shafts():
+    first, second = rings_of(chains.two_stages())
+    assert [s.inertia for s in first.drive.sprockets] == [None, 2.0]
+    assert [s.inertia for s in second.drive.sprockets] == [2.0, 2.0]
+    assert second.drive.sprockets[0].prescribed.speed == pytest.approx(10.0 * 20 / 30)
+    assert is_free(second.drive, 0) and second.places["sprockets"] == (2, 3)
+
+
+def error(text):
+    with pytest.raises(DriveError) as caught:
+        loads_drive(text)
+    return str(caught.value).replace("<text>: ", "")
+
+
+def text_of(**changes):
+    """Two chains between the same two shafts, with other teeth on the second's driven sprocket and the like."""
+    of = {"teeth": 20, "center": (0.0, 0.0), "shaft": "A", "chain": "b", "motion": "", "more": ""} | changes
+    return (
+        chains.chain("a", 60)
+        + chains.chain("b", 60)
+        + '[[shafts]]\nname = "A"\n[[shafts]]\nname = "B"\n'
+        + chains.sprocket("a1", 20, (0.0, 0.0), "a", "A", "prescribed = { speed = 10.0 }")
+        + chains.sprocket("a2", 40, (1.0, 0.0), "a", "B", "inertia = 1.0")
+        + chains.sprocket("b1", of["teeth"], of["center"], of["chain"], of["shaft"], of["motion"])
+        + chains.sprocket("b2", 41, (1.0, 0.0), "b", "B", of["more"])
+        + chains.CONTACT
+        + chains.run()
+    )
+
+
+WRONG = {
+    'chains.b.name = "b": the two chains between "A" and "B" have ratios 0.5 and 0.487805; its sprocket on "B" '
+    "would need 40 teeth": {},
+    "sprockets.b1.chain = \"c\": must be the name of a chain; allowed are a, b": {"chain": "c"},
+    'chains.b.name = "b": must be named by at least 2 sprockets, is by 1': {"chain": "c"},
+    "sprockets.b1.chain: missing; must be the name of a chain: a, b": {"chain": ""},
+    'sprockets.b1.shaft = "C": must be the name of a shaft; allowed are A, B': {"shaft": "C"},
+    'sprockets.b1.center = [0.1, 0.0]: must be [0.0, 0.0], as of "a1" on the shaft "A"': {"center": (0.1, 0.0)},
+    'sprockets.b1.prescribed: must be given to one sprocket of the shaft "A" only': {
+        "motion": "prescribed = { speed = 3.0 }"
+    },
+    'sprockets.a2.mount.kind': None,
+    'sprockets.b2.mount: must be the same as of "a2" on the shaft "B"': {
+        "more": 'mount = { kind = "prescribed", direction = [1.0, 0.0], amplitude = 1e-4, frequency = 3.0 }'
+    },
+    'sprockets.b2.mount.kind = "elastic": must be "fixed" or "prescribed", as the shaft "B" has several sprockets': {
+        "more": 'mass = 1.0\nmount = { kind = "elastic", stiffness = [1e6, 1e6], damping = [0.0, 0.0] }'
+    },
+}  # fmt: skip
+del WRONG["sprockets.a2.mount.kind"]
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_wrong_values_are_named_in_a_line(line):
+    assert line in error(text_of(**WRONG[line])).split("\n")
+
+
+def test_a_chain_that_nothing_turns_is_named():
+    text = text_of(shaft="").replace('chain = "b"\nshaft = "B"', 'chain = "b"')
+    line = 'chains.b.name = "b": is turned by nothing: no sprocket of it is prescribed, or on a shaft that another'
+    assert line in error(text)
+
+
+def test_chains_with_a_shaft_in_common_are_not_in_one_plane():
+    plane = '\nplane = "front"\n[[chains]]'
+    text = text_of(teeth=40).replace("41", "80").replace("\n[[chains]]", plane, 2).replace(plane, "\n[[chains]]", 1)
+    text = text.replace('[[shafts]]\nname = "A"', 'plane = "front"\n[[shafts]]\nname = "A"', 1)
+    line = 'chains.b.plane = "front": must be another than of the chain "a", which has a sprocket on the same shaft'
+    assert line in error(text).split("\n")
+
+
+def test_both_chain_and_chains_are_too_many():
+    alone = chains.chain("x", 60).replace("[[chains]]", "[chain]").replace('name = "x"', "")
+    assert "chains = 2: not together with chain; give one of the two" in error(alone + text_of())

@@ -1,0 +1,194 @@
+"""Runs of drives with several chains, against closed forms and against drives of one chain."""
+
+import math
+
+import chains
+import numpy as np
+import pytest
+from drives import two_sprockets
+
+from warpchain import Limits, Record, load_drive, loads_drive, simulate
+from warpchain.assembly.timestep import step_limit
+from warpchain.drive.examples import drive_path
+from warpchain.errors import DriveError, SuspectWarning
+from warpchain.results.chains import chain_trajectories
+
+pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+BALANCE = ("input_work", "output_work", "energy_change", "links.dissipated", "efficiency")
+
+
+@pytest.fixture(scope="module")
+def side_by_side():
+    """One chain of twice everything, and two equal ones, between the same shafts."""
+    return simulate([chains.side_by_side(count, duration=0.03, step=2.5e-6) for count in (0, 2)], device="cpu")
+
+
+def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(side_by_side):
+    """To the bit: twice a number is exact, and so is the sum of two equal ones."""
+    one, two = side_by_side[0], side_by_side[1]
+    for half in (slice(0, 60), slice(60, 120)):
+        np.testing.assert_array_equal(two.position[:, half], one.position)
+        np.testing.assert_array_equal(2.0 * two.tension[:, half], one.tension)
+    np.testing.assert_array_equal(two.sprocket_angle[:, ::2][:, :1], one.sprocket_angle[:, :1])
+    rows = side_by_side.metrics.to_pylist()
+    for name in BALANCE:  # sums over two chains are rounded otherwise
+        assert rows[1][name] == pytest.approx(rows[0][name], rel=1e-9), name
+
+
+def test_shares_of_a_shaft_count_once_in_the_step_limit():
+    """omega^2 of a shaft adds up what all its chains' teeth push with, over the inertia of all of it."""
+    assert step_limit(chains.side_by_side(2)) == pytest.approx(step_limit(chains.side_by_side(0)), rel=1e-14)
+
+
+@pytest.fixture(scope="module")
+def turning():
+    """Two stages, braked in proportion to speed: at rest in itself after some 1 / 25 s."""
+    drive = chains.two_stages(duration=1.0).with_values({"sprockets.out.load": {"viscous": 100.0}})
+    return drive, simulate(drive, device="cpu", window=(0.5, 1.0), record=Record(variants="none")).metrics.to_pylist()[
+        0
+    ]
+
+
+def test_two_stages_turn_in_the_ratio_of_their_teeth(turning):
+    """z1 z3 / (z2 z4) in the mean; what teeth do within a pitch, over the 5 rad of the window, is below 1e-3."""
+    _, row = turning
+    assert row["out.speed_mean"] == pytest.approx(10.0 * (20 * 18) / (30 * 36), rel=1e-3)
+    assert row["mid out.speed_mean"] == row["mid in.speed_mean"]
+
+
+def test_a_load_pulls_both_chains(turning):
+    """dT2 = M / R4, dT1 = dT2 R3 / R2; links pull at R cos(pi / z) to R, (pi / z)^2 / 6 = 0.5 % nearer in the mean."""
+    drive, row = turning
+    pitch = {"first": 0.05, "second": 0.04}
+    radius = {s.name: pitch[s.chain] / (2.0 * math.sin(math.pi / s.teeth)) for s in drive.sprockets}
+    moment = 100.0 * row["out.speed_mean"]
+    second = row["second.out->mid out.tension_mean"] - row["second.mid out->out.tension_mean"]
+    first = row["first.mid in->crank.tension_mean"] - row["first.crank->mid in.tension_mean"]
+    assert second == pytest.approx(moment / radius["out"], rel=0.01)
+    assert first == pytest.approx(second * radius["mid out"] / radius["mid in"], rel=0.01)
+
+
+def test_the_energy_balance_is_of_all_chains(turning):
+    """Leapfrog's residual is of the order of (omega h)^2, as with one chain."""
+    _, row = turning
+    assert abs(row["energy_residual_relative"]) < 1e-5
+    assert row["links.dissipated"] == row["first.links.dissipated"] + row["second.links.dissipated"]
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_variant_alone_is_the_same_in_a_crowd(precision):
+    others = [load_drive(drive_path(name)).with_values({"run.duration": 0.002}) for name in ("engine", "marine")]
+    drives = [chains.two_stages(duration=0.01), two_sprockets(duration=0.01), chains.side_by_side(2, duration=0.01)]
+    drives += others
+    crowd = simulate(drives, device="cpu", precision=precision)
+    for v, drive in enumerate(drives):
+        alone = simulate(drive, device="cpu", precision=precision)[0]
+        for name, values in alone.channels().items():
+            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+
+
+def test_float32_follows_float64():
+    """Within 1e-3 of the largest tension, as long as contacts begin at the same steps."""
+    drive = chains.two_stages(duration=0.002)
+    full, single = (simulate(drive, device="cpu", precision=p)[0] for p in ("float64", "float32"))
+    np.testing.assert_allclose(single.tension, full.tension, atol=1e-3 * np.abs(full.tension).max())
+
+
+def test_stages_agree_with_leapfrog():
+    """They differ by leapfrog's error with dampers, of first order: a quarter of it at a quarter of the step."""
+
+    def end(integrator, step):
+        drive = chains.two_stages(duration=2e-3, step=step).with_values({"run.integrator": integrator})
+        return simulate(drive, device="cpu")[0].position[-1]
+
+    exact = end("rk4", 1e-6)
+    coarse, fine = (np.abs(end("leapfrog", step) - exact).max() for step in (4e-6, 1e-6))
+    assert fine == pytest.approx(0.25 * coarse, rel=0.1)
+
+
+def test_bodies_of_a_shaft_stay_together():
+    """All take the same acceleration at each step: angles differ by what they began with, and round-off."""
+    run = simulate(chains.two_stages(duration=0.05), device="cpu")[0]
+    turned = run.sprocket_angle - run.sprocket_angle[0]
+    np.testing.assert_array_equal(run.sprocket_speed[:, 1], run.sprocket_speed[:, 2])
+    np.testing.assert_allclose(turned[:, 1], turned[:, 2], atol=1e-13)
+
+
+def test_light_shafts_run_at_large_steps():
+    """A shaft lighter than the rollers on it: contacts of both chains agree on its acceleration before forces."""
+    light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 1e-3, "run.step": "auto"}
+    drive = chains.two_stages(duration=0.2).with_values(light)
+    row = simulate(drive, device="cpu", record=Record(variants="none")).metrics.to_pylist()[0]
+    assert not row["diverged"] and abs(row["energy_residual_relative"]) < 1e-2
+
+
+def test_settled_chains_begin_at_rest():
+    drive = chains.two_stages(duration=0.005, settle="true", gravity=-9.81)
+    row = simulate(drive, device="cpu", record=Record(variants="none")).metrics.to_pylist()[0]
+    for name in ("first", "second"):
+        assert row[f"{name}.settle_steps"] > 0 and row[f"{name}.settle_residual"] < 1e-3
+
+
+def test_channels_of_a_chain_are_parts_of_the_drives():
+    whole = simulate(chains.two_stages(duration=0.005), device="cpu")[0]
+    first, second = chain_trajectories(whole).values()
+    np.testing.assert_array_equal(whole.position, np.concatenate([first.position, second.position], axis=1))
+    np.testing.assert_array_equal(whole.sprocket_speed[:, 2:], second.sprocket_speed)
+    assert first.drive.chain.links == 66 and second.drive.chain.links == 68
+
+
+def test_copies_by_phase_turn_all_chains():
+    drive = chains.two_stages(duration=0.01)
+    run = simulate(drive, device="cpu", replicates=2)
+    turned = run[1].sprocket_angle[0] - run[0].sprocket_angle[0]
+    pitches = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in drive.sprockets])
+    teeth = np.abs(turned) / pitches
+    assert teeth[:2] == pytest.approx(0.5, abs=1e-3)  # half a tooth of the driver, and of what its chain turns
+    share = 0.5 * 18 / 30  # of a tooth of the second chain's
+    assert np.minimum(teeth[2:], 1.0 - teeth[2:]) == pytest.approx(share, abs=1e-3)
+
+
+def test_judged_by_the_breaking_load_of_each_chain():
+    whole = chains.two_stages(duration=0.01)
+    second = {key: getattr(whole.chains[1], key) for key in ("pitch", "roller_radius", "stiffness", "roller_mass")}
+    drive = whole.with_values({f"chains.second.{key}": value for key, value in {"size": "08B", **second}.items()})
+    with pytest.warns(SuspectWarning, match="second: largest tension"):
+        simulate(drive, device="cpu", limits=Limits(breaking_load=1e-3))
+
+
+def test_chains_of_one_plane_that_cross_are_refused():
+    """A second pair of sprockets across the first, driven by itself."""
+    text = (
+        chains.chain("a", 60) + chains.chain("b", 60)
+        + "".join(
+            chains.sprocket(f"{c}{k}", 20, at, c, more="prescribed = { speed = 1.0 }" if k == 0 else "inertia = 1.0")
+            for c, places in (("a", ((0.0, 0.0), (1.0, 0.0))), ("b", ((0.5, -0.5), (0.5, 0.5))))
+            for k, at in enumerate(places)
+        )
+        + chains.CONTACT + chains.run(duration=0.001)
+    )  # fmt: skip
+    with pytest.raises(DriveError, match=r'^variant 0: chains "a" and "b" cross near \[.*\] m in one plane'):
+        simulate(loads_drive(text), device="cpu")
+    behind = text.replace('name = "b"\n', 'name = "b"\nplane = "behind"\n', 1)
+    assert simulate(loads_drive(behind), device="cpu").metrics.num_rows == 1
+
+
+def test_a_chain_that_does_not_fit_names_its_variant():
+    good = chains.two_stages(duration=0.001)
+    bad = good.with_values({"chains.second.links": 90})
+    with pytest.raises(DriveError, match=r"^variant 1: "):
+        simulate([good, bad], device="cpu")
+
+
+def test_a_gpu_is_refused():
+    from warpchain.drive.batch import stacks_of
+    from warpchain.engine.chains import Rows
+    from warpchain.engine.gpu import refusal
+    from warpchain.engine.pack import pack
+    from warpchain.engine.simulation import schedules_of
+
+    drives = [chains.two_stages(duration=0.001)]
+    rows = Rows(drives, stacks_of(drives))
+    packed = pack(rows.drives, rows.spread(schedules_of(drives, None, None, Record(), None)))
+    rows.couple(packed)
+    assert refusal(packed) == 'drives of several chains are stepped on the CPU only; use device="cpu"'

@@ -1,0 +1,87 @@
+"""Drives of several chains before and after a run: `check`, archives, figures, pages, recordings, notebooks."""
+
+import json
+
+import chains
+import numpy as np
+import pytest
+
+from warpchain import Record, read_archive, simulate
+from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import report as text_of
+from warpchain.drive import save_drive
+from warpchain.errors import DriveError
+from warpchain.results.objectives import from_trajectory
+from warpchain.view.figures.plot import plot_figures
+from warpchain.view.report import report
+from warpchain.view.rerun.run_playback import view
+
+pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The archive of a run, and the run in memory."""
+    drive, path = chains.two_stages(duration=0.02), tmp_path_factory.mktemp("chains") / "two.mcap"
+    simulate(drive, device="cpu", archive=path)
+    return path, simulate(drive, device="cpu")
+
+
+def test_check_has_each_chain_with_the_loads_that_it_passes_on():
+    """The first chain pulls the second's load: T = M z3 / (z4 R2) more in its tight strand, of 300 N m."""
+    drive = chains.two_stages()
+    found = derive(drive)
+    first = {strand["name"]: strand["working_tension"] for strand in found["chains"]["first"]["strands"]}
+    radius = found["chains"]["first"]["sprockets"][1]["pitch_radius"]
+    rise = first["mid in->crank"] - first["crank->mid in"]
+    assert rise == pytest.approx(300.0 * 18 / 36 / radius, rel=0.01)
+    (mid,) = found["shafts"]
+    assert mid["sprockets"] == ["mid in", "mid out"] and mid["speed"] == pytest.approx(20 / 3)
+    lines = text_of(json.loads(json.dumps(found))).split("\n")
+    assert '=== chain "first"' in lines and '=== chain "second"' in lines
+
+
+def test_an_archive_reads_back_the_run(recorded):
+    path, run = recorded
+    held = read_archive(path)
+    assert held.drives[0] == run.drives[0]
+    for name, values in run[0].channels().items():
+        np.testing.assert_allclose(held[0].channels()[name], values, atol=1e-6 * max(np.abs(values).max(), 1.0))
+
+
+def test_figures_are_of_each_chain_and_of_the_whole_drive(recorded, tmp_path):
+    names = {path.name for path in plot_figures(recorded[0], tmp_path, only=("drive", "link-tension"))}
+    assert names == {"drive.png", "first link-tension.png", "second link-tension.png"}
+
+
+def test_a_page_has_the_sections_of_each_chain(recorded, tmp_path):
+    text = report(recorded[0], tmp_path / "two.html").read_text()
+    for chain in ("first", "second"):
+        assert f'<section id="{chain} tension">' in text and f"{chain}: Chain" in text
+
+
+def test_a_recording_shows_all_chains(recorded, tmp_path):
+    view(recorded[0], save=tmp_path / "two.rrd")
+    assert (tmp_path / "two.rrd").stat().st_size > 10_000
+
+
+def test_notebooks_show_each_chain(recorded):
+    _, run = recorded
+    for thing in (run.drives[0], run, run[0]):
+        assert "mid out" in thing._repr_html_() or "second" in thing._repr_html_()
+
+
+def test_objectives_of_chains_begin_with_their_names(recorded):
+    found = from_trajectory(recorded[1][0], 0.01, 0.02)
+    assert {"mid in.transmission_error_rms", "out.transmission_error_rms"} <= found.keys()
+
+
+def test_what_takes_one_chain_says_so_in_a_line(tmp_path):
+    from warpchain.modal.eigenmodes import modes
+
+    drive = chains.two_stages()
+    line = "^chains: there are several, first, second; this takes drives of one chain, \\[chain\\]$"
+    with pytest.raises(DriveError, match=line):
+        modes(drive)
+    save_drive(drive, tmp_path / "two.toml")
+    assert simulate(drive, device="cpu", duration=1e-4, record=Record(variants="none")).metrics.num_rows == 1

@@ -1,0 +1,88 @@
+"""All chains of a drive in place; chains of one plane that cross are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.path import ChainPath
+from warpchain.drive import Drive
+from warpchain.drive.rings import Ring, rings_of, shaft_of
+from warpchain.errors import DriveError
+
+
+def assemble_chains(drive: Drive) -> list[Assembly]:
+    """The initial state of each chain.
+
+    Raises:
+        DriveError: a chain that does not fit, or chains of one plane that cross.
+    """
+    if not drive.chains:
+        return [assemble(drive)]
+    found = []
+    for ring in rings_of(drive):
+        try:
+            found.append(assemble(ring.drive))
+        except DriveError as error:
+            raise DriveError(f'chain "{ring.name}": {error}') from None
+    check_planes(drive, [assembly.path for assembly in found])
+    return found
+
+
+def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
+    """Refuses chains that cross in one plane.
+
+    Chains with sprockets on one shaft are in planes of their own, whether they name them or not.
+
+    Args:
+        paths: of the chains, in their order.
+
+    Raises:
+        DriveError: naming two such chains and where they meet.
+    """
+    rings = rings_of(drive)
+    shafts = [{shaft_of(drive.sprockets[s]) for s in ring.places["sprockets"]} for ring in rings]
+    for i, k in combinations(range(len(rings)), 2):
+        one, other = drive.chains[i], drive.chains[k]
+        if one.plane != other.plane or shafts[i] & shafts[k]:
+            continue
+        place = _meeting(outline(rings[i], paths[i]), outline(rings[k], paths[k]))
+        if place is not None:
+            where = f"[{place[0]:.4g}, {place[1]:.4g}]"
+            raise DriveError(
+                f'chains "{one.name}" and "{other.name}" cross near {where} m in one plane; name another plane of one '
+                f"of them (chains.{other.name}.plane), or move its sprockets"
+            )
+
+
+def outline(ring: Ring, path: ChainPath) -> NDArray[np.float64]:
+    """Corners (K, 2) of a chain's loop [m]: ends of strands, and points of the arcs between, 5 degrees apart."""
+    points, count = [], len(ring.drive.sprockets)
+    for s, sprocket in enumerate(ring.drive.sprockets):
+        center, sign = np.array(sprocket.center), sprocket.sign
+        begin, end = (np.asarray(of, dtype=float) for of in (path.strand_end[(s - 1) % count], path.strand_start[s]))
+        first, last = (np.arctan2(*(at - center)[::-1]) for at in (begin, end))
+        turn = sign * np.mod(sign * (last - first), 2.0 * np.pi)
+        angles = first + turn * np.linspace(0.0, 1.0, max(2, int(abs(turn) / np.radians(5.0)) + 2))
+        radius = np.hypot(*(begin - center))
+        points.append(center + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.concatenate(points)
+
+
+def _meeting(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """A point that two loops (K, 2) have in common, None where there is none."""
+    a, b = one[:, None], np.roll(one, -1, axis=0)[:, None] - one[:, None]
+    c, d = other[None], np.roll(other, -1, axis=0)[None] - other[None]
+    turn = b[..., 0] * d[..., 1] - b[..., 1] * d[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        here = ((c - a)[..., 0] * d[..., 1] - (c - a)[..., 1] * d[..., 0]) / turn
+        there = ((c - a)[..., 0] * b[..., 1] - (c - a)[..., 1] * b[..., 0]) / turn
+    both = np.argwhere((here >= 0.0) & (here < 1.0) & (there >= 0.0) & (there < 1.0))
+    if not len(both):
+        return None
+    i, k = both[0]
+    return np.asarray(a[i, 0] + here[i, k] * b[i, 0])

@@ -1,0 +1,190 @@
+"""Rules of drives with several chains: which chain parts are of, what is on a shaft, and that ratios agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from warpchain.drive.rings import chain_of, shaft_of, train_of, with_shafts
+from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
+from warpchain.drive.sprocket import Sprocket
+
+NOT_YET = "not yet together with [[chains]]"
+OF_CHAINS = ("sprockets", "guides", "probes")
+"""Lists of parts that name their chain."""
+
+
+def chain_rules(drive: Any) -> Iterator[Problem]:
+    """A drive has a chain, or several that every part tells apart."""
+    chains, alone = elements(drive, "chains"), get(drive, "chain")
+    if alone is None and not chains:
+        yield Problem(("chain",), None, "missing; must be a table, or give a list of chains instead", BARE)
+    if alone is not None and chains:
+        yield Problem(("chains",), len(chains), "not together with chain; give one of the two")
+    names = [get(chain, "name") for chain in chains]
+    for kind in OF_CHAINS:
+        for i, part in enumerate(elements(drive, kind)):
+            chain = get(part, "chain")
+            if chain is not None and not chains:
+                yield Problem((kind, i, "chain"), chain, "must not be given where there is one chain, [chain]")
+            elif chain is None and chains:
+                text = f"missing; must be the name of a chain: {', '.join(filter(is_name, names))}"
+                yield Problem((kind, i, "chain"), None, text, BARE)
+            elif chain is not None and chain not in names:
+                text = f"must be the name of a chain; {nearest(str(chain), filter(is_name, names))}"
+                yield Problem((kind, i, "chain"), chain, text)
+    for c, name in enumerate(names):
+        count = sum(get(sprocket, "chain") == name for sprocket in elements(drive, "sprockets"))
+        if is_name(name) and count < 2:
+            yield Problem(("chains", c, "name"), name, f"must be named by at least 2 sprockets, is by {count}")
+    yield from _arms(drive)
+
+
+def _arms(drive: Any) -> Iterator[Problem]:
+    """All guides and sprockets on an arm are of one chain."""
+    seen: dict[Any, Any] = {}
+    places = [("guides", g, guide, get(guide, "arm")) for g, guide in enumerate(elements(drive, "guides"))]
+    places += [("sprockets", s, of, get(get(of, "mount"), "arm")) for s, of in enumerate(elements(drive, "sprockets"))]
+    for kind, i, part, arm in places:
+        chain = get(part, "chain")
+        if isinstance(arm, str) and isinstance(chain, str) and seen.setdefault(arm, chain) != chain:
+            text = f'must be "{seen[arm]}", as of the other guides and sprockets on the arm "{arm}"'
+            yield Problem((kind, i, "chain"), chain, text)
+
+
+def shaft_group_rules(drive: Any) -> Iterator[Problem]:
+    """Sprockets of a shaft turn as one, about one center, each for a chain of its own.
+
+    Shafts of drives with one chain have rules of their own (`train_rules`).
+    """
+    if not elements(drive, "chains"):
+        return
+    names = [get(shaft, "name") for shaft in elements(drive, "shafts")]
+    groups: dict[str, list[int]] = {name: [] for name in filter(is_name, names)}
+    sprockets = elements(drive, "sprockets")
+    for s, sprocket in enumerate(sprockets):
+        shaft = get(sprocket, "shaft")
+        if not isinstance(shaft, str):
+            continue
+        if shaft not in groups:
+            hint = nearest(shaft, groups) if groups else "there are none"
+            yield Problem(("sprockets", s, "shaft"), shaft, f"must be the name of a shaft; {hint}")
+            continue
+        groups[shaft].append(s)
+    for i, name in enumerate(names):
+        members = groups.get(name, []) if is_name(name) else []
+        if is_name(name) and not members and names.index(name) == i:
+            text = f"must be named by a sprocket: shafts without any are {NOT_YET}"
+            yield Problem(("shafts", i, "name"), name, text)
+        yield from _once(sprockets, members, elements(drive, "shafts")[i], str(name))
+        parts = [*(sprockets[s] for s in members), elements(drive, "shafts")[i]]
+        if members and all(get(part, key) is None for part in parts for key in ("inertia", "prescribed")):
+            where = ("sprockets", members[0], "inertia")
+            text = f'missing; must be a positive number; needed as nothing prescribes the shaft "{name}"'
+            yield Problem(where, None, text, BARE)
+        for s in members[1:]:
+            yield from (problem.under("sprockets", s) for problem in _beside(sprockets, members, s, str(name)))
+
+
+def _once(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
+    """Motion and load are given to a shaft or to its sprockets, and bearings rub where nothing prescribes it."""
+    for s in members:
+        for key in ("prescribed", "load"):
+            if get(shaft, key) is not None and get(sprockets[s], key) is not None:
+                text = f'not together with shafts."{name}".{key}; give one of the two'
+                yield Problem(("sprockets", s, key), None, text, BARE)
+        moved = any(get(part, "prescribed") is not None for part in (shaft, *(sprockets[m] for m in members)))
+        if moved and get(sprockets[s], "bearing") is not None and get(sprockets[s], "prescribed") is None:
+            text = f'not on the shaft "{name}", which is prescribed and whose motion nothing disturbs'
+            yield Problem(("sprockets", s, "bearing"), None, text, BARE)
+
+
+def _beside(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
+    """Faults of a further sprocket on a shaft."""
+    node, first = sprockets[s], sprockets[members[0]]
+    before = [sprockets[m] for m in members if m < s]
+    own, other = valid(Sprocket, node), valid(Sprocket, first)
+    named = f'as of "{get(first, "name")}" on the shaft "{shaft}"'
+    if get(node, "chain") is None or any(get(node, "chain") == get(of, "chain") for of in before):
+        yield Problem(("shaft",), shaft, "must be one without another sprocket of the same chain")
+    if get(node, "prescribed") is not None and any(get(of, "prescribed") is not None for of in before):
+        text = f'must be given to one sprocket of the shaft "{shaft}" only'
+        yield Problem(("prescribed",), None, text, BARE)
+    if own is None or other is None:
+        return
+    if own.center != other.center:
+        yield Problem(("center",), list(own.center), f"must be {list(other.center)}, {named}")
+    if own.wrap != other.wrap:
+        text = f'must be "{other.wrap}", {named}: list the sprockets of the chain in the order that then follows'
+        yield Problem(("wrap",), own.wrap, text)
+    for part in (own, other):
+        if part.mount.kind in ("elastic", "slider", "arm"):
+            text = f'must be "fixed" or "prescribed", as the shaft "{shaft}" has several sprockets'
+            yield Problem(("mount", "kind"), part.mount.kind, text)
+            return
+    if own.mount != other.mount:
+        yield Problem(("mount",), None, f"must be the same {named}", BARE)
+
+
+def ratio_rules(drive: Any) -> Iterator[Problem]:
+    """Something turns each chain, and no two ways through the chains give a shaft two speeds."""
+    sprockets, chains = with_shafts(drive), elements(drive, "chains")
+    if not chains or not all(_sound(drive, sprocket) for sprocket in sprockets):
+        return
+    if all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+        return
+    train = train_of(sprockets)
+    for c, chain in enumerate(chains):
+        name = get(chain, "name")
+        if is_name(name) and name not in train.leaders:
+            text = "is turned by nothing: no sprocket of it is prescribed, or on a shaft that another chain turns"
+            yield Problem(("chains", c, "name"), name, text)
+    for wrong in train.contradictions:
+        begin, end = (shaft.removesuffix("=") for shaft in wrong.shafts)
+        first, second = (f"{float(ratio):g}" for ratio in wrong.ratios)
+        which = "two chains" if len(wrong.chains) == 2 else "ways through the chains"
+        fits = f"{float(wrong.teeth):g}" + ("" if wrong.teeth.denominator == 1 else ", which is no whole number")
+        place = [get(chain, "name") for chain in chains].index(wrong.chains[-1])
+        text = f'the {which} between "{begin}" and "{end}" have ratios {first} and {second}; its sprocket on "{end}" '
+        yield Problem(("chains", place, "name"), wrong.chains[-1], f"{text}would need {fits} teeth")
+
+
+def _sound(drive: Any, sprocket: Any) -> bool:
+    """Whether it is known what a sprocket has to do with the ratios."""
+    teeth, shaft = get(sprocket, "teeth"), get(sprocket, "shaft")
+    sound = (
+        is_name(get(sprocket, "name")) and (shaft is None or is_name(shaft)) and chain_of(drive, sprocket) is not None
+    )
+    return sound and isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0
+
+
+def plane_rules(drive: Any) -> Iterator[Problem]:
+    """Chains that have sprockets on one shaft are not in one plane."""
+    seen: dict[tuple[str, str], Any] = {}
+    chains = {name: c for c, chain in enumerate(elements(drive, "chains")) if is_name(name := get(chain, "name"))}
+    for sprocket in elements(drive, "sprockets"):
+        name = get(sprocket, "chain")
+        if not is_name(get(sprocket, "shaft")) or not is_name(name) or name not in chains:
+            continue
+        plane = get(elements(drive, "chains")[chains[name]], "plane")
+        other = seen.setdefault((shaft_of(sprocket), plane), name) if isinstance(plane, str) else name
+        if other != name:
+            text = f'must be another than of the chain "{other}", which has a sprocket on the same shaft'
+            yield Problem(("chains", chains[name], "plane"), plane, text)
+
+
+def one_chain_rules(drive: Any) -> Iterator[Problem]:
+    """What only drives of one chain can have so far."""
+    if not elements(drive, "chains"):
+        return
+    for kind in ("gears", "couplings"):
+        if elements(drive, kind):
+            yield Problem((kind,), None, NOT_YET, BARE)
+    for h, shaft in enumerate(elements(drive, "shafts")):
+        for key in ("motor", "initial_speed"):
+            if get(shaft, key) is not None:
+                yield Problem(("shafts", h, key), None, NOT_YET, BARE)
+
+
+SEVERAL = (chain_rules, one_chain_rules, shaft_group_rules, ratio_rules, plane_rules)
+"""The rules, in the order in which errors are listed."""

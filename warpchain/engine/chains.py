@@ -1,0 +1,147 @@
+"""Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
+
+A chain is packed, settled and looked at as a drive of its own (`warpchain.drive.rings`). What couples the chains of a
+variant while they are stepped is in `structs.Tie`: bodies of one shaft, of which each has the inertia of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.bounds import tension_scale
+from warpchain.assembly.crossings import check_planes
+from warpchain.drive import Drive
+from warpchain.drive.batch import Stack, first_of, stacks_of
+from warpchain.drive.rings import Ring, loaded_rings, rings_of, shaft_of, shafts_given
+from warpchain.drive.trains import own_inertia
+from warpchain.engine.packed import Packed
+from warpchain.errors import DriveError
+from warpchain.results.metrics import Ended
+
+Item = TypeVar("Item")
+
+
+class Rows:
+    """The rows of variants.
+
+    Args:
+        drives: the variants.
+        stacks: the drives sorted into kinds.
+
+    Attributes:
+        first: (V + 1,) row of each variant's first chain, and where the last one's end.
+        drives: of each row; of variants with one chain, theirs.
+        stacks: these sorted into kinds.
+    """
+
+    def __init__(self, drives: Sequence[Drive], stacks: Sequence[Stack]) -> None:
+        self.variants, self.alone = drives, not any(stack.drive.chains for stack in stacks)
+        if self.alone:
+            self.first, self.drives, self.stacks = np.arange(len(drives) + 1), drives, stacks
+            return
+        rings = [rings_of(drive) for drive in drives]
+        self.rings: list[Ring] = [ring for of in rings for ring in of]
+        self.first = np.append(0, np.cumsum([len(of) for of in rings]))
+        self.drives = [ring.drive for ring in self.rings]
+        self.stacks = stacks_of(self.drives)
+
+    @cached_property
+    def owner(self) -> NDArray[np.int64]:
+        """(rows,) the variant of each."""
+        return np.repeat(np.arange(len(self.variants)), np.diff(self.first))
+
+    def spread(self, values: Sequence[Item]) -> Sequence[Item]:
+        """What variants have, row by row."""
+        return values if self.alone else [values[v] for v in self.owner.tolist()]
+
+    def called(self, first: int) -> int | NDArray[np.int64]:
+        """How rows are called, after their variants; `first` is what variant 0 is called."""
+        return first if self.alone else self.owner + first
+
+    def layouts(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
+        """What is wrong with the variants' layouts, from that of rows."""
+        if self.alone:
+            return layouts
+        named = [tuple(f"{ring.name}: {line}" if ring.name else line for line in lines)
+                 for ring, lines in zip(self.rings, layouts, strict=True)]  # fmt: skip
+        return [sum(named[a:b], ()) for a, b in zip(self.first[:-1], self.first[1:], strict=True)]
+
+    def ended(self, rows: Ended, schedules: Sequence[Any], stacks: Sequence[Stack]) -> Ended:
+        """How variants ended, from how their rows did."""
+        if self.alone:
+            return rows
+        causes = np.array(rows.causes or [""] * len(self.drives), dtype=object)
+        spans = list(zip(self.first[:-1], self.first[1:], strict=True))
+        layouts = None if rows.layouts is None else self.layouts(rows.layouts)  # type: ignore[arg-type]
+        return replace(
+            rows.of(self.first[:-1]),
+            drives=self.variants,
+            schedules=schedules,
+            layouts=layouts,
+            causes=[next(filter(None, causes[a:b]), "") for a, b in spans],
+            stacks=stacks,
+        )
+
+    def couple(self, packed: Packed, first: int = 0) -> None:
+        """Ties the bodies of each shaft of an ensemble packed row by row, in float64; variant 0 is called `first`.
+
+        Raises:
+            DriveError: chains that cross in one plane.
+        """
+        if self.alone:
+            return
+        counts = np.add.reduceat(packed.drives["bodies"], self.first[:-1])
+        begins = np.repeat(packed.drives["first_body"][self.first[:-1]], counts)
+        packed.ties["train"][: len(begins)] = np.arange(len(begins)) - begins
+        packed.ties["ratio"] = 1.0
+        for v, (a, b) in enumerate(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True)):
+            if b - a > 1:
+                try:
+                    check_planes(self.variants[v], [packed.assemblies[r].path for r in range(a, b)])
+                except DriveError as error:
+                    raise first_of([(v, error)], first) from None
+                self._couple(packed, v, a, b)
+
+    def _couple(self, packed: Packed, v: int, a: int, b: int) -> None:
+        """Ties the bodies of variant v, whose rows are `a` to `b` - 1."""
+        from warpchain.engine.fill import LIGHT
+
+        drive, rows = shafts_given(self.variants[v]), packed.drives
+        rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
+        begin, end = int(rows["first_body"][a]), int(rows["first_body"][b - 1] + rows["bodies"][b - 1])
+        groups: dict[str, list[tuple[int, int, int]]] = {}
+        for r in range(a, b):
+            for k, s in enumerate(self.rings[r].places["sprockets"]):
+                member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
+                groups.setdefault(shaft_of(drive.sprockets[s]), []).append(member)
+        for members in groups.values():
+            if len(members) > 1:
+                _tie(packed, members, begin)
+        for r in range(a, b):
+            for k, s in enumerate(self.rings[r].places["sprockets"]):
+                packed.ties["inertia"][int(rows["first_body"][r]) + k] = own_inertia(drive, s)
+        for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
+            rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
+        rows["light"][a:b] = (packed.motions["following"][begin:end] < LIGHT).any()
+
+
+def _tie(packed: Packed, members: Sequence[tuple[int, int, int]], begin: int) -> None:
+    """Makes bodies one shaft: rows, bodies and sprockets of all; the variant's bodies begin at `begin`.
+
+    What contacts expect of a body, and the mass that friction has to stop, go by all rollers on the shaft: as in
+    `fill.tooth_effective_mass`, with 1/m_e = 1/m + sum of z times the mobility of a point.
+    """
+    rows, bodies, sprockets = (np.array(of) for of in zip(*members, strict=True))
+    packed.ties["train"][bodies] = bodies[0] - begin
+    packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
+    mass, alone = packed.chains["mass"][rows], packed.motions["following"][bodies]
+    yields = ((1.0 / alone - 1.0) / mass).sum()
+    together = 1.0 / (1.0 + mass * yields)
+    packed.motions["following"][bodies] = together.min()
+    packed.tooth_sliding["inertia"][sprockets] *= together / alone

@@ -1,0 +1,62 @@
+"""Trajectories and runs of drives with several chains, and each chain's as that of a drive of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive import Drive
+from warpchain.drive.rings import Ring, rings_of
+from warpchain.results.channels import CHANNEL, Kind
+from warpchain.results.run import Trajectory
+
+
+def _places(drive: Drive, rings: Sequence[Ring], kind: Kind) -> list[NDArray[np.int64]]:
+    """Places of each chain's things of a kind in the whole drive's channels; rollers one chain after the other."""
+    if kind in ("roller", "link"):
+        ends = np.cumsum([ring.drive.chain.links for ring in rings])
+        return [np.arange(end - ring.drive.chain.links, end) for end, ring in zip(ends, rings, strict=True)]
+    return [np.array(ring.places[f"{kind}s"], dtype=np.int64) for ring in rings]
+
+
+def of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
+    """The trajectory of a drive from those of its chains, in their order, over the same frames."""
+    rings = rings_of(drive)
+    channels: dict[str, Any] = {}
+    for name in dict.fromkeys(name for part in parts for name in part.channels()):
+        places = _places(drive, rings, CHANNEL[name].per)
+        held = [part.channels().get(name) for part in parts]
+        like = next(values for values in held if values is not None)
+        whole = np.zeros((len(like), sum(map(len, places)), *like.shape[2:]), dtype=like.dtype)
+        for at, values in zip(places, held, strict=True):
+            if values is not None:
+                whole[:, at] = values
+        channels[name] = whole
+    return Trajectory(drive, parts[0].time, **channels)
+
+
+def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
+    """Each chain's trajectory by its name; of a drive of one chain, that itself by ""."""
+    drive = trajectory.drive
+    if not drive.chains:
+        return {"": trajectory}
+    rings = rings_of(drive)
+    found = {}
+    for k, ring in enumerate(rings):
+        held = {name: values[:, _places(drive, rings, CHANNEL[name].per)[k]]
+                for name, values in trajectory.channels().items()}  # fmt: skip
+        held = {name: values for name, values in held.items() if values.shape[1]}
+        found[ring.name] = Trajectory(ring.drive, trajectory.time, **held)
+    return found
+
+
+def chain_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A chain's row of metrics as that of a drive of its own: its own columns without its name, then all others."""
+    if not name:
+        return dict(row)
+    before = f"{name}."
+    own = {column.removeprefix(before): value for column, value in row.items() if column.startswith(before)}
+    return own | {column: value for column, value in row.items() if column not in own and not column.startswith(before)}
