@@ -101,7 +101,7 @@ class Motion:
 
 @wp.struct
 class Tie:
-    """How a body turns with others, of drives with several chains."""
+    """The others that a body turns with, of drives with several chains."""
 
     train: wp.int32  # number of the first body that turns with it among the variant's, its own where it turns alone
     beside: wp.float64  # part of the inertia in its motion that is of the others [kg m^2]
