@@ -138,7 +138,6 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
         state: State,
         sums: Sums,
         variant: int,
-        rings: int,
         frames: wp.array[Real],
         scratch: wp.array2d[Real],
         now: Now,
@@ -146,7 +145,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
     ):
         """Adds an evaluated step to the sums and writes its frames, after `taken` others; 1 where it has diverged."""
         diverged = int(0)
-        for c in range(rings):
+        for c in range(ensemble.drives[variant].rings):
             r = variant + c
             drive = ensemble.drives[r]
             n = drive.rollers
@@ -211,7 +210,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
                 evaluate(ensemble, state, variant, rings, scratch, at, wanted)
                 checks = step % DIVERGENCE_CHECK == 0 or step == whole.steps
                 if stage == 0 and (checks or now.measures != 0 or now.sizes != 0):
-                    progress.diverged = observe(ensemble, state, sums, variant, rings, frames, scratch, now, taken)
+                    progress.diverged = observe(ensemble, state, sums, variant, frames, scratch, now, taken)
                     if now.sizes != 0:
                         taken = taken + 1
                 stage = stage + 1

@@ -1,6 +1,7 @@
 """Pictures and tables of the example drives."""
 
 import argparse
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -33,6 +34,25 @@ def examples(asked: argparse.Namespace) -> Iterator[Line]:
         tensions = (min(strands), max(strands), min(least), max(most))
         yield (name, drive.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
         drive_figure(run[0]).savefig(asked.output / f"{name.replace('_', '-')}-drive.png", dpi=90)
+
+
+@case()
+def v6(_: argparse.Namespace) -> Iterator[Line]:
+    """The chains of `v6` over speed, and that of `car` beside them.
+
+    python scripts/figures.py v6
+    """
+    yield ("drive", "chain", "rpm", "mean [N]", "least [N]", "most [N]", "efficiency", "residual")
+    for name in ("v6", "car"):
+        base = example(name)
+        path = f"sprockets.{base.sprockets[base.driver].name}.prescribed.speed"
+        speeds = [rpm * math.pi / 30.0 for rpm in (1000.0, 3000.0, 5000.0, 6500.0)]
+        run = simulate([base.with_values({path: speed}) for speed in speeds], record=Record("none"))
+        for speed, row in zip(speeds, run.metrics.to_pylist(), strict=True):
+            for chain in [f"{chain.name}." for chain in base.chains] or [""]:
+                tensions = (f"{row[f'{chain}tension_{of}']:.0f}" for of in ("mean", "min", "max"))
+                whole = (f"{row['efficiency']:.3f}", f"{row['energy_residual_relative']:.1e}")
+                yield (name, chain.removesuffix("."), f"{speed * 30.0 / math.pi:.0f}", *tensions, *whole)
 
 
 NO_FRICTION: Mapping[str, Any] = {"chain.joint": None, "contact.sprocket.friction": 0.0}

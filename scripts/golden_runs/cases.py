@@ -100,7 +100,8 @@ def diverging(_: Path) -> Run:
 def setup(folder: Path) -> dict[str, Any]:
     """Everything before a run: derived quantities, assembly, limits, outlines, fits, and `warpchain check`."""
     found: dict[str, Any] = {}
-    drives = {name: example(name) for name in example_names()} | {"worn": pair(WORN), "iso": pair(PROFILES["maximum"])}
+    names = [name for name in example_names() if not example(name).chains]
+    drives = {name: example(name) for name in names} | {"worn": pair(WORN), "iso": pair(PROFILES["maximum"])}
     for name, drive in drives.items():
         found[name] = {"assembly": warpchain.assemble(drive), "derived": derive(drive)}
         found[name]["steps"] = [step_limit(drive), automatic_step(drive)]
@@ -216,7 +217,10 @@ def shell(*words: str) -> str:
 
 CASES: dict[str, Callable[[Path], Any]] = {
     "setup": setup,
-    **{name: partial(of_example, name) for name in ("marine", "engine", "industrial", "motorcycle", "swing_idler")},
+    **{
+        name: partial(of_example, name)
+        for name in ("marine", "engine", "industrial", "motorcycle", "swing_idler", "v6")
+    },
     "laws": laws,
     "guides": guides,
     "mounts": mounts,

@@ -209,8 +209,9 @@ def _ring(drive: Drive, name: str, leader: int, train: Train, begins: dict[str, 
 
 
 def loaded_rings(drive: Drive) -> tuple[Ring, ...]:
-    """The chains as `rings_of`, with the steady loads of the chains that each turns on its own sprockets, for looks
-    before a run: a chain that is led takes its loads M, times the ratios of teeth, and what else is on its shaft.
+    """The chains as `rings_of`, with the steady loads of the chains that each turns on its own sprockets.
+
+    A chain that is led takes its loads times the ratios of teeth, and what else is on its shaft. Before a run only.
     """
     rings, drive = rings_of(drive), shafts_given(drive)
     if len(rings) == 1:

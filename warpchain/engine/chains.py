@@ -57,15 +57,15 @@ class Rows:
         return np.repeat(np.arange(len(self.variants)), np.diff(self.first))
 
     def spread(self, values: Sequence[Item]) -> Sequence[Item]:
-        """What variants have, row by row."""
+        """Values of variants, row by row."""
         return values if self.alone else [values[v] for v in self.owner.tolist()]
 
     def called(self, first: int) -> int | NDArray[np.int64]:
-        """How rows are called, after their variants; `first` is what variant 0 is called."""
+        """Names of rows, after their variants; `first` is what variant 0 is called."""
         return first if self.alone else self.owner + first
 
     def layouts(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
-        """What is wrong with the variants' layouts, from that of rows."""
+        """Faults of the variants' layouts, from those of rows."""
         if self.alone:
             return layouts
         named = [tuple(f"{ring.name}: {line}" if ring.name else line for line in lines)
@@ -73,7 +73,7 @@ class Rows:
         return [sum(named[a:b], ()) for a, b in zip(self.first[:-1], self.first[1:], strict=True)]
 
     def ended(self, rows: Ended, schedules: Sequence[Any], stacks: Sequence[Stack]) -> Ended:
-        """How variants ended, from how their rows did."""
+        """Ends of variants, from those of their rows."""
         if self.alone:
             return rows
         causes = np.array(rows.causes or [""] * len(self.drives), dtype=object)
