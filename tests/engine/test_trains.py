@@ -1,12 +1,13 @@
 """Shafts, gears, couplings and motors beside a chain at rest, or turned by one, against closed forms."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 from drives import STARTING, two_sprockets
 
-from warpchain import Record, dumps_drive, loads_drive, simulate
+from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
 
 RIG = {"torque": 0.0, "speed": 0.0, "settle": "false", "step": 2e-6}
 
@@ -290,3 +291,25 @@ damping = 2.0
     _, row = ran(with_parts(text, duration=0.05, integrator="rk4", step=5e-6))
     assert row["input_work"] > 0.0
     assert abs(row["energy_residual"]) < 1e-6 * row["input_work"]
+
+
+def test_a_drive_coasts_down(device):
+    # nothing drives: what the flywheel loses goes into the load and the losses, all of it
+    text = """
+[[shafts]]
+name = "flywheel"
+inertia = 20.0
+initial_speed = 10.0
+"""
+    values = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, viscous=40.0, duration=0.2)) + text)
+    del values["sprockets"][0]["prescribed"]
+    values["sprockets"][0]["shaft"] = "flywheel"
+    drive = Drive(**values)
+    assert drive.driver_speed == 10.0
+    run, row = ran(drive, rate=2e3)
+    speed = np.asarray(run[0].shaft_speed[:, 0], float)
+    assert speed[0] == pytest.approx(10.0, rel=1e-6) and speed[-1] < 8.0
+    assert (run[0].sprocket_speed[:, 0] == run[0].shaft_speed[:, 0]).all()
+    assert row["input_work"] == 0.0
+    assert row["energy_change"] == pytest.approx(-row["output_work"], rel=0.1)
+    assert abs(row["energy_residual_relative"]) < 1e-3
