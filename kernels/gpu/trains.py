@@ -45,7 +45,9 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
-        time = stage_at(wp.static(kind.integrator), now.stage, steps.time_of(mine, now), steps.step_number(mine)).time
+        time = steps.time_of(mine, now)
+        if wp.static(kind.staged):
+            time = stage_at(wp.static(kind.integrator), now.stage, time, steps.step_number(mine)).time
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
             wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)

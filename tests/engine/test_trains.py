@@ -1,12 +1,13 @@
 """Shafts, gears, couplings and motors beside a chain at rest, or turned by one, against closed forms."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 from drives import STARTING, two_sprockets
 
-from warpchain import Record, dumps_drive, loads_drive, simulate
+from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
 
 RIG = {"torque": 0.0, "speed": 0.0, "settle": "false", "step": 2e-6}
 
@@ -240,3 +241,75 @@ def test_a_sprocket_on_a_shaft_turns_as_one_with_it(device):
     assert (second[0].shaft_speed[:, 0] == second[0].sprocket_speed[:, 1]).all()
     for name in ("output_work", "input_work", "energy_residual", "tension_max"):
         assert other[name] == pytest.approx(row[name], rel=1e-6, abs=1e-9)
+
+
+def conveyor(**values):
+    """The first part of the conveyor's start."""
+    from warpchain import load_drive
+    from warpchain.drive.examples import drive_path
+
+    return load_drive(drive_path("conveyor")).with_values({"run.duration": 0.06, "run.settle": False} | values)
+
+
+def test_a_variant_has_the_same_bits_alone_and_in_a_crowd(device):
+    drives = [conveyor(**{"shafts.motor.motor.table.factor": factor}) for factor in (1.0, 0.8, 1.2)]
+    drives.append(conveyor(**{"couplings.coupling.lash": 0.0}))
+    crowd = simulate(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
+    alone = simulate(drives[2], record=Record(rate=2e3), device="cpu", limits=STARTING)
+    for name, values in alone[0].channels().items():
+        np.testing.assert_array_equal(values, getattr(crowd[2], name), err_msg=name)
+    speeds = [float(crowd[v].shaft_speed[-1, 0]) for v in range(3)]
+    assert speeds[1] < speeds[0] < speeds[2]
+
+
+@pytest.mark.parametrize(("precision", "most"), [("float64", 2e-4), ("float32", 1e-3)])
+def test_energy_of_a_started_conveyor(device, precision, most):
+    # motor, gears, chain, contacts, friction, play and damper of the coupling, drum: all of the balance
+    run = simulate(conveyor(), record=Record("none"), device="cpu", precision=precision, limits=STARTING)
+    (row,) = run.metrics.to_pylist()
+    assert abs(row["energy_residual_relative"]) < most
+    assert row["coupling.damping_loss"] > 0.0 and row["motor.motor_work"] > row["output_work"]
+    assert row["input_work"] == pytest.approx(row["motor.motor_work"], rel=1e-12)
+
+
+def test_a_coupling_leads_its_shaft_where_the_other_is_prescribed(device):
+    # the work of what prescribes the governor comes in through the coupling, and is all that comes in
+    text = """
+[[shafts]]
+name = "led"
+prescribed = { speed = 3.0 }
+[[shafts]]
+name = "pulled"
+inertia = 0.2
+initial_speed = 0.0
+[[couplings]]
+name = "soft"
+between = ["led", "pulled"]
+stiffness = 500.0
+damping = 2.0
+"""
+    _, row = ran(with_parts(text, duration=0.05, integrator="rk4", step=5e-6))
+    assert row["input_work"] > 0.0
+    assert abs(row["energy_residual"]) < 1e-6 * row["input_work"]
+
+
+def test_a_drive_coasts_down(device):
+    # nothing drives: what the flywheel loses goes into the load and the losses, all of it
+    text = """
+[[shafts]]
+name = "flywheel"
+inertia = 20.0
+initial_speed = 10.0
+"""
+    values = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, viscous=40.0, duration=0.2)) + text)
+    del values["sprockets"][0]["prescribed"]
+    values["sprockets"][0]["shaft"] = "flywheel"
+    drive = Drive(**values)
+    assert drive.driver_speed == 10.0
+    run, row = ran(drive, rate=2e3)
+    speed = np.asarray(run[0].shaft_speed[:, 0], float)
+    assert speed[0] == pytest.approx(10.0, rel=1e-6) and speed[-1] < 8.0
+    assert (run[0].sprocket_speed[:, 0] == run[0].shaft_speed[:, 0]).all()
+    assert row["input_work"] == 0.0
+    assert row["energy_change"] == pytest.approx(-row["output_work"], rel=0.1)
+    assert abs(row["energy_residual_relative"]) < 1e-3

@@ -474,6 +474,7 @@ LOOPS = {
         wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), moving=True, profiles=True
     ),
     "pushed, rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0, tensioners=1), integrator=1, moving=True),
+    "shafts": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0, others=3, tied=1)),
 }
 """Each has what others lack; together they have all that drives may have."""
 

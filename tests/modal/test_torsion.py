@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from drives import two_sprockets
 
-from warpchain import dumps_drive, loads_drive
+from warpchain import dumps_drive, load_drive, loads_drive
+from warpchain.drive.examples import drive_path
 from warpchain.modal.eigenmodes import modes
 
 SOFT = """
@@ -78,3 +79,16 @@ def test_a_soft_coupling_behind_the_driven_sprocket():
     k = found.names.index("a 1")
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=2e-3)
     assert found.participation[k, found.parts.index("a")] > 0.99
+
+
+def test_a_motor_holds_the_driver_of_a_running_conveyor():
+    # as steep as its torque falls near its final speed the motor is a damper of 25 * 75 / 7 = 270 N m s at the driver,
+    # which stands beside the drum's swing; the drum, 12 kg m^2, hangs on the coupling and the tight strand in series,
+    # k R^2 / n = 3.2e5 N m/rad beside 2.5e4; chain, driven sprocket and what the driver gives are within 3 %
+    drive = load_drive(drive_path("conveyor"))
+    found = modes(drive, count=8, speed=drive.driver_speed)
+    strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 39.0
+    omega = math.sqrt(1.0 / (1.0 / 2.5e4 + 1.0 / strand) / 12.0)
+    k = found.names.index("drum 1")
+    assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=0.03)
+    assert 0.04 < -found.eigenvalue[k].real / abs(found.eigenvalue[k]) < 0.3

@@ -263,14 +263,10 @@ OIL = Group(
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].hydraulic,
 )
+SPEEDS = ("speed_min", "speed_mean", "speed_max", "speed_std")
 SHAFT = Group(
     "shaft",
-    (
-        Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
-        Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
-        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
-        Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
-    ),
+    tuple(column for column in SPROCKET.columns if column.name in SPEEDS),
     source="shaft",
 )
 MOTOR = Group(
@@ -283,6 +279,7 @@ MOTOR = Group(
     source="shaft",
     where=lambda drive, index: drive.shafts[index].motor is not None,
 )
+TORQUE_MEAN = Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean("moment"))
 COUPLING = Group(
     "coupling",
     (
@@ -290,7 +287,7 @@ COUPLING = Group(
         Column("twist_mean", "rad", "mean twist", mean("twist")),
         Column("twist_max", "rad", "largest twist", total("twist_max")),
         Column("torque_min", "N m", "smallest moment that it passes on", total("moment_min")),
-        Column("torque_mean", "N m", "mean moment that it passes on", mean("moment")),
+        TORQUE_MEAN,
         Column("torque_max", "N m", "largest moment that it passes on", total("moment_max")),
         DAMPING_LOSS,
     ),
@@ -299,7 +296,7 @@ COUPLING = Group(
 GEAR = Group(
     "gear",
     (
-        Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean("moment")),
+        TORQUE_MEAN,
         Column("tooth_force_mean", "N", "mean magnitude of the force between its teeth", mean("force")),
         Column("tooth_force_max", "N", "largest magnitude of the force between its teeth", total("force_max")),
     ),
