@@ -22,7 +22,16 @@ def load(name):
 
 
 def test_names():
-    assert NAMES == ("car", "engine", "industrial", "marine", "marine_no_guides", "motorcycle", "swing_idler")
+    assert NAMES == (
+        "car",
+        "engine",
+        "industrial",
+        "marine",
+        "marine_lever",
+        "marine_no_guides",
+        "motorcycle",
+        "swing_idler",
+    )
     assert all(is_example(drive_path(name)) for name in NAMES)
 
 
