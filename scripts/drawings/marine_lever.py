@@ -20,7 +20,7 @@ COLORS = ("tab:red", "tab:blue", "tab:green")
 
 
 def blow(teeth: float) -> float:
-    """Force [N] of a roller that meets a fixed tooth: 2 v sin(pi/z) sqrt(K m)."""
+    """Force [N] with which a roller strikes a fixed tooth: 2 v sin(pi/z) sqrt(K m)."""
     drive = example("marine_lever")
     stiffness = drive.sprocket_stiffness(1)
     return 2.0 * drive.chain_speed * math.sin(math.pi / teeth) * math.sqrt(stiffness * drive.chain.mass)

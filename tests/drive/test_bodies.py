@@ -21,7 +21,7 @@ ARCS = [  # an S that bends left, then right, and a straight piece between
     {"center": [0.4, 0.05], "radius": 0.2, "from": 180.0, "to": 90.0},
 ]
 POINTS = "must be a list of at least 2 points [x, y] of finite numbers"
-DEGREES = "must be a number of degrees from -360 to 360"
+DEGREES = "must be a number of degrees from -3600 to 3600"
 
 
 @pytest.fixture
@@ -188,7 +188,7 @@ RULES = [
         ("guides/0/radius", [None], f"{POSITIVE}; needed to round the points"),
         ("guides/0/radius", [0.005], "must be at least a pitch, 0.009525; links cannot follow"),
         ("guides/1/radius", [0.1], "only together with points, whose corners it rounds"),
-        ("arms/0/free_angle", [400], DEGREES),
+        ("arms/0/free_angle", [4000], DEGREES),
         ("arms/0/stops", [[12.0, -10.0]], "must be the lower angle first, then the upper"),
         ("arms/0/stops", [[5.0]], "must be two numbers of degrees from -360 to 360, [lower"),
         ("arms/0/lever", [1], "unknown key; "),
