@@ -274,6 +274,13 @@ def test_rule_of_a_sprocket_on_an_arm(path, value, line):
     assert len(lines_of(copy.deepcopy(SWING), path, value, line)) == 1
 
 
+def test_a_center_is_not_moved_into_its_arms_pivot():
+    drive = Drive(**SWING)
+    with pytest.raises(DriveError, match='must not be the pivot of "swing arm"'):
+        drive.with_values({"sprockets.idler.center": [0.05, -0.11]})
+    assert errors_of(SWING | {"sprockets": [*SWING["sprockets"][:1], SWING["sprockets"][1] | {"center": 0}]})
+
+
 def test_a_sprocket_on_an_arm_weighs_on_it():
     """Its mass times its distance squared is the arm's, its inertia is not; the chain reaches as far as it is."""
     drive = Drive(**SWING)

@@ -34,6 +34,7 @@ from warpchain.drive.drive_rules import (
     arm_rules,
     guide_rules,
     name_rules,
+    pivot_rules,
     place_rules,
     profile_rules,
     rolling_rules,
@@ -70,6 +71,7 @@ RULES = (
     size_rules,
     profile_rules,
     arm_rules,
+    pivot_rules,
     tensioner_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
@@ -78,6 +80,7 @@ NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
     size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
+    pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
