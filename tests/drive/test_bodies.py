@@ -21,7 +21,7 @@ ARCS = [  # an S that bends left, then right, and a straight piece between
     {"center": [0.4, 0.05], "radius": 0.2, "from": 180.0, "to": 90.0},
 ]
 POINTS = "must be a list of at least 2 points [x, y] of finite numbers"
-DEGREES = "must be a number of degrees from -360 to 360"
+DEGREES = "must be a number of degrees from -3600 to 3600"
 
 
 @pytest.fixture
@@ -188,7 +188,7 @@ RULES = [
         ("guides/0/radius", [None], f"{POSITIVE}; needed to round the points"),
         ("guides/0/radius", [0.005], "must be at least a pitch, 0.009525; links cannot follow"),
         ("guides/1/radius", [0.1], "only together with points, whose corners it rounds"),
-        ("arms/0/free_angle", [400], DEGREES),
+        ("arms/0/free_angle", [4000], DEGREES),
         ("arms/0/stops", [[12.0, -10.0]], "must be the lower angle first, then the upper"),
         ("arms/0/stops", [[5.0]], "must be two numbers of degrees from -360 to 360, [lower"),
         ("arms/0/lever", [1], "unknown key; "),
@@ -272,6 +272,13 @@ CARRIED += [
 @pytest.mark.parametrize(("path", "value", "line"), CARRIED)
 def test_rule_of_a_sprocket_on_an_arm(path, value, line):
     assert len(lines_of(copy.deepcopy(SWING), path, value, line)) == 1
+
+
+def test_a_center_is_not_moved_into_its_arms_pivot():
+    drive = Drive(**SWING)
+    with pytest.raises(DriveError, match='must not be the pivot of "swing arm"'):
+        drive.with_values({"sprockets.idler.center": [0.05, -0.11]})
+    assert errors_of(SWING | {"sprockets": [*SWING["sprockets"][:1], SWING["sprockets"][1] | {"center": 0}]})
 
 
 def test_a_sprocket_on_an_arm_weighs_on_it():

@@ -23,8 +23,18 @@ def load(name):
 
 
 def test_names():
-    every = "car", "conveyor", "engine", "industrial", "marine", "marine_no_guides", "motorcycle", "swing_idler", "v6"
-    assert every == NAMES
+    assert NAMES == (
+        "car",
+        "conveyor",
+        "engine",
+        "industrial",
+        "marine",
+        "marine_lever",
+        "marine_no_guides",
+        "motorcycle",
+        "swing_idler",
+        "v6",
+    )
     assert all(is_example(drive_path(name)) for name in NAMES)
 
 

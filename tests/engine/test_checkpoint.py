@@ -16,11 +16,14 @@ SHORT, LONG = 1024 * STEP, 2048 * STEP
 
 
 def ensemble():
-    """A settled drive with a guide-bar, one with arm and tensioner, one that slides, one that begins elsewhere."""
+    """A settled drive with a guide-bar, one with arm and tensioner, one that slides, one that begins elsewhere, and one
+    with an idler on an arm, whose bearing rubs.
+    """
     marine = load_drive(drive_path("marine")).with_values({"run.settle": True, "run.step": 1e-5})
     car = load_drive(drive_path("car"))
     rubbing = two_sprockets().with_values({"contact.sprocket.friction": 0.1, "run.integrator": "rk4"})
-    drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25})]
+    swing = load_drive(drive_path("swing_idler"))
+    drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25}), swing]
     return [drive.with_values({"run.step": STEP if k != 1 else STEP / 2}) for k, drive in enumerate(drives)]
 
 
@@ -44,11 +47,11 @@ def test_a_run_that_is_gone_on_with_has_the_bits_of_one_run(precision, window, l
     same_run = {"step": None, "precision": precision, "record": record, "device": "cpu"}
     short = States()
     simulate(drives, duration=SHORT, window=window, states=short, **same_run)
-    assert all(kept is not None for kept in short.kept) and short.used == [False] * 4
+    assert all(kept is not None for kept in short.kept) and short.used == [False] * 5
     begin = [Kept.from_bytes(kept.to_bytes()) for kept in short.kept]
     on, whole = States(begin=begin), States()
     gone_on = simulate(drives, duration=LONG, window=longer, states=on, **same_run)
-    assert on.used == [True] * 4
+    assert on.used == [True] * 5
     at_once = simulate(drives, duration=LONG, window=longer, states=whole, **same_run)
     same(gone_on.metrics, at_once.metrics)
     assert [kept.data for kept in on.kept] == [kept.data for kept in whole.kept]  # and so on from there

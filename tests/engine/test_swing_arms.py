@@ -7,13 +7,15 @@ import pytest
 import raw
 from scipy.optimize import brentq
 
-from warpchain import Record, assemble, load_drive, simulate
+from warpchain import Record, assemble, load_drive, loads_drive, read_archive, simulate
 from warpchain.assembly.arm_balance import StillArm, chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
 from warpchain.drive.examples import drive_path
 from warpchain.modal.system import system
+from warpchain.results.scene import arm_outline
+from warpchain.view.rerun import view
 
 TEETH, PITCH, RING, INERTIA = 20, 0.05, 20.0, 3.0  # a ring of 20 rollers of 1 kg on all teeth of a wheel
 G, DEPTH, ARM, MOMENT = 9.81, 0.3, 4.0, 1.5  # the wheel's center below the pivot; the arm's inertia, weight's moment
@@ -198,6 +200,90 @@ def test_on_a_long_lever_a_sprocket_moves_as_on_a_slide():
     assert off[0] / off[1] == pytest.approx(2.0, rel=0.05)
 
 
+DERAILLEUR = """
+[chain]
+pitch = 0.0127
+links = 120
+roller_mass = 0.005
+stiffness = 7.0e7
+roller_radius = 3.965e-3
+damping_ratio = 0.02
+[[sprockets]]
+name = "chainring"
+teeth = 34
+center = [-0.004, 0.0]
+wrap = "cw"
+prescribed = { speed = 0.0 }
+[[sprockets]]
+name = "lower jockey"
+teeth = 16
+center = [-0.42509, -0.16721]
+wrap = "cw"
+mass = 0.0102
+inertia = 4.0e-6
+mount = { kind = "arm", arm = "cage" }
+[[sprockets]]
+name = "upper jockey"
+teeth = 14
+center = [-0.41065, -0.07366]
+wrap = "ccw"
+mass = 0.0131
+inertia = 4.0e-6
+mount = { kind = "arm", arm = "cage" }
+[[sprockets]]
+name = "cog"
+teeth = 16
+center = [-0.445, 0.01]
+wrap = "cw"
+inertia = 1.0e-3
+[[sprockets]]
+name = "idler"
+teeth = 16
+center = [-0.02, 0.114]
+wrap = "cw"
+inertia = 2.0e-5
+[[arms]]
+name = "cage"
+pivot = [-0.35905, -0.08958]
+mass = 0.1577
+center = [-0.36545, -0.11908]
+inertia = 5.107e-4
+stiffness = 0.573
+free_angle = -500.0
+damping = 0.573
+[contact.sprocket]
+clearance = 1.0e-4
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 4.21e6
+exponent = 1.35
+[run]
+step = "auto"
+duration = 0.1
+sample_rate = 1000.0
+gravity = [0.0, -9.81]
+"""
+"""A bicycle's, of published places and a cage with two jockeys (github.com/alexeevinc/MBS_MTB, `setup/config.toml`);
+stiffness of the links and inertias of the wheels are assumed."""
+
+
+def test_a_published_derailleur_stands_as_published():
+    # its 120 links put the cage where it is drawn, to 0.1 degrees: places are given to 0.01 mm, over a lever of 0.1 m,
+    # and the tension is what a spring of 5 N m gives by both jockeys' bisectors, less the weight
+    drive = loads_drive(DERAILLEUR)
+    path = chain_path(drive)
+    assert abs(np.degrees(path.arm_angle[0])) < 0.1
+    moment = 0.0
+    for s in (1, 2):
+        middle = path.arrival_angle[s] + drive.sprockets[s].sign * 0.5 * path.wrap_angle[s]
+        force = -2.0 * tension(drive, path) * math.sin(0.5 * path.wrap_angle[s])
+        x, y = path.center[s] - drive.arms[0].pivot
+        moment += force * (x * math.sin(middle) - y * math.cos(middle))
+        moment -= 9.81 * drive.sprockets[s].mass * x
+    moment -= 9.81 * 0.1577 * -0.0064
+    assert moment == pytest.approx(0.573 * math.radians(500.0), rel=2e-3)
+
+
 @pytest.mark.usefixtures("device")
 def test_energy_of_a_drive_with_an_idler_on_an_arm():
     # all of it: chain, contacts, friction of joints, teeth and the bearing, the arm's spring, damper and weight
@@ -220,3 +306,21 @@ def test_the_same_bits_alone_and_in_a_crowd():
     for v, one in enumerate(drives):
         alone = simulate(one, record=Record(rate=5000.0), duration=5e-3)[0]
         assert (alone.position == crowd[v].position).all() and (alone.arm_angle == crowd[v].arm_angle).all()
+
+
+def test_archive_and_playback_hold_the_arm_and_its_sprocket(tmp_path):
+    drive = load_drive(drive_path("swing_idler"))
+    run = simulate(drive, record=Record(rate=5000.0), duration=4e-3, archive=tmp_path / "a.mcap")
+    back = read_archive(tmp_path / "a.mcap")[0]
+    assert back.drive == drive
+    for name in ("sprocket_center", "arm_angle", "arm_moment"):
+        assert (np.asarray(getattr(back, name)) == np.asarray(getattr(run[0], name))).all(), name
+    center, angle = np.asarray(back.sprocket_center[:, 1]), np.asarray(back.arm_angle[:, 0])
+    x, y = np.subtract(drive.sprockets[1].center, drive.arms[0].pivot)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turned = drive.arms[0].pivot + np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+    assert center == pytest.approx(turned, abs=1e-12)
+    (line,) = arm_outline(drive, 0)
+    assert line.tolist() == [list(drive.arms[0].pivot), list(drive.sprockets[1].center)]
+    view(run, save=tmp_path / "a.rrd")
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000

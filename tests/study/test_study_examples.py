@@ -12,7 +12,15 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
-NAMES = ("car-tensioner", "engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep", "swing-idler")
+NAMES = (
+    "car-tensioner",
+    "engine-tensioner",
+    "guide-indentation",
+    "marine-lever",
+    "pitch-elongation",
+    "speed-sweep",
+    "swing-idler",
+)
 
 
 def study(name):

@@ -30,7 +30,11 @@ from warpchain.drive.schema import (
 )
 
 _Turn = Annotated[float, Field(strict=True, ge=-360.0, le=360.0)]
-Degrees = Annotated[_Turn, Value("must be a number of degrees from -360 to 360")]
+Wound = Annotated[
+    float,
+    Field(strict=True, ge=-3600.0, le=3600.0),
+    Value("must be a number of degrees from -3600 to 3600"),
+]
 Stops = Annotated[
     tuple[_Turn, _Turn],
     Field(strict=True),
@@ -65,7 +69,7 @@ class Arm(Part):
     center: Pair
     inertia: Positive
     stiffness: NonNegative = 0.0
-    free_angle: Degrees = 0.0
+    free_angle: Wound = 0.0
     damping: NonNegative = 0.0
     stops: Stops | None = None
     stop_stiffness: Positive | None = None

@@ -37,6 +37,7 @@ from warpchain.drive.drive_rules import (
     face_rules,
     guide_rules,
     name_rules,
+    pivot_rules,
     place_rules,
     profile_rules,
     rolling_rules,
@@ -83,6 +84,7 @@ RULES = (
     profile_rules,
     face_rules,
     arm_rules,
+    pivot_rules,
     tensioner_rules,
     train_rules,
 )
@@ -95,6 +97,7 @@ NUMBER_RULES = {
     guide_rules: {"guides.contact", "contact"},
     shaft_group_rules: {"shafts", "sprockets.center", "sprockets.mount"},
     size_rules: {*PITCHES, "chain.roller_radius", "chains.roller_radius", "contact", "guides.contact"},
+    pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},

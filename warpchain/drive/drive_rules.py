@@ -248,13 +248,15 @@ def arm_rules(drive: Any) -> Iterator[Problem]:
         if isinstance(arm, str) and arm not in names:
             hint = nearest(arm, filter(is_name, names)) if names else "there are none"
             yield Problem((*keys, "arm"), arm, f"must be the name of an arm; {hint}")
-    pivots = {get(arm, "name"): get(arm, "pivot") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
+
+
+def pivot_rules(drive: Any) -> Iterator[Problem]:
+    """A sprocket on an arm is apart from its pivot."""
+    pivots = {get(arm, "name"): elements(arm, "pivot") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
     for s, sprocket in enumerate(elements(drive, "sprockets")):
-        arm, center = get(get(sprocket, "mount"), "arm"), get(sprocket, "center")
-        if is_name(arm) and center is not None and list(center) == list(pivots.get(arm) or ()):
-            yield Problem(
-                ("sprockets", s, "center"), list(center), f'must not be the pivot of "{arm}", which carries it'
-            )
+        name, center = get(get(sprocket, "mount"), "arm"), list(elements(sprocket, "center"))
+        if isinstance(name, str) and center and center == list(pivots.get(name, ())):
+            yield Problem(("sprockets", s, "center"), center, f'must not be the pivot of "{name}", which carries it')
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
