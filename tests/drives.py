@@ -82,6 +82,11 @@ sample_rate = 1000.0
 """
 """Two sprockets, a fixed rail on the tight strand, a sprung arm with a hydraulic tensioner on the slack one."""
 
+SPRUNG = BLADE[: BLADE.index("[[tensioners]]")] + BLADE[BLADE.index("[contact.sprocket]") :]
+SPRUNG = SPRUNG.replace("free_angle = 5.0", "free_angle = 8.0\nstiffness = 20.0").replace("stops = [-10.0, 12.0]\n", "")
+SPRUNG = SPRUNG.replace("links = 96", "links = 92")
+"""The same with a torsion spring in the arm in place of tensioner and stops."""
+
 
 def marine_values():
     """The marine drive as plain values."""

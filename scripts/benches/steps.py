@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 from common.cases import ROOT, Line, case, option
+from common.drives import example
 
 from benches.guard import checkout, rates
+from warpchain import Record, simulate
+from warpchain.assembly.timestep import step_limit
 
 EXAMPLES = ("industrial", "engine", "motorcycle", "car", "marine")
 SHORT = {"industrial": 0.4, "marine": 0.6}
@@ -63,3 +67,33 @@ def steps(asked: argparse.Namespace) -> Iterator[Line]:
                     changes = [f"{100.0 * found.get(f'{drive}, {of}', float('nan')):+.2f}" for of in CHANGES]
                     ratio = f"{speeds[-1] / speeds[0]:.2f}"
                     yield (f"{drive}, {which}", side, f"{1e6 * step:.3g}", *changes, f"{speeds[-1]:.4g}", ratio)
+
+
+FINE, SHARES = 0.15, (0.3, 0.6, 0.8, 0.95)
+"""Of the limit of stability: the step that results are held against, and those that are held against it."""
+
+
+@case(
+    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    option("--builds", type=int, default=4, help="of each drive"),
+)
+def shares(asked: argparse.Namespace) -> Iterator[Line]:
+    """Changes of examples by steps up to the limit of stability, from a step of 0.15 of it.
+
+    python scripts/bench.py shares
+
+    Means are between builds (`replicate_by = "build"`), the residual is the largest.
+    """
+    names = {"tension_mean": "mean", "tension_q999": "99.9 %", "friction_power": "friction", "tension_max": "largest"}
+    yield ("drive", "of the limit", *(f"{name} [%]" for name in names.values()), "residual")
+    for name in asked.drives:
+        drive, known = example(name), dict[str, float]()
+        for share in (FINE, *SHARES):
+            run = simulate(drive, duration=SHORT.get(name), step=share * step_limit(drive), record=Record("none"),
+                           replicates=asked.builds, replicate_by="build")  # fmt: skip
+            means = {of: np.mean(run.metrics[of].to_pylist()) for of in names}
+            known = known or means
+            changes = [f"{100.0 * (means[of] / known[of] - 1.0):+.2f}" for of in names]
+            residual = np.abs(run.metrics["energy_residual_relative"].to_pylist()).max()
+            if share > FINE:
+                yield (name, f"{share:g}", *changes, f"{residual:.1e}")

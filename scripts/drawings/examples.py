@@ -90,8 +90,9 @@ def contact_share(trajectory: Any) -> float:
 
 
 def scattered(drive: Drive, count: int) -> tuple[str, ...]:
-    """A row of a drive's copies: tension's mean, its scatter, quantiles, extremes; contact, efficiency, residual."""
-    run = simulate(copies(drive, count), record=Record(channels=("position", "sprocket_force", "sprocket_center")))
+    """A row of a drive's builds: tension's mean, its scatter, quantiles, extremes; contact, efficiency, residual."""
+    record = Record(channels=("position", "sprocket_force", "sprocket_center"))
+    run = simulate(drive, replicates=count, replicate_by="build", record=record)
 
     def of(name: str, scale: float = 1.0) -> Any:
         return scale * np.asarray(run.metrics[name], float)
@@ -113,13 +114,13 @@ def scattered(drive: Drive, count: int) -> tuple[str, ...]:
     option("--nearby", action="store_true", help="mean tensions of marine drives with loads up to 1 %% apart instead"),
 )
 def example_table(asked: argparse.Namespace) -> Iterator[Line]:
-    """Each example drive as it was, as it is, and without friction: copies that scatter.
+    """Each example drive as it was, as it is, and without friction: builds that scatter.
 
     python scripts/figures.py example-table [--copies 8]
     python scripts/figures.py example-table --nearby
 
-    Copies would agree to nine digits if the motion were regular. Where impacts make it chaotic they are draws from one
-    distribution, and their scatter is the error of a single run's number.
+    They begin at other phases of the driver within a tooth, their rollers elsewhere in the tooth gaps. The scatter is
+    the error of a single run's number; where impacts make the motion chaotic they are draws from one distribution.
     """
     if asked.nearby:
         path = "sprockets.camshaft.load.torque"

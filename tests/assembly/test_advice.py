@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from drives import two_sprockets, with_bar
+from drives import SPRUNG, two_sprockets, with_bar
 
-from warpchain import load_drive
+from warpchain import load_drive, loads_drive
 from warpchain.assembly.layout_checks import advice
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
@@ -83,3 +83,37 @@ def test_tension_against_the_breaking_load_at_speed():
     heavy = drive.with_values({"sprockets.wheel.load.torque": 4.0 * drive.sprockets[1].load.torque})
     (line,) = derive(heavy)["advice"]
     assert line.startswith("chain: ")
+
+
+def test_a_chain_that_runs_off_the_end_of_its_shoe():
+    """`car`'s fixed guide covers 169.5 to 156.3 degrees at 0.8 m, and at work the chain lies on 23 to 159 mm; ended
+    at 161 degrees the face is 8.5 degrees long, 0.8 m times 0.148 = 118.7 mm, and the chain goes beyond."""
+    car = load_drive(drive_path("car"))
+    assert derive(car)["advice"] == []
+    (line,) = derive(car.with_values({"guides.fixed guide.arcs.0.to": 161.0}))["advice"]
+    assert line.startswith("guides.fixed guide: the chain runs off its end: it lies on 23.1 to 119")
+    assert "of a face of 118.7 mm, so on a rounded end of 9.53 mm radius" in line
+
+
+def test_a_shoe_that_never_touches():
+    """The fixed guide indents its strand by up to 9 mm: moved back by 20 it is free of it."""
+    away = load_drive(drive_path("car")).with_values({"guides.fixed guide.arcs.0.center": (0.851728, -0.094911)})
+    (line,) = derive(away)["advice"]
+    assert line.startswith('guides.fixed guide: never touches the chain: strand "exhaust cam->crank" passes')
+
+
+def test_an_arm_at_the_free_angle_of_its_spring():
+    """Two links more leave the chain slack, and the spring of 20 N m/rad holds 0.09 kg against gravity alone: 0.05
+    degrees off the 8 of its free angle."""
+    held, slack = (loads_drive(SPRUNG).with_values({"chain.links": links}) for links in (92, 94))
+    assert not [line for line in advice(held) if line.startswith("arms")]
+    (line,) = [line for line in advice(slack) if line.startswith("arms")]
+    assert line.startswith("arms.tensioner arm: stands at 7.952 degrees, as it would without a chain, its free angle")
+
+
+def test_a_step_beyond_the_largest_that_keeps_a_percent():
+    """The automatic step of `engine` is 3.43 us; files round it."""
+    engine = load_drive(drive_path("engine"))
+    (line,) = [line for line in derive(engine.with_values({"run.step": 5e-6}))["advice"] if "run.step" in line]
+    assert line.startswith("run.step: 5e-06 s is 1.46 of the largest step that keeps 1 %, 3.42")
+    assert not [line for line in derive(engine.with_values({"run.step": 3.43e-6}))["advice"] if "run.step" in line]

@@ -4,17 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from drives import MARINE
+from drives import MARINE, SPRUNG
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from layouts import PITCH, Placed, drive_of, loops
 
-from warpchain import Record, cli, load_drive, simulate
+from warpchain import Record, cli, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
 from warpchain.assembly.summary import derive
-from warpchain.cli.fit_command import edited
+from warpchain.cli.fit_command import _state, edited
 from warpchain.errors import DriveError
 
 TEETH, SPAN = 20, 30
@@ -122,6 +122,19 @@ def test_links_nearest_to_the_path():
     assert fit_links(drive).chain.links == 60
     assert fit_links(drive, odd=True).chain.links == 61
     assemble(fit_links(drive))
+
+
+def test_links_that_leave_the_chain_on_the_arms_go_before_slack_ones():
+    """With a stiff spring 94 links are taut by 0.55 %, 95 slack by 0.48 with the arm at its free angle. A little lower
+    92 are taut by 2 %, twice what breaks the chain: then it is 94, slack by 0.2, and `fit` tells of the arm."""
+    drive = loads_drive(SPRUNG).with_values(
+        {"arms.tensioner arm.stiffness": 1e4, "arms.tensioner arm.free_angle": 10.0}
+    )
+    high, low = (drive.with_values({"sprockets.cam.center": (0.02, 0.30 + off)}) for off in (0.01, 0.006))
+    assert fit_links(high, odd=True).chain.links == 94
+    assert fit_links(low).chain.links == 94
+    (line,) = [line for line in _state(fit_links(low)) if "LOOK AT" in line]
+    assert line.startswith("LOOK AT arms.tensioner arm: stands at 10 degrees, as it would without a chain")
 
 
 def test_no_number_of_links_fits():

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import SPRUNG, two_sprockets
 from scipy.linalg import eig
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import at_rest, load_moments, running
+from warpchain.assembly.statics import _assembled, _coordinate, _Solver, at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
 
@@ -158,3 +158,25 @@ def test_at_rest_both_frequencies_agree():
     assert moving_frequency(drive, 400 * 0.05, 500.0, 0.0) == pytest.approx(
         strand_frequency(drive, 400, 500.0), rel=3e-6
     )
+
+
+def test_where_no_equilibrium_is_found_it_says_why_and_what_to_do():
+    """A rail that pushes its strand out by 1.4 pitches, which the layout tells of, holds rollers with kN where the
+    chain pulls 49 N. A sprocket turned by a tooth has lost its chain."""
+    drive = loads_drive(SPRUNG)
+    failure = at_rest(drive).failure
+    assert failure.startswith("at rest no equilibrium was found: after 400 steps ")
+    assert 'N are left on a roller of strand "cam->crank"' in failure and "(warpchain fit)" in failure
+    still = two_sprockets()
+    assembly, potential = assemble(still), Potential(still, 0.0, np.zeros(2))
+    solver = _Solver(potential, assembly, np.zeros(2))
+    x = _assembled(potential, assembly)
+    x[potential.first_arm - 1] += 2.0 * math.pi / 20
+    assert solver.failure(x, math.inf, assembly) == (
+        'the chain does not stay on the teeth of "driven": take more preload or wrap (warpchain fit), or less load'
+    )
+    parts = {_coordinate(potential, assembly, i) for i in range(potential.size)}
+    assert parts == {
+        'a roller on "driver"', 'a roller on "driven"', 'a roller of strand "driver->driven"',
+        'a roller of strand "driven->driver"', 'sprocket "driver"', 'sprocket "driven"',
+    }  # fmt: skip

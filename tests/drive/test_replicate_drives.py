@@ -22,6 +22,8 @@ def test_copies_of_drives_that_share_their_settings_share_theirs():
     other = drive.with_values({"sprockets.driven.load.torque": 1.0})
     copies = each_copy([drive, other], Replicates(3))
     assert [copy.run.phase for copy in copies] == [None, -0.5, 0.25] * 2
+    assert [copy.run.seating for copy in copies] == [None, 1, 2] * 2
+    assert [copy.run.seating for copy in each_copy([drive], Replicates(3, "phase"))] == [None] * 3
     assert copies[0] is drive and copies[3] is other
     assert copies[1].run is copies[4].run
     assert [copy.run.perturbation for copy in each_copy([drive], Replicates(3, "perturbation"))] == [None, 1, 2]
@@ -98,7 +100,7 @@ def test_words_of_earlier_versions_are_read():
 def test_refusals():
     with pytest.raises(SimulationError, match=r"replicates\.count = 0: must be a whole number from 1 to 10000"):
         Replicates(0)
-    with pytest.raises(SimulationError, match="replicate_by = 'chance': allowed are phase, perturbation"):
+    with pytest.raises(SimulationError, match="replicate_by = 'chance': allowed are build, phase, perturbation"):
         Replicates(2, "chance")
     with pytest.raises(DriveError, match=r"run\.phase = 0\.7: must be a number from -0.5 to 0.5"):
         two_sprockets().with_values({"run.phase": 0.7})

@@ -20,7 +20,7 @@ def ensemble():
     marine = load_drive(drive_path("marine")).with_values({"run.settle": True, "run.step": 1e-5})
     car = load_drive(drive_path("car"))
     rubbing = two_sprockets().with_values({"contact.sprocket.friction": 0.1, "run.integrator": "rk4"})
-    drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25})]
+    drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25, "run.seating": 2})]
     return [drive.with_values({"run.step": STEP if k != 1 else STEP / 2}) for k, drive in enumerate(drives)]
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from drives import STARTING, two_sprockets
 
-from warpchain import Limits, Record, read_archive, simulate
+from warpchain import Limits, Record, load_drive, read_archive, simulate
+from warpchain.assembly.timestep import automatic_step
 from warpchain.drive import Drive
+from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
 from warpchain.engine.outcomes import engaged
@@ -68,7 +70,8 @@ def test_crossed_strands_are_told_before_the_run_and_are_the_reason():
     assert told[0][0] is LayoutWarning and told[0][1].startswith('strands "driver->driven" and "driven->driver" cross')
     assert run.metrics["status"][0].as_py() == "suspect"
     assert run.metrics["reason"][0].as_py().startswith('strands "driver->driven"')
-    run, told = run_of(crossed, limits={"layout": math.inf})
+    pushing = {"compression": math.inf, "mean_compression": math.inf}  # as it does within its 2 ms
+    run, told = run_of(crossed, limits={"layout": math.inf, **pushing})
     assert [kind for kind, _ in told] == [LayoutWarning] and run.ok.all()
 
 
@@ -144,3 +147,24 @@ def test_archives_keep_what_was_judged_and_objectives_leave_it_out(tmp_path):
     assert "driven.transmission_error_rms" not in add_objectives(archive).column_names
     good = simulate(drives, device="cpu", duration=0.01, record=Record(rate=1e4), limits=STARTING)
     assert None not in add_objectives(good)["driven.transmission_error_rms"].to_pylist()
+
+
+def test_friction_and_ramps_of_a_few_steps_are_suspect_with_their_number():
+    """The ramp over the step; of joints sqrt((2 pi / z) (m p^2 / 6) / (mu kappa r_p T)) over it. Where it is below 45,
+    half the step changes tensions by 4 to 40 % (`scripts/bench.py resolution`), though no energy is missed."""
+    car = load_drive(drive_path("car"))
+    rubbing = car.with_values({"chain.joint.friction": 1.6})
+    sudden = car.with_values({"sprockets.crank.prescribed.ramp_time": 4e-6})
+    run, _ = run_of([car, rubbing, sudden], duration=0.05, window=(0.04, 0.05))
+    good, stuck, jerked = run.metrics.to_pylist()
+    step = automatic_step(car)
+    chain, teeth = car.chain, min(sprocket.teeth for sprocket in car.sprockets)
+    for row, friction in ((good, 0.08), (stuck, 1.6)):
+        moment = friction * 4.0 / math.pi * chain.pin_radius * row["tension_q999"]
+        time = math.sqrt(2.0 * math.pi / teeth * chain.mass * chain.pitch**2 / 6.0 / moment)
+        assert row["joints.resolution"] == pytest.approx(time / step, rel=1e-9)
+        assert abs(row["energy_residual_relative"]) < 1e-3
+    assert good["status"] == "ok" and good["joints.resolution"] > 100.0 and good["crank.resolution"] > 100.0
+    assert stuck["status"] == "suspect" and stuck["reason"].startswith("joints: only ")
+    assert jerked["crank.resolution"] == pytest.approx(4e-6 / step, rel=1e-12)
+    assert "crank: only 1.2 steps in the shortest time of its friction or ramp" in jerked["reason"]

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import MARINE, two_sprockets
 
-from warpchain import Limits
+from warpchain import Limits, Record, load_drive, simulate
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
 from warpchain.results.formulas import Balance
@@ -33,14 +33,25 @@ BEYOND = {
     "energy_change": ({"energy_change_relative": -0.51}, {"energy_change_relative": 0.49}, "-51 % of the losses"),
     "settle_residual": (PULLED | {"settle_force": 11.0}, PULLED | {"settle_force": 9.0}, "0.011"),
     "breaking_load": ({"tension_max": 250.1e3}, {"tension_max": 249.9e3}, "breaking load"),
+    "compression": (
+        {"tension_max": 100.0, "a->b__tension_min": -101.0},
+        {"tension_max": 100.0, "a->b__tension_min": -99.0},
+        "a->b: a link pushes with 1 of the largest tension",
+    ),
+    "mean_compression": (
+        {"tension_max": 100.0, "a->b__tension_mean": -1.1},
+        {"tension_max": 100.0, "a->b__tension_mean": -0.9},
+        "a->b: pushes in the mean, with 0.011 of the largest tension",
+    ),
+    "resolution": ({"joints__resolution": 44.0}, {"joints__resolution": 46.0}, "joints: only 44 steps in the shortest"),
     "slips": ({"driver__slips": -2}, {"driver__slips": 0}, "driver: slipped by 2 teeth"),
     "missed": ({"blade__missed": 3}, {"blade__missed": 0}, "blade: missed by 3 rollers"),
     "engaged": ({"driven__engaged": 0.4}, {"driven__engaged": 0.6}, "driven: only 40 %"),
 }
 """Of each limit metrics beyond it, metrics within, and what the reason says."""
-OFF = {"engaged": 0.0}
+OFF = {"engaged": 0.0, "resolution": 0.0}
 WIDER = {"energy_residual": 0.02, "energy_change": 0.6, "settle_residual": 2e-2, "breaking_load": 1.5}
-WIDER |= {"slips": 2.0, "missed": 3.0, "engaged": 0.3}
+WIDER |= {"slips": 2.0, "missed": 3.0, "engaged": 0.3, "resolution": 43.0, "compression": 1.1, "mean_compression": 0.02}
 
 
 @pytest.mark.parametrize("key", [rule.key for rule in RULES])
@@ -65,8 +76,12 @@ def test_what_is_null_or_has_no_scale_is_not_judged():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_suspect(value):
-    assert judged(energy_residual_relative=value)[0] == "suspect"
+def test_what_is_not_finite_is_suspect_whatever_the_limits(value):
+    said = "take a smaller step (run.step) or a higher impact_speed_floor, or less load"
+    assert judged(energy_residual_relative=value) == ("suspect", f"energy_residual_relative is not finite: {said}")
+    wide = Limits(energy_residual=math.inf, energy_change=math.inf)
+    assert judged(limits=wide, energy_residual=value, energy_residual_relative=0.0)[0] == "suspect"
+    assert judged(energy_residual=None) == ("ok", "")
 
 
 def test_several_reasons_stand_together_and_diverged_is_worst():
@@ -134,3 +149,17 @@ def test_ten_thousand_variants_are_judged_in_little_time():
 
 def test_the_least_force_that_counts_is_that_of_settling():
     assert float(relaxation.LEAST_STRETCH) == LEAST_STRETCH  # results and kernels cannot import one another
+
+
+@pytest.mark.parametrize("torque", [1e25, 1e29])
+def test_a_load_beyond_all_bounds_is_not_ok_whatever_the_limits(torque):
+    """1e25 N m turn a camshaft of 1e-3 kg m^2 at 1e24 rad/s in 1e-4 s: J omega^2 / 2 is 1e45 J, and the rollers that it
+    meets have energies whose differences are not numbers at 1e29 N m."""
+    drive = load_drive(MARINE.with_name("car.toml")).with_values({"sprockets.intake cam.load.torque": torque})
+    (row,) = simulate(drive, duration=1e-4, record=Record("none")).metrics.to_pylist()
+    assert row["status"] == "suspect"
+    limits = Limits(**{key: OFF.get(key, math.inf) for key in Limits.model_fields})
+    (row,) = simulate(drive, duration=1e-4, record=Record("none"), limits=limits).metrics.to_pylist()
+    finite = math.isfinite(row["energy_residual"])
+    assert (row["status"] == "ok") == finite and (finite or "is not finite" in row["reason"])
+    assert finite == (torque < 1e29)

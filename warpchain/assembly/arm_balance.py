@@ -33,6 +33,9 @@ FARTHEST = math.radians(90.0)
 AT_STOP = math.radians(1e-4)
 """An arm this near to a stop stands on it [rad]."""
 
+OFF = math.radians(0.01)
+"""An arm that a chain turns by no more is not held by it [rad]."""
+
 _STEP = math.radians(0.25)
 _SWEEPS = 60
 _SECANTS = 60
@@ -147,6 +150,13 @@ class StillArm:
         (px, py), (cosine, sine) = self.arm.pivot, direction(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
+
+
+def alone(drive: Drive, a: int, angle: float) -> bool:
+    """Whether an arm stands at an angle [rad] where it would without a chain, to `OFF`: at its spring's free angle,
+    mostly."""
+    still = StillArm(drive, a)
+    return abs(still.moment(angle)) <= OFF * abs(still.stiffness(angle))
 
 
 def stop_of(drive: Drive, a: int, angle: float) -> str | None:

@@ -25,11 +25,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.arguments import FiniteNumber, checked
-from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.arm_balance import alone, chain_path, stop_of
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
 from warpchain.assembly.place_search import Goal, Search, search_all
 from warpchain.drive.batch import stacks_of
+from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.replace import with_numbers
 from warpchain.errors import DriveError
 
@@ -149,7 +150,8 @@ def _one(found: Sequence[Drive | DriveError]) -> Drive:
 def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
     """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
 
-    With arms, the smallest strain with the arms in balance; or where they stand nearest to wanted angles.
+    With arms, the smallest strain with the arms in balance, if it can be with the chain on all arms, none on a stop or
+    at its free angle; or where they stand nearest to wanted angles.
 
     Args:
         drive: its chain need not fit as it stands.
@@ -168,12 +170,15 @@ def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None
             assembly = assemble(_with_links(drive, links))
         except DriveError:
             continue
+        angles = enumerate(assembly.arm_angle.tolist())
+        idle = any(stop_of(drive, a, angle) is not None or alone(drive, a, angle) for a, angle in angles)
+        spoiled = idle or abs(assembly.strain) > ELONGATION_AT_BREAKING_LOAD
         off = [abs(assembly.arm_angle[a] - wanted[a]) for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
-        found.append((float(sum(off)) if off else abs(assembly.strain), links))
+        found.append((not off and spoiled, float(sum(off)) if off else abs(assembly.strain), links))
         if not wanted:
             break
     if found:
-        return drive.with_values({"chain.links": min(found)[1]})
+        return drive.with_values({"chain.links": min(found)[-1]})
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
     strains = ", ".join(f"{n}: {100.0 * path.strain(n):+.2f} %" for n in around if math.isfinite(path.strain(n)))

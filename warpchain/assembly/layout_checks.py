@@ -19,6 +19,8 @@ Around curved and carried guides strands are drawn (`assembly.taut_string`). Of 
     wrap       a sprocket that passes on a moment, the driver or one with a load, is wrapped by at least 90 degrees
     idler      one that passes on none has at least three teeth in mesh, z phi / 2 pi, or rollers hammer it one by one
     bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
+    shoes      the chain lies on curved and carried guides, between their rounded ends
+    arms       no arm stands where it would without a chain, at the free angle of its spring
     safety     breaking load over the largest tension at work, centrifugal part and all, is at least 7
 
 The wraps and teeth in mesh are those that makers of roller chains ask for, 7 is their static safety. A bar that pushes
@@ -35,7 +37,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arm_balance import chain_path, on_stops, stop_of
+from warpchain.assembly.arm_balance import alone, chain_path, on_stops, stop_of
 from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
@@ -262,18 +264,22 @@ LEAST_SAFETY = 7.0
 """Breaking load over the largest tension at work."""
 
 
-def advice(drive: Drive, path: ChainPath | None = None, tensions: Sequence[float] = ()) -> tuple[str, ...]:
+def advice(
+    drive: Drive, path: ChainPath | None = None, tensions: Sequence[float] = (), working: ChainPath | None = None
+) -> tuple[str, ...]:
     """Advice, a line each: what, by how much, what to change; mostly nothing.
 
     Args:
         path: the chain's path, if it is known.
         tensions: of the strands at work [N]; without them there is no advice on the breaking load.
+        working: the path with the arms where they stand at work, where that is known.
 
     Raises:
         DriveError: a path that cannot be drawn.
     """
     path = chain_path(drive) if path is None else path
-    return (*_wraps(drive, path), *_bars(drive, path), *_safety(drive, tensions))
+    shoes = _shoes(drive, path if working is None else working)
+    return (*_wraps(drive, path), *_bars(drive, path), *shoes, *idle_arms(drive, path), *_safety(drive, tensions))
 
 
 def _wraps(drive: Drive, path: ChainPath) -> list[str]:
@@ -330,6 +336,45 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
                 "hard; move start and end back, or take a curved face"
             )
     return lines
+
+
+def _shoes(drive: Drive, path: ChainPath) -> list[str]:
+    """Of curved and carried guides."""
+    lines = []
+    strands = _strands(path)
+    for g, guide in enumerate(drive.guides):
+        if guide.straight and guide.arm is None:
+            continue
+        length = 1e3 * drive.profile(g).face_length
+        places = [1e3 * place for touch in _touches(path, g) for place in touch.places]
+        if places and (min(places) < 0.0 or max(places) > length):
+            ends = " and ".join(["its start"] * (min(places) < 0.0) + ["its end"] * (max(places) > length))
+            lines.append(
+                f"guides.{guide.name}: the chain runs off {ends}: it lies on {min(places):.1f} to {max(places):.1f} mm "
+                f"of a face of {length:.1f} mm, so on a rounded end of "
+                f"{1e3 * (guide.end_radius or drive.chain.pitch):.3g} mm radius, which bears hard: lengthen the face, "
+                "or move or turn it"
+            )
+        elif not places and not _of_face(drive, path, g, strands):
+            nearest = nearest_strand(drive, g, strands)
+            assert nearest is not None  # else that would be a fault
+            lines.append(
+                f'guides.{guide.name}: never touches the chain: strand "{drive.strand_names[nearest[0]]}" passes '
+                f"{1e3 * nearest[2]:.3g} mm off its face in the mean; move it toward the strand unless it is there to "
+                "catch swings"
+            )
+    return lines
+
+
+def idle_arms(drive: Drive, path: ChainPath) -> list[str]:
+    """Arms that stand where they would without a chain, a line each."""
+    return [
+        f"arms.{arm.name}: stands at {math.degrees(angle):.4g} degrees, as it would without a chain"
+        f"{', its free angle' if arm.stiffness > 0.0 else ''}: it presses on nothing; take fewer links, or let its "
+        "spring (free_angle, stiffness) or a tensioner press it further into the chain"
+        for a, (arm, angle) in enumerate(zip(drive.arms, path.arm_angle.tolist(), strict=True))
+        if stop_of(drive, a, angle) is None and alone(drive, a, angle)
+    ]
 
 
 def _safety(drive: Drive, tensions: Sequence[float]) -> list[str]:

@@ -136,11 +136,10 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
         else:
             x, residual = solver.begin(x, assembly)
         means.append((*_strands(potential, assembly, x), potential.split(x)[1], x[potential.first_arm :]))
-        if math.isinf(residual):
-            failure = "the chain does not stay on its teeth"
-        elif not residual <= _ACCURACY:
-            failure = "no equilibrium was found"
-        if failure:
+        failure = solver.failure(x, residual, assembly)
+        if failure is not None:
+            when = "at work" if frequency or moments.any() else "at rest"
+            failure = f"{when} {failure}"
             break
     tension, displacement, center, arm_angle = (np.mean(values, axis=0) for values in zip(*means, strict=True))
     return Steady(tension, potential.push * drive.chain.pitch, displacement, center, arm_angle, failure)
@@ -266,7 +265,7 @@ class _Solver:
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
             self.potential.softness = 1.0
             found, residual = self.settle(found)
-            if _slipped(self.potential, assembly, found):
+            if _slipped(self.potential, assembly, found) is not None:
                 residual = math.inf
             if residual <= _ACCURACY:
                 break
@@ -292,6 +291,26 @@ class _Solver:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
 
+    def failure(self, x: Array, residual: float, assembly: Assembly) -> str | None:
+        """Why x is no equilibrium, and what to do; None where it is one, by what `begin` and `settle` say of it."""
+        drive = self.potential.drive
+        slipped = _slipped(self.potential, assembly, x) if math.isinf(residual) else None
+        if slipped is not None:
+            return (
+                f'the chain does not stay on the teeth of "{drive.sprockets[slipped].name}": take more preload or wrap '
+                "(warpchain fit), or less load"
+            )
+        if residual <= _ACCURACY:
+            return None
+        force = np.abs(self._slope(self.potential.terms(x)))
+        worst = int(np.flatnonzero((self.column == force.argmax()) & (self.weight != 0.0))[0])
+        return (
+            f"no equilibrium was found: after {_ITERATIONS} steps {force.max():.3g} N are left on "
+            f"{_coordinate(self.potential, assembly, worst)}, {residual:.2g} of the largest force that acts (wanted "
+            f"{_ACCURACY:g}); look at what holds it there, at the layout and how the chain fits (warpchain fit), or "
+            "take tensions from a run"
+        )
+
     def _slope(self, terms: Terms) -> Array:
         """Gradient by the free coordinates."""
         return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
@@ -304,8 +323,24 @@ class _Solver:
         return np.asarray(splu(shifted, permc_spec="MMD_AT_PLUS_A").solve(-slope))
 
 
-def _slipped(potential: Potential, assembly: Assembly, x: Array) -> bool:
-    """True if the chain has left the teeth on which it was assembled, at the middle of a wrapped arc."""
+def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
+    """The part of the drive that coordinate i belongs to."""
+    drive, rollers, sprockets = potential.drive, potential.rollers, potential.sprockets
+    if i >= potential.first_arm:
+        return f'arm "{drive.arms[i - potential.first_arm].name}"'
+    if i >= 2 * rollers:
+        within = i - 2 * rollers
+        return f'sprocket "{drive.sprockets[within // 2 if within < 2 * sprockets else within - 2 * sprockets].name}"'
+    roller = i // 2
+    s = int(assembly.seat_sprocket[roller])
+    if s >= 0:
+        return f'a roller on "{drive.sprockets[s].name}"'
+    before = (roller - assembly.strand_first) % rollers
+    return f'a roller of strand "{drive.strand_names[int(before.argmin())]}"'
+
+
+def _slipped(potential: Potential, assembly: Assembly, x: Array) -> int | None:
+    """The sprocket whose teeth, on which it was assembled, the chain has left at the middle of the wrapped arc."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.drive.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
@@ -315,8 +350,8 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> bool:
         teeth = sprocket.teeth
         seat = round(polar * teeth / (2.0 * math.pi)) % teeth
         if seat != assembly.seat_index[middle]:
-            return True
-    return False
+            return s
+    return None
 
 
 def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:

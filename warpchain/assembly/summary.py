@@ -11,7 +11,7 @@ from warpchain.assembly import guide_report, statics
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
-from warpchain.assembly.path import path_at
+from warpchain.assembly.path import ChainPath, path_at
 from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
@@ -19,6 +19,9 @@ from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.stiffness import contact_rebound
+
+_ROUND = 1e-3
+"""Relative: a step that a file rounds is still the automatic one."""
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -81,6 +84,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     speed = driver.prescribed.top_speed
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly)
     strands = _strands(drive, assembly, preload, resting, running)
+    working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -96,7 +100,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_findings(drive, assembly, strands),
+        **_findings(drive, path, strands, working),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -117,7 +121,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "friction": tooth_rubbing(drive).dynamic,
-        "guides": _guides(drive, assembly, strands, running),
+        "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
         "mounts": [
@@ -140,11 +144,8 @@ def derive(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _guides(
-    drive: Drive, assembly: Assembly, strands: list[dict[str, Any]], running: Steady
-) -> list[dict[str, Any]]:  # fmt: skip
+def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady) -> list[dict[str, Any]]:
     """Contact of rollers with each guide-bar, and where the chain lies on it at work."""
-    path = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else assembly.path
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
         {
@@ -160,13 +161,26 @@ def _guides(
     ]
 
 
-def _findings(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:
+def _findings(
+    drive: Drive, path: ChainPath, strands: list[dict[str, Any]], working: ChainPath
+) -> dict[str, list[str]]:  # fmt: skip
     """Faults of the layout, and advice."""
     tensions = [strand["working_tension"] for strand in strands]
     return {
-        "layout": list(findings(drive, assembly.path)),
-        "advice": list(advice(drive, assembly.path, tensions)),
+        "layout": list(findings(drive, path)),
+        "advice": [*advice(drive, path, tensions, working), *_step_advice(drive)],
     }
+
+
+def _step_advice(drive: Drive) -> list[str]:
+    """A line on a step that is larger than the largest that keeps 1 %."""
+    step, largest = resolve_step(drive), automatic_step(drive)
+    if step <= largest * (1.0 + _ROUND):
+        return []
+    return [
+        f"run.step: {step:.4g} s is {step / largest:.2f} of the largest step that keeps 1 %, {largest:.4g} s: largest "
+        f'tensions come out higher, by a tenth and more toward {step_limit(drive):.4g} s; take "auto"'
+    ]
 
 
 def _strands(
@@ -230,13 +244,13 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _step_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on the step: how long, of which limit, and what half and double of it would change."""
-    step, limit = values["step"], values["step_limit"]
-    double = "double is beyond the limit" if 2.0 * step >= limit else f"double is {2.0 * step / limit:.2f} of it"
+    """Lines on the step: how long, the largest that keeps 1 %, and what half and double of it are."""
+    step, limit, largest = values["step"], values["step_limit"], values["automatic_step"]
+    double = "not stable" if 2.0 * step >= limit else f"{2.0 * step / largest:.2f} of the largest, and stable"
     return [
-        f"step: {step:.4g} s; limit {limit:.4g} s, automatic {values['automatic_step']:.4g} s",
-        f"  {step / limit:.2f} of the limit, set by {values['stiffest_part']}",
-        f"  half of it takes twice as long (docs/model.md has what that changes); {double}",
+        f'step: {step:.4g} s; the largest that keeps 1 % in means and losses is {largest:.4g} s ("auto")',
+        f"  half of that, {0.5 * largest:.4g} s, keeps 1 % in the largest tension, too, and takes twice as long",
+        f"  double the step is {double}: no step from {limit:.4g} s on is, because of {values['stiffest_part']}",
     ]
 
 

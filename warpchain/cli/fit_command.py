@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, strand_sag
+from warpchain.assembly.layout_checks import idle_arms
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.errors import DriveError
@@ -129,4 +130,5 @@ def _state(drive: Drive) -> list[str]:
         f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
         *([f"sag at rest: {sags}"] if sags else []),
         *([f"arms at assembly, degrees: {arms}"] if arms else []),
+        *(f"LOOK AT {line}" for line in idle_arms(drive, assembly.path)),
     ]

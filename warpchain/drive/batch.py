@@ -142,7 +142,7 @@ class _Columns:
         """The fields that differ from the first part's; a seed that displaces rollers is no part of a stack."""
         exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
-            if name != "perturbation":
+            if name not in ("seating", "perturbation"):
                 self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
                 columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact

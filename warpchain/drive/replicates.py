@@ -1,8 +1,8 @@
 """Copies of a drive that differ in nothing but how they begin, as one run of a chaotic motion differs from another.
 
 By phase, a copy begins with the drive turned on by part of a tooth of the driver: the same machine, started at another
-moment. By perturbation, every roller is displaced by some 1e-9 pitches, which chaos makes large in
-time.
+moment. As another build, its rollers also lie elsewhere in their tooth gaps before the chain settles. By perturbation,
+every roller is displaced by some 1e-9 pitches, which chaos makes large in time.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Motion = TypeVar("Motion", Prescribed, Load)
 
 MOST_COPIES = 10_000
 Copies = Annotated[int, Range(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)]
-WAYS = ("phase", "perturbation")
-"""In what copies can differ."""
+WAYS = ("build", "phase", "perturbation")
+"""In what copies can differ; the first where none is named."""
 FORMER_WAYS = {"nudge": "perturbation"}
 """Words of earlier versions, which study files may have."""
 
@@ -37,14 +37,14 @@ class Replicates:
 
     Attributes:
         count: copies of each, the drive as it is among them.
-        by: "phase" or "perturbation".
+        by: "build", "phase" or "perturbation".
 
     Raises:
         SimulationError: a count that is not allowed, or an unknown way.
     """
 
     count: Copies = 1
-    by: str = "phase"
+    by: str = WAYS[0]
 
     def __post_init__(self) -> None:
         if self.by not in (*WAYS, *FORMER_WAYS):
@@ -63,13 +63,13 @@ def phase_of(copy: int) -> float:
     return share - 1.0 if share >= 0.5 else share
 
 
-def copies_of(drives: Sequence[Drive], numbers: Sequence[int], by: str = "phase") -> list[Drive]:
+def copies_of(drives: Sequence[Drive], numbers: Sequence[int], by: str = WAYS[0]) -> list[Drive]:
     """The copy of this number of each drive; number 0 is the drive itself.
 
     Copies of drives that share their run settings share theirs, so that what is alike in an ensemble stays alike.
 
     Args:
-        by: "phase" or "perturbation".
+        by: "build", "phase" or "perturbation".
     """
     known: dict[tuple[int, int], RunSettings] = {}
     found = []
@@ -98,7 +98,8 @@ def _begun(run: RunSettings, number: int, by: str) -> RunSettings:
     if FORMER_WAYS.get(by, by) == "perturbation":
         return run.model_copy(update={"perturbation": (run.perturbation or 0) + number})
     phase = (run.phase or 0.0) + phase_of(number)
-    return run.model_copy(update={"phase": phase - math.floor(phase + 0.5)})
+    seating = (run.seating or 0) + number if by == "build" else run.seating
+    return run.model_copy(update={"phase": phase - math.floor(phase + 0.5), "seating": seating})
 
 
 def turned_on(drive: Drive, sprocket: Sprocket, motion: Motion) -> Motion:

@@ -40,6 +40,8 @@ class RunSettings(Part):
         gravity: acceleration of gravity [m/s^2].
         phase: how far the drive has turned on at the start, in teeth of the driver [-]; what goes by the angle of a
             shaft (harmonics, tables over angle) goes with it.
+        seating: seed of where rollers lie before the chain settles, off where they are assembled by up to the clearance
+            of the narrowest tooth gap; None is by nothing.
         perturbation: seed of a displacement of every roller by some 1e-9 pitches before the first step; None is none.
     """
 
@@ -50,6 +52,7 @@ class RunSettings(Part):
     sample_rate: Positive
     gravity: Pair = (0.0, -9.81)
     phase: Phase | None = None
+    seating: Seed | None = None
     perturbation: Seed | None = None
 
     _renamed: ClassVar[Mapping[str, str]] = {"nudge": "perturbation"}

@@ -23,7 +23,7 @@ from warpchain.arguments import Count, FiniteNumber, PositiveNumber, Workers, ch
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
-from warpchain.drive.replicates import Copies, Replicates, each_copy
+from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.gc_tuning import rare_collections
@@ -71,7 +71,7 @@ def simulate(
     workers: Workers | None = None,
     limits: Limits | None = None,
     replicates: Copies = 1,
-    replicate_by: str = "phase",
+    replicate_by: str = WAYS[0],
     states: States | None = None,
 ) -> Run:
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
@@ -100,8 +100,9 @@ def simulate(
         limits: what a variant may come to and still be "ok" (column `status` of the metrics); None takes the defaults.
         replicates: run this many copies of each drive that differ in how they begin, the drive itself among them; copy
             k of drive d is variant d * replicates + k, and `run.summary` has mean, standard error and n of each drive.
-        replicate_by: "phase", copies begin at other phases within a tooth of the driver; "perturbation", with every
-            roller displaced by some 1e-9 pitches.
+        replicate_by: "build", copies begin at other phases within a tooth of the driver, their rollers laid elsewhere
+            in the tooth gaps; "phase", at other phases; "perturbation", with every roller displaced by some 1e-9
+            pitches.
         states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.checkpoint`).
 
     Returns:

@@ -29,6 +29,8 @@ from warpchain.results.batch_means import counted_below, drift, quantile, share_
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
+STEP = "run.step"
+"""The step [s] among the metrics that `Judged` has; no column."""
 Values = Any
 """A number, or an array of one number a variant (V,)."""
 

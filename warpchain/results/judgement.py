@@ -40,6 +40,9 @@ class Limits(Part):
         energy_change: what the drive's energy changes by over the window, over the losses: they are those of a start.
         settle_residual: net force that settling left on a roller, over the largest link force of the window.
         breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
+        compression: largest force with which a link of a strand pushes, over the largest link tension.
+        mean_compression: mean force with which a strand pushes, over the largest link tension.
+        resolution: least number of steps in the shortest time of friction and ramps (`results.resolution`).
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
         engaged: least number of rollers on a sprocket at the end, over those of the wrap it was assembled with.
@@ -50,6 +53,9 @@ class Limits(Part):
     energy_change: Limit = 0.5
     settle_residual: Limit = 0.01
     breaking_load: Limit = 1.0
+    compression: Limit = 1.0
+    mean_compression: Limit = 0.01
+    resolution: Limit = 45.0
     slips: Limit = 0.0
     missed: Limit = 0.0
     engaged: Share = 0.5
@@ -74,8 +80,9 @@ class Rule:
         unit: what the limit is in, for documents.
         text: a reason, from the name of what it is of ("" for the chain) and the value.
         advice: what to change.
-        of: whose column it is, for documents: "SPROCKET", "GUIDE", or "" for the chain.
+        of: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
         least: whether the limit is a lower one.
+        size: what of a value an upper limit is for.
         over: what the column is taken over, from drives and columns (V,), NaN where there is nothing; left out for 1.
     """
 
@@ -86,6 +93,7 @@ class Rule:
     advice: str
     of: str = ""
     least: bool = False
+    size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
     over: Callable[[Sequence[Drive], Mapping[str, Given]], NDArray[np.float64]] | None = None
 
     @property
@@ -101,6 +109,12 @@ def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDAr
 
 LEAST_STRETCH = 1e-9
 """Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/integrate.py`)."""
+
+
+def largest_pull(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+    """Largest link tension of the window [N], at least what counts."""
+    least = LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives])
+    return np.maximum(columns["tension_max"][0], least) if "tension_max" in columns else np.full(len(drives), np.nan)
 
 
 def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
@@ -141,6 +155,35 @@ RULES = (
         lambda of, value: f"largest tension {value:.2g} of the chain's breaking load",
         "take a stronger chain.size, less load, a longer ramp_time, or a smaller step (run.step)",
         over=breaking_load,
+    ),
+    Rule(
+        "compression",
+        "tension_min",
+        "of the largest tension",
+        lambda of, value: f"{of}: a link pushes with {-value:.2g} of the largest tension",
+        "take more preload (warpchain fit), a longer ramp_time, or a smaller step (run.step)",
+        of="STRAND",
+        size=np.negative,
+        over=largest_pull,
+    ),
+    Rule(
+        "mean_compression",
+        "tension_mean",
+        "of the largest tension",
+        lambda of, value: f"{of}: pushes in the mean, with {-value:.2g} of the largest tension, which no chain does",
+        "take more preload (warpchain fit), less load, or a later window",
+        of="STRAND",
+        size=np.negative,
+        over=largest_pull,
+    ),
+    Rule(
+        "resolution",
+        "resolution",
+        "steps",
+        lambda of, value: f"{of}: only {value:.2g} steps in the shortest time of its friction or ramp",
+        "take a smaller step (run.step), less friction, or a longer ramp_time",
+        least=True,
+        of="PART",
     ),
     Rule(
         "slips",
@@ -228,17 +271,20 @@ def judge(
         found.setdefault(v, []).insert(0, f"diverged at {times[v]:.4g} s{end}")
     for v in np.flatnonzero(~measured & ~diverged.astype(bool)).tolist():
         found.setdefault(v, []).append(UNMEASURED)
+    for v, name in _not_finite(columns).items():
+        if not diverged[v]:
+            found.setdefault(v, []).append(f"{name} is not finite: {CAUSES[TORN]}, or less load")
     for rule in RULES:
         limit = float(getattr(limits, rule.key))
-        names = [name for name in columns if name == rule.column or name.endswith(f".{rule.column}")]
+        names = [name for name in columns if (name.endswith(f".{rule.column}") if rule.of else name == rule.column)]
         if not names or limit == (0.0 if rule.least else np.inf):
             continue
         scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns)
         for name in names:
             values, null = columns[name]
             shares = values / scale
-            within = shares >= limit if rule.least else np.abs(shares) <= limit
-            beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool)
+            within = shares >= limit if rule.least else rule.size(shares) <= limit
+            beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool) & np.isfinite(values)
             of = name.removesuffix(rule.column).removesuffix(".")
             for v in np.flatnonzero(beyond).tolist():
                 found.setdefault(v, []).append(f"{rule.text(of, float(shares[v]))}: {rule.advice}")
@@ -247,6 +293,16 @@ def judge(
         status[v] = DIVERGED if diverged[v] else SUSPECT
         reason[v] = "; ".join(reasons)
     return Judgement(status, reason)
+
+
+def _not_finite(columns: Mapping[str, Given]) -> dict[int, str]:
+    """The first column of each variant, by its number, that has a value which is not finite."""
+    found: dict[int, str] = {}
+    for name, (values, null) in columns.items():
+        if values.dtype.kind == "f":
+            for v in np.flatnonzero(~np.isfinite(values) & ~null).tolist():
+                found.setdefault(v, name)
+    return found
 
 
 def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:

@@ -36,6 +36,7 @@ from warpchain.results.formulas import (
     tension_share_below,
     total,
 )
+from warpchain.results.resolution import joint_resolution, partner_resolution, ramps
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -302,6 +303,34 @@ NOISE = Column(
     "noise proxy: sqrt(2 m E), the blow that would lose the energy E which a tooth passing loses",
     impact_impulse,
 )
+RESOLVED = (
+    Group(
+        "chain",
+        (
+            Column(
+                "joints.resolution",
+                "1",
+                "steps in which friction bends a joint by a tooth",
+                joint_resolution,
+                aside=True,
+            ),
+        ),
+        where=lambda drive, index: drive.chain.rubs,
+    ),
+    Group(
+        "partner",
+        (
+            Column(
+                "resolution",
+                "1",
+                "steps in which friction moves a roller by a pitch, or in its ramp, where these are fewer",
+                partner_resolution,
+                aside=True,
+            ),
+        ),
+        where=lambda drive, index: rubs_on(drive, index) or ramps(drive, index),
+    ),
+)
 RUBBED = Group(
     "chain",
     (Column("friction_power", "W", "power that friction takes in joints, on teeth and on guide-bars", friction_power),),
@@ -416,6 +445,7 @@ DESIGN = (
     (Group("partner", (PER_REVOLUTION,)),),
     (Group("chain", (PER_REVOLUTION,)),),
     (Group("sprocket", (NOISE,)),),
+    *((group,) for group in RESOLVED),
 )
 """Columns that designs are judged by, formed from the other metrics."""
 

@@ -18,7 +18,7 @@ from warpchain.drive import Drive
 from warpchain.drive.batch import LARGEST, Stack
 from warpchain.results.arrow_tables import unit_table
 from warpchain.results.batch_means import LEAST_TURNS
-from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
+from warpchain.results.formulas import STEP, Balance, Drifts, Judged, Summed, where
 from warpchain.results.judgement import Limits, judge
 from warpchain.results.metric_columns import (
     BALANCE,
@@ -243,7 +243,9 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
         columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY.columns if c.value}
         balance = energy_balance(drive, sums)
         columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
-        columns |= design_columns(ended.drives, run_columns(ended) | columns)
+        columns |= design_columns(
+            ended.drives, run_columns(ended) | {STEP: np.ma.asarray(ended.schedule("step"))} | columns
+        )
     columns |= engaged_columns(ended)
     columns = {name: where(ended.measured, values) for name, values in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}

@@ -92,7 +92,7 @@ def _differences(first: Folder, other: Folder) -> Iterator[str]:
     ours, theirs = _fixed(first), _fixed(other)
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
-            fixed["design"] = {"replicate_by": folder.study.design.replicate_by or "phase"}
+            fixed["design"] = {"replicate_by": folder.study.design.way}
     for path, here, there in _unlike(ours, theirs):
         yield (
             f"{other.path}: {path} = {_shown(there)}, but {_shown(here)} in {first.path}; only studies that run the "

@@ -243,7 +243,7 @@ def growable(known: Study, other: Study) -> bool:
     design, run = known.design, known.run
     alike = design.model_copy(update={"count": other.design.count, "replicates": other.design.replicates,
                                       "replicate_by": other.design.replicate_by})  # fmt: skip
-    ways = design.copies == 1 or (design.replicate_by or "phase") == (other.design.replicate_by or "phase")
+    ways = design.copies == 1 or design.way == other.design.way
     free = ("duration", "window", "shard", "keep_states")
     same = {name: getattr(other.run, name) for name in free}
     counts = design.count == other.design.count or (

@@ -108,7 +108,7 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
         variant.drive, variant.reason, variant.adjusted = first.drive, first.reason, first.adjusted
     feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     numbers = [variant.copy for variant, _ in feasible]
-    copies = copies_of([drive for _, drive in feasible], numbers, study.design.replicate_by or "phase")
+    copies = copies_of([drive for _, drive in feasible], numbers, study.design.way)
     for (variant, _), drive in zip(feasible, copies, strict=True):
         variant.drive = drive
 

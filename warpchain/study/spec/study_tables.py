@@ -46,7 +46,7 @@ Wholes = Annotated[
     BeforeValidator(plain_sequence),
     Value("must be a list of integers of at least 0"),
 ]
-ReplicateBy = Annotated[Literal[*WAYS, *FORMER_WAYS], Value('must be "phase" or "perturbation"')]  # type: ignore[valid-type]
+ReplicateBy = Annotated[Literal[*WAYS, *FORMER_WAYS], Value('must be "build", "phase" or "perturbation"')]  # type: ignore[valid-type]
 Window = Annotated[
     tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(gt=0, allow_inf_nan=False)]],
     BeforeValidator(plain_sequence),
@@ -73,7 +73,7 @@ class Design(Part):
             with the corners drawn in, "circumscribed" beyond the ends.
         center: number of center rows of a central composite or Plackett-Burman design.
         replicates: how often each row is run, begun in different ways; None is once.
-        replicate_by: "phase" or "perturbation" (`warpchain.drive.replicates`); None is by phase.
+        replicate_by: "build", "phase" or "perturbation" (`warpchain.drive.replicates`); None is "build".
     """
 
     kind: Annotated[Literal[*KINDS], Value(_KINDS_TEXT)]  # type: ignore[valid-type]
@@ -94,6 +94,11 @@ class Design(Part):
     def copies(self) -> int:
         """Number of runs of each row."""
         return self.replicates or 1
+
+    @property
+    def way(self) -> str:
+        """In what the runs of a row differ."""
+        return self.replicate_by or WAYS[0]
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -1,0 +1,75 @@
+r"""Steps in the shortest times of a drive that its limit of stability does not know of: friction and ramps.
+
+Friction that sticks is held by a bristle whose stiffness grows as steps get shorter (`kernels.physics.friction`): where
+it takes hold within a few steps, what it gives way by hangs on the step. With mu the larger coefficient, N the largest
+normal force of a partner, m a roller's mass, T the tension that 99.9 % of links and instants are below, z the fewest
+teeth and I = m p^2 / 6, friction moves
+
+    a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
+    a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
+
+A motion that is ramped up takes its ramp's time. The energy balance tells of none of these. What half the step changes
+of means, quantiles and losses (`python scripts/bench.py resolution`, docs/judged-runs.md): of four examples up to 1.8 %
+with 46 steps and more in (b), up to 38 % with 29 and fewer; of `marine` 8 % with 95.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.results.formulas import STEP, Judged, Values, where
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+
+def joint_resolution(of: Judged) -> Values:
+    """(b) over the step."""
+    moments, bends = np.array([_joint(drive) for drive in of.drives]).T
+    return _steps(of, bends, moments * of["tension_q999"])
+
+
+def partner_resolution(of: Judged) -> Values:
+    """(a) over the step, or the ramp of a sprocket's motion, which is shorter."""
+    rubbing, ways, ramps = np.array([_partner(drive, of.index) for drive in of.drives]).T
+    steps = _steps(of, ways, rubbing * of["force_max"])
+    ramped = where(ramps > 0.0, ramps / np.ma.getdata(of.metrics[STEP]))
+    fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
+    return where(np.isfinite(fewer), fewer)
+
+
+def ramps(drive: Drive, index: int) -> bool:
+    """Whether a partner is a sprocket whose motion is ramped up."""
+    motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
+    return motion is not None and motion.ramp_time > 0.0
+
+
+def _steps(of: Judged, way: Values, force: Values) -> np.ma.MaskedArray:
+    """Steps in which a force moves by a way, times the mass that it moves; masked where there is none."""
+    with np.errstate(all="ignore"):
+        steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP])
+    return where(np.isfinite(steps) & (force > 0.0), steps)
+
+
+def _joint(drive: Drive) -> tuple[float, float]:
+    """mu kappa r_p [m], and (2 pi / z) I [kg m^2]."""
+    chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
+    assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
+    coefficient = max(chain.joint.friction, chain.joint.static_coefficient)
+    return (
+        coefficient * chain.joint.factor * chain.pin_radius,
+        2.0 * math.pi / teeth * chain.mass * chain.pitch**2 / 6.0,
+    )
+
+
+def _partner(drive: Drive, index: int) -> tuple[float, float, float]:
+    """mu [-], m p [kg m], and the ramp's time [s] or 0."""
+    s = len(drive.sprockets)
+    rubbing = tooth_rubbing(drive) if index < s else guide_rubbing(drive, index - s)
+    motion = drive.sprockets[index].prescribed if index < s else None
+    ramp = 0.0 if motion is None else motion.ramp_time
+    return max(rubbing.dynamic, rubbing.static), drive.chain.mass * drive.chain.pitch, ramp
