@@ -1,4 +1,4 @@
-"""Progress of long work: a bar with rate and time left, or a function of the caller's."""
+"""Progress of long work: a bar with percent and time left, or a function of the caller's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ Report = Callable[[str, float, float], None]
 """Called with (phase, done, total)."""
 
 COMPILING = "compiling"
-"""The phase that counts kernels, where others count roller-steps."""
+"""The phase in which kernels are compiled."""
+TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
+"""The words of a bar."""
+PHASES: dict[str, dict[str, Any]] = {
+    COMPILING: {"name": "compiling, once for drives of this kind", "unit": "kernels", "at_once": True},
+    "settling": {"unit": "drives"},
+    "simulating": {"unit": "s", "text": "{desc}: {percentage:.0f} %, {n:.3g} of {total:.4g} {unit} of simulated time"},
+}
+"""Settings of `bar` for the phases of a run."""
 
 
 class Lines:
@@ -25,9 +33,12 @@ class Lines:
         n: how much is done.
     """
 
-    def __init__(self, total: float, name: str, unit: str, initial: float = 0.0) -> None:
-        self.total, self.name, self.unit, self.n, self.initial = total, name, unit.strip(), initial, initial
-        self.begun = self.printed = time.monotonic()
+    def __init__(
+        self, total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, at_once: bool = False
+    ) -> None:
+        self.total, self.name, self.unit, self.n, self.initial = total, name, unit, initial, initial
+        self.text, self.begun = text, time.monotonic()
+        self.printed = self.begun - (EVERY if at_once else 0.0)
 
     def update(self, more: float) -> None:
         """Notes that more is done."""
@@ -38,8 +49,8 @@ class Lines:
             gone, done = now - self.begun, self.n - self.initial
             left = f"{clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
             share = 100.0 * self.n / self.total if self.total else 100.0
-            line = f"{self.name}: {share:.0f} % of {self.total:.4g} {self.unit}, {clock(gone)} gone, {left}"
-            print(line, file=sys.stderr, flush=True)
+            line = self.text.format(desc=self.name, percentage=share, n=self.n, total=self.total, unit=self.unit)
+            print(f"{line}, {clock(gone)} gone, {left}", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Ends it."""
@@ -61,13 +72,21 @@ def clock(seconds: float) -> str:
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
-def bar(total: float, name: str, unit: str, initial: float = 0.0, **settings: Any) -> Any:
-    """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal."""
+def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, at_once: bool = False) -> Any:
+    """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
+
+    Args:
+        total, initial: how much there is to do, and is done before.
+        name, unit: of the work, and of `total`.
+        text: words before the bar, of `desc`, `percentage`, `n`, `total` and `unit`.
+        at_once: print the first line with the first update, as of work that always takes long.
+    """
     if not sys.stderr.isatty():
-        return Lines(total, name, unit, initial)
+        return Lines(total, name, unit, initial, text, at_once)
     from tqdm import tqdm
 
-    return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, **settings)
+    shape = f"{text} |{{bar}}| {{elapsed}} gone, {{remaining}} left"
+    return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, bar_format=shape)
 
 
 @contextmanager
@@ -89,9 +108,10 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
     def report(phase: str, done: float, total: float) -> None:
         if phase not in shown:
             close()
-            counts = phase == COMPILING
-            shown[phase] = bar(total, phase, "kernel" if counts else "roller-step", unit_scale=not counts)
+            shown[phase] = bar(total, **{"name": phase, **PHASES[phase]})
         shown[phase].update(done - shown[phase].n)
+        if phase == COMPILING and done >= total:
+            close()
 
     try:
         yield report

@@ -12,7 +12,7 @@ from warpchain import Drive, Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.drive.examples import example_names
-from warpchain.view.figures.plot import drive_figure
+from warpchain.view.figures.drive_figure import drive_figure
 
 
 @case()

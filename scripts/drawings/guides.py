@@ -1,7 +1,6 @@
 """Guides and tensioners."""
 
 import argparse
-import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +9,6 @@ import numpy as np
 from common.cases import ROOT, Line, case
 from common.drives import example
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -19,7 +17,8 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow, viscosity_at
 from warpchain.engine.rig import Shake, shake
-from warpchain.results.scene import strand_displacement, turned
+from warpchain.results.scene import Pose, parts_at, strand_displacement, teeth_at, turned
+from warpchain.view.figures.drive_figure import draw_parts
 from warpchain.view.figures.rig_figures import loop_figure, sweep_figure
 
 STRAND = 2  # camshaft -> crankshaft: the tight one, "segment number one" of the paper
@@ -90,30 +89,19 @@ def text_of(page: str) -> str:
 
 
 def draw(axes: Any, drive: Drive) -> None:
-    """Pitch circles, faces, arms and tensioners."""
-    for s, sprocket in enumerate(drive.sprockets):
-        axes.add_patch(Circle(sprocket.center, drive.pitch_radius(s), fill=False, color="0.6"))
-        axes.text(*sprocket.center, sprocket.name, ha="center", va="center")
-    for g, guide in enumerate(drive.guides):
+    """The drive as drawn, rollers' centers over the faces, joints of these, and arms at both stops."""
+    centers = np.array([sprocket.center for sprocket in drive.sprockets])
+    pose = Pose(centers, np.zeros(len(centers)), np.zeros(len(drive.arms)))
+    draw_parts(axes, drive, pose, [*teeth_at(drive, pose), *parts_at(drive, pose)], 1.0)
+    for g in range(len(drive.guides)):
         profile, a = drive.profile(g), drive.arm_of(g)
         face, centers = profile.points(5e-4), profile.offset_points(drive.guide_offset(g), 5e-4)
         if a is not None:
-            arm = drive.arms[a]
-            axes.plot(*arm.pivot, "o", color="tab:red", markersize=5)
-            for stop in arm.stops_rad:
-                axes.plot(*turned(face, arm.pivot, stop).T, color="tab:blue", alpha=0.3, linewidth=1.0)
-        axes.plot(*face.T, color="tab:blue", linewidth=2.0)
+            for stop in drive.arms[a].stops_rad:
+                axes.plot(*turned(face, drive.arms[a].pivot, stop).T, color="tab:brown", alpha=0.4, linewidth=1.0)
         axes.plot(*centers.T, color="tab:orange", linewidth=0.8, linestyle="--")
         joints = np.array([piece.start for piece in (*profile.face, profile.pieces[-1])])
         axes.plot(*joints.T, "k.", markersize=4)
-        middle, heading = profile.at(0.5 * profile.face_length)
-        side = (12.0 * math.sin(heading), -12.0 * math.cos(heading))
-        place = {"ha": "right" if side[0] < 0 else "left", "va": "center"}
-        axes.annotate(guide.name, middle, xytext=side, textcoords="offset points", **place)
-    for tensioner in drive.tensioners:
-        (x, y), (ux, uy) = tensioner.at, tensioner.unit_direction
-        arrow = {"arrowstyle": "-|>", "color": "tab:red"}
-        axes.annotate("", (x, y), xytext=(x - 0.03 * ux, y - 0.03 * uy), arrowprops=arrow)
 
 
 @case()

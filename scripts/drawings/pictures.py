@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Record, simulate
 from warpchain.results.engineering_report import handed_in
-from warpchain.results.scene import contact_arrows, guide_outline, tooth_outline, turned
+from warpchain.results.scene import contact_arrows, parts_at, pose_at_frame, teeth_at
 from warpchain.results.signals import forward, largest_contacts, strand_tension
 from warpchain.view.chosen import part_of
 from warpchain.view.figures.load import guide_load_figure
@@ -46,15 +46,14 @@ def shown_frames(trajectory: Any) -> np.ndarray:
 
 
 def draw(axis: Any, trajectory: Any, f: int, reach: float) -> None:
-    """Sprockets, guide-bars, the chain and the forces at a frame; a newton is `reach` meters long."""
+    """The drive, its chain and the forces at a frame; a newton is `reach` meters long."""
     drive, x = trajectory.drive, trajectory.position[f]
-    for s, sprocket in enumerate(drive.sprockets):
-        center = trajectory.sprocket_center[f, s]
-        outline = turned(tooth_outline(drive, s, 5), (0.0, 0.0), trajectory.sprocket_angle[f, s]) + center
-        axis.fill(*outline.T, fc="0.15", ec="0.5", lw=0.6)
-        axis.annotate(sprocket.name, center, fontsize=7, ha="center", va="center")
-    for g in range(len(drive.guides)):
-        axis.plot(*guide_outline(drive, g).T, color="#be783c", lw=2.0)
+    pose = pose_at_frame(trajectory, f)
+    for part, center in zip(teeth_at(drive, pose, 5), pose.center, strict=True):
+        axis.fill(*part.points.T, fc="0.15", ec="0.5", lw=0.6)
+        axis.annotate(part.name, center, fontsize=7, ha="center", va="center")
+    for part in parts_at(drive, pose):
+        axis.plot(*part.points.T, color="#be783c" if part.kind == "guide" else "0.5", lw=2.0)
     links = LineCollection(list(np.stack([x, np.roll(x, -1, axis=0)], axis=1)), cmap=tension_colormap(), lw=2.6)
     links.set_array(trajectory.tension[f])
     links.set_clim(0.0, scale_top([trajectory]))

@@ -6,12 +6,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from command import run as command
-from drives import two_sprockets
+from drives import timing, two_sprockets
+from mcap.reader import make_reader
 from pyarrow.csv import read_csv
 from scipy.io import loadmat
 
-from warpchain import Record, simulate, write_archive
-from warpchain.archive.export import export
+from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive.export import export, export_metrics
+from warpchain.archive.file_parts import Part
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.channels import UNITS
 
@@ -32,7 +34,8 @@ def names(trajectory):
 
 def test_numpy(run, archive, tmp_path):
     with np.load(export(archive, tmp_path / "a.npz")) as held:
-        assert set(held) == set(names(run[1]))
+        assert set(held) == {*names(run[1]), "units"}
+        assert dict(held["units"]) == {name: UNITS[name] for name in names(run[1])}
         for name, values in names(run[1]).items():
             np.testing.assert_array_equal(held[name], values)
 
@@ -76,6 +79,51 @@ def test_matlab(run, archive, tmp_path):
     assert [name[0] for name in held["sprockets"].ravel()] == ["driver", "driven"]
 
 
+@pytest.fixture(scope="module")
+def armed(tmp_path_factory):
+    run = simulate(timing().with_values({"run.duration": 2e-4, "run.settle": False}))
+    return write_archive(run, tmp_path_factory.mktemp("armed") / "a.mcap")
+
+
+def test_angles_of_arms_are_radians_and_say_so(armed, tmp_path):
+    """Drive files have them in degrees: every way out of an archive names the unit beside the numbers."""
+    h5py = pytest.importorskip("h5py")
+    archive = read_archive(armed)
+    angle, data = archive[0].arm_angle, archive[0].to_xarray()
+    assert UNITS["arm_angle"] == "rad" and len(data.arm) == 1
+    assert (data.arm_angle.attrs["units"], list(data.arm.values)) == ("rad", ["arm"])
+    assert data.arm_angle.attrs["long_name"] == "angle from the drawing, counter-clockwise"
+    assert archive[0].to_arrow().field("arm_angle").metadata[b"unit"] == b"rad"
+    assert "arm_angle.arm [rad]" in read_csv(export(armed, tmp_path / "a.csv")).column_names
+    assert dict(np.load(export(armed, tmp_path / "a.npz"))["units"])["arm_angle"] == "rad"
+    with h5py.File(export(armed, tmp_path / "a.h5")) as held:
+        assert held["arm_angle"].attrs["units"] == "rad" and list(held.attrs["arms"]) == ["arm"]
+    held = loadmat(export(armed, tmp_path / "a.mat"))
+    assert held["units"]["arm_angle"][0, 0][0] == "rad" and held["arms"].ravel()[0][0] == "arm"
+    with open(armed, "rb") as file:
+        channels = make_reader(file).get_summary().channels.values()
+    (facts,) = (channel.metadata for channel in channels if channel.topic.endswith("/rollers"))
+    units = dict(zip(facts["channels"].split(), facts["units"].split(", "), strict=True))
+    assert units == {name: UNITS[name] for name in archive[0].channels()} and angle.shape[1] == 1
+    metrics = read_csv(export_metrics(armed, tmp_path / "m.csv")).column_names
+    assert "arm.angle_mean [rad]" in metrics and "efficiency" in metrics
+    assert not [name for name in metrics if name.endswith(("[1]", "[]"))]
+
+
+def test_an_archive_that_does_not_name_its_units_reads_the_same(armed, tmp_path, monkeypatch):
+    """As those of earlier versions, which have all else."""
+    run, before = read_archive(armed), Part.open_topic
+
+    def open_topic(self, number, variant, topic, metadata):
+        before(self, number, variant, topic, {name: word for name, word in metadata.items() if name != "units"})
+
+    monkeypatch.setattr(Part, "open_topic", open_topic)
+    bare = write_archive(run, tmp_path / "bare.mcap")
+    assert bare.stat().st_size < armed.stat().st_size
+    for name, values in read_archive(bare)[0].channels().items():
+        np.testing.assert_array_equal(values, run[0].channels()[name])
+
+
 def test_refusals(archive, tmp_path, capsys):
     with pytest.raises(ArchiveError, match=r"ending '.xls': allowed are .npz, .csv, .parquet, .h5, .hdf5, .mat"):
         export(archive, tmp_path / "a.xls")
@@ -89,7 +137,8 @@ def test_metrics_come_as_a_table_and_endings_are_held_to(run, archive, tmp_path,
     for ending, read in ((".csv", read_csv), (".parquet", pq.read_table)):
         status, out, _ = command(capsys, "export", archive, "--metrics", "-o", tmp_path / f"m{ending}")
         assert (status, out) == (0, [str(tmp_path / f"m{ending}")])
-        assert read(tmp_path / f"m{ending}")["tension_max"].to_pylist() == run.metrics["tension_max"].to_pylist()
+        name = "tension_max [N]" if ending == ".csv" else "tension_max"
+        assert read(tmp_path / f"m{ending}")[name].to_pylist() == run.metrics["tension_max"].to_pylist()
     for words in (("-o", tmp_path / "x.xlsx"), ("--metrics", "-o", tmp_path / "x.npz")):
         status, _, err = command(capsys, "export", archive, *words)
         assert status == 2 and len(err) == 1 and ".csv" in err[0] and ".parquet" in err[0]

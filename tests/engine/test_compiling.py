@@ -1,17 +1,21 @@
 """Kernels compiled in processes of their own, for a GPU that is not here."""
 
+import math
 import sys
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import warp as wp
+from command import run as command
 from drives import MARINE, two_sprockets
+from study_helpers import write_study
 
-from warpchain import load_drive, progress
+from warpchain import load_drive, progress, run_study, simulate
 from warpchain.engine import buckets, compiling
 from warpchain.engine.buckets import COLLECTING, GpuKernels
-from warpchain.engine.compiling import Wanted, compile_in_processes, compile_job, jobs_of
+from warpchain.engine.compiling import Wanted, compile_in_processes, compile_job, jobs_of, loading_on_cpu
 from warpchain.engine.gpu import compile_lacking
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic
@@ -19,6 +23,7 @@ from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import Stop
 from warpchain.results.schedule import Schedule
 
+TELLS = "compiling, once for drives of this kind: "
 COLLECT = [Wanted(collect_kernel, (real,), COLLECTING) for real in (wp.float64, wp.float32)]
 
 
@@ -61,8 +66,10 @@ def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
 
 def test_where_processes_gain_nothing_there_are_none(cache, monkeypatch):
     monkeypatch.setattr(compiling, "_started", lambda job: pytest.fail("started"))
-    jobs = list(jobs_of(COLLECT, "cuda:0"))
-    assert not any(compiled([]) or compiled(jobs[:1]) or compiled(jobs, cores=1))
+    jobs, seen = list(jobs_of(COLLECT, "cuda:0")), []
+    assert not any(compiled([]) or compiled(jobs, cores=1))
+    assert not any(compiled(jobs[:1], report=lambda *told: seen.append(told)))
+    assert seen == [("compiling", 0, 1)]  # the caller compiles it
     monkeypatch.setattr(sys, "executable", "")
     assert not any(compiled(jobs))
 
@@ -106,8 +113,62 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
 def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
     monkeypatch.setattr(progress, "EVERY", 0.0)
     with progress.reporter(True) as report:
-        for told in (("simulating", 0, 8), ("compiling", 1, 2), ("simulating", 4, 8)):
+        for told in (("simulating", 0, 0.8), ("compiling", 1, 2), ("settling", 1, 4), ("simulating", 0.4, 0.8)):
             report(*told)
-    _, compiling_line, last = capsys.readouterr().err.splitlines()
-    assert compiling_line.startswith("compiling: 50 % of 2 kernel, ")
-    assert last.startswith("simulating: 50 % of 8 roller-step, ")
+    _, *lines = (line.partition(" gone, ")[0][:-9] for line in capsys.readouterr().err.splitlines())
+    assert lines == [
+        "compiling, once for drives of this kind: 50 % of 2 kernels",
+        "settling: 25 % of 4 drives",
+        "simulating: 50 %, 0.4 of 0.8 s of simulated time",
+    ]
+
+
+def test_compiling_is_told_at_once_where_other_phases_wait(capsys):
+    with progress.reporter(True) as report:
+        for told in (("compiling", 0.5, 2), ("compiling", 0.6, 2), ("simulating", 0.1, 0.8)):
+            report(*told)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("compiling, once for drives of this kind: 25 % of 2 kernels, 0:00:00 gone, 0:00:00 left")
+
+
+def test_the_cpu_tells_of_kernels_that_it_compiles(monkeypatch):
+    """Settling's kernel is there before settling begins, that of steps may follow; counts never fall."""
+    loaded, seen, settled = [], [], threading.Event()
+
+    def load(module, **_):
+        if module == "advance":
+            assert settled.wait(30.0)
+        loaded.append(module)
+
+    monkeypatch.setattr(wp, "load_module", load)
+    monkeypatch.setattr(compiling, "in_cache", lambda *_: False)
+    with loading_on_cpu(["relax", "advance"], lambda *told: seen.append(told)):
+        assert loaded == ["relax"] and seen[-1][1] >= 1.0
+        settled.set()
+    assert {(phase, total) for phase, _, total in seen} == {("compiling", 2)}
+    done = [done for _, done, _ in seen]
+    assert done == sorted(done) and done[-1] == 2.0 and loaded == ["relax", "advance"]
+    seen.clear()
+    monkeypatch.setattr(compiling, "in_cache", lambda *_: True)
+    with loading_on_cpu(["relax"], lambda *told: seen.append(told)):
+        pass
+    assert not seen
+
+
+def test_kernels_under_way_count_by_the_time_that_has_gone():
+    """0 at the beginning, tanh(1) of all by when they should be done, never fewer than are done, never all of them."""
+    assert compiling.compiled(0, 2, 0.0) == 0.0
+    assert compiling.compiled(0, 2, 1.0) == pytest.approx(2.0 * math.tanh(1.0))
+    assert compiling.compiled(1, 2, 0.1) == 1.0
+    assert 1.9 < compiling.compiled(1, 2, 3.0) < 2.0 == compiling.compiled(2, 2, 0.1)
+
+
+def test_a_run_and_a_study_say_that_they_compile(capsys, monkeypatch, tmp_path):
+    """With a cache that is said to be empty: the kernels of settling and of steps; a command's bars, and a study's."""
+    monkeypatch.setattr(compiling, "in_cache", lambda *_: False)
+    seen = []
+    simulate(two_sprockets(duration=0.001), progress=lambda *told: seen.append(told))
+    assert seen[0][0] == "compiling" and seen[0][2] == 2 and seen[-1][0] == "simulating"
+    assert command(capsys, "run", "industrial", "--duration", "1e-3", "-o", tmp_path / "a.mcap")[2][0].startswith(TELLS)
+    run_study(write_study(tmp_path), tmp_path / "out", progress=True)
+    assert capsys.readouterr().err.startswith(TELLS)

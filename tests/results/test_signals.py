@@ -6,6 +6,7 @@ from drives import two_sprockets
 
 from warpchain import Trajectory, load_drive, simulate
 from warpchain.drive.examples import drive_path
+from warpchain.results import signals
 from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     amplitude_spectrum,
@@ -73,6 +74,17 @@ def test_ratio_and_error_of_a_driven_sprocket_that_hunts():
     # derivative 0.03 cos(30 t) over 8; the recorded speed here is a difference quotient, off by (30 * 5e-4)^2 / 6
     np.testing.assert_allclose(speed_ratio(trajectory, 1)[1:-1], 1.0 + 0.00375 * np.cos(30.0 * time[1:-1]), atol=1e-6)
     np.testing.assert_allclose(speed_ratio(trajectory, 0), 1.0)
+
+
+def test_transmission_errors_are_shown_in_degrees(monkeypatch):
+    """A milliradian three times a revolution is 0.0573 degrees; interpolation and the window's ends lose a percent."""
+    time = np.linspace(0.0, 10.0, 20001)
+    trajectory = turning(8.0 * time, 8.0 * time + 1e-3 * np.sin(24.0 * time))
+    monkeypatch.setattr(signals, "strand_tension", lambda trajectory, k: np.full(len(time), np.nan))
+    ((title, (error,)),) = signals.order_spectra(trajectory).items()
+    assert title == "transmission error [degrees]"
+    assert error.amplitude.max() == pytest.approx(np.degrees(1e-3), rel=0.01)
+    assert error.orders[error.amplitude.argmax()] == pytest.approx(3.0, rel=0.02)
 
 
 def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():

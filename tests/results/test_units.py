@@ -1,5 +1,7 @@
 """Units that values are shown in, and quantities in words."""
 
+import math
+
 import pytest
 
 from warpchain.results.metric_columns import COLUMNS
@@ -17,6 +19,8 @@ from warpchain.results.units import DISPLAYED, display_unit, quantity, shown_uni
         ("N", 999.0, ("N", 1.0)),
         ("N/m", 1.5e9, ("GN/m", 1e-9)),
         ("N/m", 4e8, ("MN/m", 1e-6)),
+        ("rad", 0.01, ("degrees", 180.0 / math.pi)),
+        ("rad", 7.0, ("degrees", 180.0 / math.pi)),
         ("N", 0.0, ("N", 1.0)),
         ("N", float("nan"), ("N", 1.0)),
         ("1", 1e9, ("1", 1.0)),
@@ -30,6 +34,8 @@ def test_units_fit_the_size_of_the_values(unit, largest, shown):
 def test_shown_values_stay_readable():
     """From a tenth of the second step to the last one's 900-fold, no value is shown below 0.1 or above 10,000."""
     for unit, steps in DISPLAYED.items():
+        if len(steps) == 1:  # angles, in degrees whatever their size
+            continue
         least, most = max(steps[1][0] * 1e-1, 1e-12), steps[-1][0] * 900.0
         value = least
         while value < most:

@@ -170,6 +170,18 @@ def test_tables_come_back_from_files(tmp_path, ending):
     assert back.metrics == ("y",)
 
 
+def test_units_come_back_from_a_head(tmp_path):
+    """A name may end in brackets itself, but not in those of a unit behind a blank; ratios have none."""
+    fields = [("variant", "1"), ("arm.angle_mean", "rad"), ("k[2]", "N m"), ("ratio", "1")]
+    schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in fields])
+    table = pa.table({name: [0.25, 1.0] for name, _ in fields}, schema=schema)
+    path = export_table(table, tmp_path / "t.csv")
+    assert path.read_text().splitlines()[0] == '"variant","arm.angle_mean [rad]","k[2] [N m]","ratio"'
+    back = read_results(path, ["k[2]"])
+    assert back.table.to_pylist() == table.to_pylist()
+    assert [back.unit(name) for name, _ in fields[1:]] == ["rad", "N m", ""]
+
+
 def test_roles_are_read_from_the_fields():
     factor = pa.field("a", pa.float64(), metadata={"role": "factor", "unit": "mm"})
     schema = pa.schema([factor, ("tension_max", pa.float64())])

@@ -382,7 +382,7 @@ def test_where_there_is_no_terminal_progress_is_a_line_every_so_often(monkeypatc
     clock, said = [0.0], io.StringIO()
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(sys, "stderr", said)
-    with progress.bar(200.0, "study", " variants", 100.0) as bar:
+    with progress.bar(200.0, "study", "variants", 100.0) as bar:
         for clock[0] in (4.0, 9.9, 10.0, 19.0, 25.0):
             bar.update(10.0)
     assert said.getvalue().splitlines() == [

@@ -14,7 +14,8 @@ from warpchain import Record, load_drive, simulate, write_archive
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive.examples import drive_path
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, drive_figure, tension_figure
+from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, tension_figure
+from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.plot import plot_figures, plot_sweep
 from warpchain.view.figures.style import save_figure
 from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError, WarpchainError
 from warpchain.files import refusals, whole_file
-from warpchain.results.arrow_tables import export_table, unit_table
+from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 from warpchain.version import installed
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from warpchain.drive import Drive
     from warpchain.results.run import Trajectory
 
 
@@ -35,8 +36,8 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Writes one variant's trajectory in the format that the file's ending names, one of `FORMATS`.
 
-    All values are in SI units, which each format but .npz states. In .npz, .h5 and .mat every channel is an array
-    (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
+    All values are in SI units, angles in radians, which each format states. In .npz, .h5 and .mat every channel is an
+    array (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
     `sprocket_speed.camshaft`, one row a frame.
 
     Args:
@@ -75,11 +76,7 @@ def flat(trajectory: Trajectory) -> pa.Table:
     columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
     units = {"time": UNITS["time"]}
     drive = trajectory.drive
-    named = {
-        "sprocket": [sprocket.name for sprocket in drive.sprockets],
-        "arm": [arm.name for arm in drive.arms],
-        "tensioner": [tensioner.name for tensioner in drive.tensioners],
-    }
+    named = {kind: [part.name for part in parts] for kind, parts in _bodies(drive).items()}
     for channel, array in trajectory.channels().items():
         of = named.get(CHANNEL[channel].per) or [str(i) for i in range(array.shape[1])]
         for i, part in enumerate(of):
@@ -93,18 +90,23 @@ def flat(trajectory: Trajectory) -> pa.Table:
     return unit_table(arrays, units).replace_schema_metadata({"warpchain": installed()})
 
 
+def _bodies(drive: Drive) -> dict[str, Sequence[Any]]:
+    """The parts with channels of their own beside rollers and links, by kind, of which there are any."""
+    held = {"sprocket": drive.sprockets, "arm": drive.arms, "tensioner": drive.tensioners}
+    return {kind: parts for kind, parts in held.items() if parts}
+
+
 def _npz(file: IO[bytes], trajectory: Trajectory) -> None:
+    """An array a channel; `units` has rows of name and unit."""
     arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
-    np.savez_compressed(file, **arrays)
+    np.savez_compressed(file, units=np.array([(name, UNITS[name]) for name in arrays]), **arrays)
 
 
 def _csv(file: IO[bytes], trajectory: Trajectory) -> None:
     """A first line of names with units in brackets, such as `tension.12 [N]`; numbers in full."""
     from pyarrow import csv
 
-    table = flat(trajectory)
-    heads = [f"{field.name} [{field.metadata[b'unit'].decode()}]" for field in table.schema]
-    csv.write_csv(table.rename_columns(heads), file)
+    csv.write_csv(with_unit_heads(flat(trajectory)), file)
 
 
 def _parquet(file: IO[bytes], trajectory: Trajectory) -> None:
@@ -122,7 +124,8 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
     with h5py.File(file, "w") as root:
         root.attrs["warpchain"] = installed()
-        root.attrs["sprockets"] = [sprocket.name for sprocket in trajectory.drive.sprockets]
+        for kind, parts in _bodies(trajectory.drive).items():
+            root.attrs[f"{kind}s"] = [part.name for part in parts]
         root.attrs["drive"] = trajectory.drive.model_dump_json(exclude_none=True)
         time = root.create_dataset("time", data=trajectory.time)
         time.attrs["units"] = UNITS["time"]
@@ -136,12 +139,13 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _matlab(file: IO[bytes], trajectory: Trajectory) -> None:
-    """A variable a channel, of MATLAB's format 5; a struct `units` of their units; the sprockets' names as a cell."""
+    """A variable a channel, of MATLAB's format 5; a struct `units` of their units; the bodies' names as cells."""
     from scipy.io import savemat
 
     channels = trajectory.channels()
-    names = np.array([sprocket.name for sprocket in trajectory.drive.sprockets], dtype=object)
-    held: dict[str, Any] = {"time": trajectory.time[:, None], **channels, "sprockets": names}
+    held: dict[str, Any] = {"time": trajectory.time[:, None], **channels}
+    for kind, parts in _bodies(trajectory.drive).items():
+        held[f"{kind}s"] = np.array([part.name for part in parts], dtype=object)
     held["units"] = {name: UNITS[name] for name in ("time", *channels)}
     savemat(file, held, do_compression=True)
 

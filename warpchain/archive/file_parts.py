@@ -19,6 +19,7 @@ from warpchain.archive.options import ArchiveOptions
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError
 from warpchain.results.arrow_tables import with_column
+from warpchain.results.channels import UNITS
 from warpchain.results.run import RunInfo
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class Part:
         held = {
             "links": str(form.links),
             "channels": " ".join(form.channels),
+            "units": ", ".join(UNITS[name] for name in form.channels),
             "precision": form.precision,
             "values": form.values,
             **facts,

@@ -68,7 +68,7 @@ def _links_and_joints(drive: Drive) -> dict[str, Any]:
 
 
 def derive(drive: Drive) -> dict[str, Any]:
-    """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
+    """All derived quantities by name, in SI units, angles in degrees; lists follow the drive's parts and strands.
 
     Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
     `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md lists the keys.

@@ -43,11 +43,19 @@ def _load(arguments: argparse.Namespace) -> Any:
 def check(arguments: argparse.Namespace) -> int:
     from warpchain.assembly.summary import derive, report
 
-    values = derive(_load(arguments))
+    drive, path = _load(arguments), arguments.output
+    if path is not None and path.suffix not in (".png", ".svg"):
+        raise WarpchainError(f"-o {path}: must end in .png, .svg")
+    if path is not None:  # also of a drive whose number of links does not fit
+        from warpchain.view.figures.drive_figure import drive_figure
+        from warpchain.view.figures.style import save_figure
+
+        save_figure(drive_figure(drive), path)
+    values = derive(drive)
     if arguments.json:
         import json
 
-        print(json.dumps(values, indent=2))
+        print(json.dumps({"units": "SI, angles in degrees", **values}, indent=2))
     else:
         print(report(values))
     return DONE

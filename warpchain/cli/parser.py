@@ -60,7 +60,8 @@ def _add(commands: Any, run: Callable[[argparse.Namespace], int], text: str, exa
 def _check(commands: Any) -> None:
     parser = _add(commands, do.check, "print what a drive amounts to, without running it", "warpchain check marine")
     add_options(parser, "drive", "--set")
-    parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
+    parser.add_argument("--json", action="store_true", help="as JSON, in SI units, angles in degrees")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
 
 
 def _chains(commands: Any) -> None:

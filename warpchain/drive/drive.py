@@ -1,7 +1,7 @@
 """A drive as data: chain, sprockets, guide-bars, contacts and run settings, checked whole; TOML in and out.
 
-SI units throughout; angles in radians but for `seat_angle`, which is in degrees. A drive never changes: `with_values`
-makes changed copies.
+SI units throughout; angles in radians, those of seats, arcs, arms in degrees (docs/interchange.md). A drive never
+changes: `with_values` makes changed copies.
 
 Source: Pedersen, Hansen and Ambrosio, "A Roller Chain Drive Model Including Contact with Guide-Bars", Multibody System
 Dynamics 12 (2004) 285-301.

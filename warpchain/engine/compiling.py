@@ -1,4 +1,4 @@
-"""Kernels that Warp's cache lacks, compiled in processes of their own.
+"""Kernels that Warp's cache lacks: the CPU's compiled in threads, a GPU's in processes of their own.
 
 CUDA's compiler takes one kernel after the other within a process, however many threads ask. Here each kernel gets a
 process, which makes it anew, compiles it for the caller's GPU without using one, and puts it into Warp's cache, where
@@ -9,6 +9,7 @@ is loaded, and tells what is wrong.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import pickle
 import shutil
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,6 +30,39 @@ if TYPE_CHECKING:
 
 EVERY = 0.05
 """Seconds between two looks at the processes."""
+
+CPU_SECONDS, GPU_SECONDS = 8.0, 10.0
+"""Seconds that the kernels of a kind of drive take to compile, side by side, on a CPU and for a GPU, roughly."""
+
+
+def compiled(done: int, count: int, share: float) -> float:
+    """Number of kernels compiled, of those under way by the share that has gone of the time that all take, roughly."""
+    return max(done, count * math.tanh(share))
+
+
+@contextlib.contextmanager
+def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
+    """Loads the CPU's kernels side by side, all but the last before what stands within, which does without that one."""
+    import warp as wp
+
+    begun, lacking = time.process_time(), sum(not in_cache(module, "cpu", 1) for module in modules)
+    with ThreadPoolExecutor(len(modules)) as pool:
+        loads = [pool.submit(wp.load_module, module, device="cpu", block_dim=1) for module in modules]
+
+        def wait_for(some: Sequence[Future[Any]]) -> None:
+            going = True
+            while going:
+                going = bool(wait(some, timeout=EVERY).not_done)
+                if lacking:
+                    done = max(0, lacking - sum(not load.done() for load in loads))
+                    share = (time.process_time() - begun) / (lacking * CPU_SECONDS)  # of all threads
+                    report(COMPILING, compiled(done, lacking, share), lacking)
+            for load in some:
+                load.result()
+
+        wait_for(loads[:-1])
+        yield
+        wait_for(loads)
 
 
 class Wanted(NamedTuple):
@@ -91,7 +126,7 @@ def jobs_of(wanted: Iterable[Wanted], device: str) -> Iterator[Job]:
 def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: Stop) -> None:
     """Compiles kernels, at most one on a core at a time, until a stop is asked for.
 
-    A single one, which gains nothing, is left to the caller.
+    A single one, which gains nothing, is left to the caller, but reported.
 
     Args:
         jobs: those that take longest first; what is there twice is done once.
@@ -100,7 +135,9 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
     """
     left = list({job.path: job for job in jobs}.values())
     started: list[tuple[Job, subprocess.Popen[bytes]]] = []
-    count, running = len(left), 0
+    count, running, begun = len(left), 0, time.monotonic()
+    if count:
+        report(COMPILING, 0, count)
     if min(count, cores) < 2 or not sys.executable or getattr(sys, "frozen", False):
         return
     try:
@@ -110,7 +147,8 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
                     started.append((job, _started(job)))
             del left[: cores - running]
             running = sum(process.poll() is None for _, process in started)
-            report(COMPILING, count - len(left) - running, count)
+            share = (time.monotonic() - begun) / GPU_SECONDS
+            report(COMPILING, compiled(count - len(left) - running, count, share), count)
             time.sleep(EVERY)
     finally:
         for job, process in started:

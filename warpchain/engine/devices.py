@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine import start_warp
 from warpchain.engine.arrays import TABLE, Engine, starts
-from warpchain.engine.device_choice import Choice, modules_of, quickest
+from warpchain.engine.device_choice import Choice, quickest
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.progress import Report, Stop
@@ -151,13 +151,12 @@ def loading(
         compile_lacking(of_devices, precision, settles, cores, report, stop)
         yield
         return
-    import warp as wp
+    from warpchain.engine.compiling import loading_on_cpu
+    from warpchain.engine.cpu import kernel_of
 
-    ((module, threads),) = modules_of("cpu", packed, precision)
-    with ThreadPoolExecutor(1) as pool:
-        loaded = pool.submit(wp.load_module, module, device="cpu", block_dim=threads)
+    relax = [kernel_of("relax", packed, "float64")] if settles else []
+    with loading_on_cpu([kernel.module for kernel in (*relax, kernel_of("advance", packed, precision))], report):
         yield
-        loaded.result()
 
 
 def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:

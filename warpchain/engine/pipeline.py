@@ -83,7 +83,7 @@ class Shares:
 
     Args:
         how: how they are run, on GPUs.
-        total: roller-steps of all.
+        total: simulated time of all [s].
         report, stop: of the run. What shares report is passed on by the thread that calls.
     """
 
@@ -95,7 +95,7 @@ class Shares:
         self._running: list[Future[tuple[Ended, float, Future[Blocks]]]] = []
         self._done: list[float] = []
         self._total, self._report, self._stop = total, report, stop
-        self._compiling: tuple[str, float, float] | None = None
+        self._compiling: dict[int, tuple[str, float, float]] = {}
 
     def __enter__(self) -> Shares:
         return self
@@ -124,8 +124,10 @@ class Shares:
         def note(phase: str, done: float, total: float) -> None:
             if phase == "simulating":
                 self._done[number] = done
-            elif phase == COMPILING:
-                self._compiling = (phase, done, total) if done < total else None
+            if phase == COMPILING and done < total:
+                self._compiling[number] = (phase, done, total)
+            else:
+                self._compiling.pop(number, None)
 
         def run() -> tuple[Ended, float, Future[Blocks]]:
             outcome = share.run(self._hows[number % len(self._hows)], recorder, note, self._stop)
@@ -148,4 +150,5 @@ class Shares:
         for future in self._running:
             if future.done():
                 future.result()
-        self._report(*(self._compiling or ("simulating", sum(self._done), self._total)))
+        compiling = list(self._compiling.values())
+        self._report(*(compiling[0] if compiling else ("simulating", sum(self._done), self._total)))

@@ -105,7 +105,7 @@ def settle(
         devices: where to settle, as from `devices.chosen_devices`.
         cores: CPU threads.
         steps: of one launch.
-        run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
+        run: waits for launches, given a function that tells (done, total) in drives, by their steps; False ends it.
             It is asked before the first launch, too, with none to wait for.
         stacks: the drives sorted into kinds, where they are.
 
@@ -121,7 +121,6 @@ def settle(
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
         return state
-    rollers = packed.drives["rollers"].astype(float)
     still = elastic(packed)
     cushion(still)
     quickened(still, stacks)
@@ -129,8 +128,7 @@ def settle(
 
     def done() -> tuple[float, float]:
         now = engine.settling()
-        steps = np.where(now["settled"], now["limit"], now["steps"])
-        return float((steps * rollers).sum()), float((now["limit"] * rollers).sum())
+        return float(np.where(now["settled"], 1.0, now["steps"] / SETTLE_LIMIT)[wanted].sum()), float(wanted.sum())
 
     try:
         engine.start_settling(state)

@@ -208,7 +208,7 @@ def _march(
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
-    total = float(((last + 1) * rollers).sum())
+    total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
     batched = bool(np.isfinite(batch_durations(drives)).any())
     taken: tuple[Any, Any, Any] | None = None
@@ -216,7 +216,7 @@ def _march(
     def tick() -> None:
         state = engine.progress()
         done = np.where(state["diverged"] == 1, last + 1, state["step"])
-        report("simulating", float((done * rollers).sum()), total)
+        report("simulating", simulated * (float((done * rollers).sum()) / total), simulated)
 
     before = engine.progress()
     turn = 0

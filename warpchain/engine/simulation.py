@@ -89,8 +89,9 @@ def simulate(
         step: time step [s], or "auto"; None takes each drive's own.
         record: which trajectories to keep; None keeps all, at each drive's own sample rate.
         window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
-        progress: True shows a bar; a function is called with (phase, done, total), in roller-steps, and in kernels
-            while those of a GPU are compiled.
+        progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels, where
+            Warp's cache lacks some; "settling", in drives; "simulating", in simulated time of all variants [s], the
+            part of it that is done of the work.
         memory: budget for sums and statistics, buffers and kept trajectories [bytes].
         archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
             from it.
@@ -155,7 +156,7 @@ def simulate(
             if len(parts) == 1:
                 outcome = share.run(how, recorder, report, stop, keeper)
             else:
-                with Shares(how, float(members.work.sum()), report, stop) as shares:
+                with Shares(how, sum(of.steps * of.step for of in schedules), report, stop) as shares:
                     shares.add(share, recorder)
                     layouts = share.layouts
                     for part in parts[1:]:

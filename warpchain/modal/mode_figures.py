@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.scene import arm_outline, guide_outline, tensioner_outline, turned
+from warpchain.results.scene import Part, Pose, parts_at
 from warpchain.view.figures.style import LINES, arrowed, rpm
 
 if TYPE_CHECKING:
@@ -23,25 +23,18 @@ if TYPE_CHECKING:
 def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
     """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
     each time."""
-    first, lines = len(drive.sprockets), []
-    for a, arm in enumerate(drive.arms):
-        own = arm_outline(drive, a) + [guide_outline(drive, g) for g in drive.guides_of(a)]
-        lines += [turned(line, arm.pivot, float(bodies[first + a, 2])) for line in own]
-    for t, tensioner in enumerate(drive.tensioners):
-        b, along = drive.tensioner_body(t), np.array(tensioner.unit_direction)
-        if b >= first:
-            point = turned(np.array(tensioner.at), drive.arms[b - first].pivot, float(bodies[b, 2]))
-            out = (point - tensioner.at) @ along
-        else:
-            out = (bodies[b, :2] - drive.sprockets[b].center) @ along
-        lines.append(tensioner_outline(drive, t)[1] + out * along)
-    return lines
+    return [part.points for part in _parts(drive, bodies) if part.carried]
 
 
 def still_lines(drive: Drive) -> list[Array]:
     """Lines (P, 2) [m] of guides on the ground and of tensioners' housings."""
-    own = [guide_outline(drive, g) for g in range(len(drive.guides)) if drive.arm_of(g) is None]
-    return own + [tensioner_outline(drive, t)[0] for t in range(len(drive.tensioners))]
+    bodies = np.zeros((len(drive.sprockets) + len(drive.arms), 3))
+    return [part.points for part in _parts(drive, bodies) if not part.carried]
+
+
+def _parts(drive: Drive, bodies: Array) -> list[Part]:
+    count = len(drive.sprockets)
+    return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[count:, 2]))
 
 
 SWING = 0.06

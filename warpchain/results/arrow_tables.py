@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,7 +50,7 @@ def unit_table(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.
 def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
     """An xarray dataset of a trajectory's time and channels, whose memory it shares.
 
-    Its dimensions are time, roller, link, sprocket, arm, tensioner and axis; its variables have `units`.
+    Its dimensions are time, roller, link, sprocket, arm, tensioner and axis; variables have `units` and `long_name`.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -59,7 +60,10 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     except ImportError:
         raise WarpchainError("to_xarray: needs xarray; install it with: pip install 'warpchain[xarray]'") from None
 
-    variables = {name: (CHANNEL[name].dimensions, values, {"units": UNITS[name]}) for name, values in channels.items()}
+    variables = {}
+    for name, values in channels.items():
+        facts = {"units": UNITS[name], "long_name": CHANNEL[name].description}
+        variables[name] = (CHANNEL[name].dimensions, values, facts)
     labels: dict[str, Any] = {
         "roller": np.arange(drive.chain.links),
         "link": np.arange(drive.chain.links),
@@ -71,6 +75,23 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}
     held = {name: values for name, values in labels.items() if name in used}
     return xr.Dataset(variables, {"time": ("time", time, {"units": UNITS["time"]}), **held})
+
+
+def with_unit_heads(table: pa.Table) -> pa.Table:
+    """A table with units in the names of its columns, such as `tension_max [N]`; numbers without a unit have none."""
+    units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
+    return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
+
+
+def without_unit_heads(table: pa.Table) -> pa.Table:
+    """The table of which `with_unit_heads` gave this one: units are in the fields' metadata."""
+    import pyarrow as pa
+
+    fields = []
+    for field in table.schema:
+        found = re.fullmatch(r"(.+) \[([^\[\]]+)\]", field.name)
+        fields.append(field.with_name(found[1]).with_metadata({"unit": found[2]}) if found else field)
+    return pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
 
 
 def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
@@ -85,6 +106,8 @@ def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
     """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
 
+    Units are in the fields' metadata (`unit`), those of CSV in its head.
+
     Raises:
         error: another ending, or a folder or disk that refuses.
     """
@@ -95,7 +118,7 @@ def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] 
         if target.suffix == ".csv":
             from pyarrow import csv
 
-            csv.write_csv(table, file)
+            csv.write_csv(with_unit_heads(table), file)
         else:
             from pyarrow import parquet
 

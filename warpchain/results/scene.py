@@ -1,4 +1,4 @@
-"""Geometry for pictures of a drive: outlines of teeth and guide-bars, contact directions, displacement of a strand."""
+"""Geometry for pictures of a drive: its parts where they stand, contact directions, displacement of a strand."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.assembly import assembled_path
+from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
+from warpchain.drive.face_profile import Profile
+from warpchain.drive.mounts import initial_center
 from warpchain.drive.tooth_shape import teeth_outline
 from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory, need
@@ -32,6 +36,104 @@ class Arrows(NamedTuple):
     frame: Index
     roller: Index
     force: Array
+
+
+class Pose(NamedTuple):
+    """Places of a drive's bodies.
+
+    Attributes:
+        center: (S, 2) of the sprockets [m].
+        angle: (S,) of the sprockets [rad].
+        arm: (A,) angles of the arms [rad].
+    """
+
+    center: Array
+    angle: Array
+    arm: Array
+
+
+class Part(NamedTuple):
+    """A line of a picture of a drive.
+
+    Attributes:
+        kind: "teeth", "guide", "arm", "housing" or "plunger".
+        name: of the sprocket, guide, arm or tensioner.
+        points: (P, 2) [m].
+        carried: whether an arm or a tensioned sprocket takes it along.
+    """
+
+    kind: str
+    name: str
+    points: Array
+    carried: bool = False
+
+
+def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
+    """The bodies around the path of the unloaded chain, sprockets at angle zero.
+
+    Args:
+        drive: the drive.
+        path: of its chain; None works it out.
+
+    Raises:
+        DriveError: as `chain_path`.
+    """
+    centers = np.array([initial_center(sprocket) for sprocket in drive.sprockets])
+    arms = (chain_path(drive) if path is None else path).arm_angle if drive.arms else np.zeros(0)
+    return Pose(centers, np.zeros(len(centers)), arms)
+
+
+def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
+    """The bodies at a frame; those of which nothing was recorded are where the run began."""
+    values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
+    start = pose_at_start(trajectory.drive)
+    held = (own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True))
+    return Pose(*held)
+
+
+def chain_line(drive: Drive, path: ChainPath) -> Array:
+    """The path of the chain as a closed line (P, 2) [m], around sprockets and guides, points a quarter pitch apart."""
+    spacing, line = 0.25 * drive.chain.pitch, []
+    for s, sprocket in enumerate(drive.sprockets):
+        count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
+        angles = path.arrival_angle[s] + sprocket.sign * np.linspace(0.0, path.wrap_angle[s], count)
+        line.append(initial_center(sprocket) + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        string = path.strings[s]
+        if string is not None:
+            line.append(Profile(string.pieces).points(spacing))
+    return np.concatenate([*line, line[0][:1]])
+
+
+def teeth_at(drive: Drive, pose: Pose, arc_points: int = 9) -> list[Part]:
+    """Outlines of the sprockets' teeth where the sprockets stand, closed."""
+    turns = zip(drive.sprockets, pose.center, pose.angle, strict=True)
+    return [
+        Part("teeth", sprocket.name, turned(tooth_outline(drive, s, arc_points), (0.0, 0.0), angle) + center)
+        for s, (sprocket, center, angle) in enumerate(turns)
+    ]
+
+
+def parts_at(drive: Drive, pose: Pose) -> list[Part]:
+    """Guides, arms and tensioners where the bodies stand."""
+    parts = []
+    for g, guide in enumerate(drive.guides):
+        outline, a = guide_outline(drive, g), drive.arm_of(g)
+        moved = outline if a is None else turned(outline, drive.arms[a].pivot, pose.arm[a])
+        parts.append(Part("guide", guide.name, moved, a is not None))
+    for a, arm in enumerate(drive.arms):
+        parts += [Part("arm", arm.name, turned(line, arm.pivot, pose.arm[a]), True) for line in arm_outline(drive, a)]
+    for t, tensioner in enumerate(drive.tensioners):
+        housing, plunger = tensioner_outline(drive, t)
+        body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
+        if body < len(drive.sprockets):
+            way = pose.center[body] - drive.sprockets[body].center
+        else:
+            a = body - len(drive.sprockets)
+            way = turned(at, drive.arms[a].pivot, pose.arm[a]) - at
+        along = np.array(tensioner.unit_direction)
+        parts.append(Part("plunger", tensioner.name, plunger + (way @ along) * along, True))
+        parts.append(Part("housing", tensioner.name, housing))
+    return parts
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:

@@ -27,7 +27,7 @@ SPECTRUM_FLOOR = 1e-4
 """Lower end of a spectrum's axis, as a part of its peak."""
 SPECTRUM_SPELLS = 2000
 """Spells that a spectrum is thinned out to, smallest and largest values kept."""
-TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [mrad]"
+TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [degrees]"
 """Quantities that order spectra are of."""
 
 
@@ -244,7 +244,7 @@ def order_spectra(trajectory: Trajectory) -> dict[str, list[Spectrum]]:
     drive = trajectory.drive
     signals = [(TENSION, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
     signals += [
-        (TRANSMISSION_ERROR, sprocket.name, 1e3 * transmission_error(trajectory, s))
+        (TRANSMISSION_ERROR, sprocket.name, np.degrees(transmission_error(trajectory, s)))
         for s, sprocket in enumerate(drive.sprockets)
         if s != drive.driver
     ]

@@ -1,4 +1,4 @@
-"""Units as engineers read them: 42 kN instead of 42,000 N, 7.5 mm instead of 0.0075 m."""
+"""Units as engineers read them: 42 kN instead of 42,000 N, 7.5 mm instead of 0.0075 m, angles in degrees."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 MILLI, MICRO, KILO, MEGA, GIGA = 1e3, 1e6, 1e-3, 1e-6, 1e-9
+DEGREES = 180.0 / math.pi
 
 DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
     "m": ((0.0, "\N{MICRO SIGN}m", MICRO), (1e-4, "mm", MILLI), (1.0, "m", 1.0)),
     "s": ((0.0, "\N{MICRO SIGN}s", MICRO), (1e-3, "ms", MILLI), (1.0, "s", 1.0)),
-    "rad": ((0.0, "mrad", MILLI), (1.0, "rad", 1.0)),
+    "rad": ((0.0, "degrees", DEGREES),),
     "N": ((0.0, "mN", MILLI), (0.1, "N", 1.0), (1e3, "kN", KILO), (1e6, "MN", MEGA)),
     "N m": ((0.0, "mN m", MILLI), (0.1, "N m", 1.0), (1e4, "kN m", KILO)),
     "N s": ((0.0, "mN s", MILLI), (0.1, "N s", 1.0), (1e3, "kN s", KILO)),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.results.arrow_tables import export_table as export_table
+from warpchain.results.arrow_tables import without_unit_heads
 from warpchain.results.metric_columns import RUN, SETTLING
 from warpchain.results.replicate_metrics import COUNT, ERROR, ROLE_OF_ERRORS
 from warpchain.results.statuses import common_reasons
@@ -245,6 +246,8 @@ def read_results(
     from warpchain.results.metric_columns import column_of
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
+    if not isinstance(source, pa.Table) and Path(source).suffix == ".csv":
+        table = without_unit_heads(table)
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
     if not chosen:
         raise StudyError(

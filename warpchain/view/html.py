@@ -132,8 +132,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return f'<div class="wide"><table>\n{top}\n' + "\n".join(lines) + "\n</table></div>"
 
 
-def picture(figure: Figure, words: str) -> str:
-    """A figure as SVG data in the page; `words` is what it is called by those who cannot see it."""
+def picture(figure: Figure, words: str, kind: str = "svg+xml") -> str:
+    """A figure as data in the page, SVG or "png"; `words` is what it is called by those who cannot see it."""
     import matplotlib
 
     from warpchain.view.figures.style import without_math
@@ -141,7 +141,7 @@ def picture(figure: Figure, words: str) -> str:
     buffer = io.BytesIO()
     without_math(figure)
     with matplotlib.rc_context({"svg.hashsalt": "warpchain", "svg.fonttype": "path"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=110)
+        figure.savefig(buffer, format=kind[:3], metadata={"Date": None} if kind[:3] == "svg" else None, dpi=110)
     data = base64.b64encode(buffer.getvalue()).decode()
     width = int(72 * figure.get_figwidth() * 1.25)
-    return f'<img src="data:image/svg+xml;base64,{data}" width="{width}" alt="{escape(words)}">'
+    return f'<img src="data:image/{kind};base64,{data}" width="{width}" alt="{escape(words)}">'

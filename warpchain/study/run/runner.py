@@ -25,7 +25,7 @@ from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import bar as bar_of
-from warpchain.progress import completed, interruptible, look_for_stop
+from warpchain.progress import completed, interruptible, look_for_stop, reporter
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
 from warpchain.results.replicate_metrics import COPY, summary
@@ -172,8 +172,7 @@ def _run_worst_here(
     if not (progress and chosen):
         run_worst(folder.path, chosen, options)
         return
-    text = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.0f} [{elapsed}<{remaining}]"
-    with bar_of(float(len(chosen)), "recording the worst", " variants", bar_format=text) as bar:
+    with bar_of(float(len(chosen)), "recording the worst", "variants") as bar:
         run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
 
 
@@ -332,10 +331,10 @@ def run_folder(
     """Runs what is left of a study's folder; see `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
-    with _bar(progress, folder, mine) as report:
+    with _bar(progress, folder, mine) as report, reporter(progress is True) as compiling:
         left = [shard for shard in mine if not folder.done(shard)]
         if executor is None:
-            _run_here(folder, left, options, report)
+            _run_here(folder, left, {**options, "compiling": compiling}, report)
         else:
             _run_there(folder, left, executor, options, report)
     if part is not None:
@@ -395,7 +394,5 @@ def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iter
     elif not progress:
         yield lambda more: None
     else:
-        text = "{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} [{elapsed}<{remaining}, {rate_fmt}]"
-        name = folder.study.study.name or "study"
-        with bar_of(total, name, " variants", done, bar_format=text) as bar:
+        with bar_of(total, folder.study.study.name or "study", "variants", done) as bar:
             yield bar.update

@@ -21,7 +21,7 @@ from warpchain.drive.replicates import copies_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import look_for_stop
+from warpchain.progress import COMPILING, look_for_stop
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
@@ -157,9 +157,14 @@ def _attempt(
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
+    options = dict(options)
+    compiling = options.pop("compiling", None)
+
     def on_progress(phase: str, done: float, total: float) -> None:
         if phase == "simulating":
             report(done / total)
+        elif phase == COMPILING and compiling is not None:
+            compiling(phase, done, total)
 
     if not variants:
         return None
@@ -256,7 +261,7 @@ def run_shard(
     Args:
         folder: the study's folder, on a disk that the caller shares.
         shard: its number.
-        options: `memory` and `workers` of `simulate`.
+        options: `memory` and `workers` of `simulate`; "compiling" hears of kernels that are compiled.
         report: called as the work goes on.
 
     Returns:

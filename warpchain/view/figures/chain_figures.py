@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import (
-    arm_outline,
-    contact_arrows,
-    guide_outline,
-    nearest_sprocket,
-    strand_displacement,
-    tensioner_outline,
-    tooth_outline,
-    turned,
-)
+from warpchain.results.scene import nearest_sprocket, strand_displacement
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
@@ -28,7 +19,7 @@ from warpchain.results.signals import (
     peaks_over_time,
 )
 from warpchain.results.units import display_unit, shown
-from warpchain.view.figures.style import LINES, PARTS, about, arrowed, curve, key, mark_teeth, panels
+from warpchain.view.figures.style import LINES, PARTS, arrowed, curve, key, mark_teeth, panels
 from warpchain.view.palette import scale_top, tension_colormap
 
 if TYPE_CHECKING:
@@ -133,129 +124,6 @@ def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
             axis.axvspan(*span, color=PARTS[s % len(PARTS)], alpha=0.15, lw=0, label=label)
         frame += length
     key(axis)
-
-
-def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | None = None) -> Figure:
-    """The drive at one instant, the chain colored by tension, with the contact forces on it (Figure 8).
-
-    Args:
-        frame: which; None is three quarters through.
-        top: tension at the red end of the color scale [N]; None takes `scale_top`.
-    """
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
-
-    position, tension = need(trajectory, "position", "tension")
-    drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
-    x = position[f]
-    arrows, largest, reach = _arrows(trajectory, f)
-    low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
-    span = high - low
-    unit, factor = shown("m", span)
-    figure = Figure(figsize=_size(float(span[1] / span[0])), layout="constrained")
-    axis = figure.subplots()
-    _draw_parts(axis, trajectory, f, factor)
-    top = scale_top([trajectory]) if top is None else top
-    newton, scale = display_unit("N", top)
-    links = factor * np.stack([x, np.roll(x, -1, axis=0)], axis=1)
-    chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
-    chain.set_array(scale * tension[f])
-    axis.add_collection(chain)
-    figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
-    kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
-    for force, (color, label) in zip(arrows, kinds, strict=True):
-        pressed = force.any(axis=1)
-        straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002}
-        if pressed.any():
-            tips = (factor * reach * force[pressed]).T
-            axis.quiver(*factor * x[pressed].T, *tips, **straight, color=color, zorder=4)
-            axis.plot([], [], color=color, lw=1.5, label=label)
-    word, share = display_unit("N", largest)
-    axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
-    axis.set_aspect("equal")
-    axis.set_xlim(factor * low[0], factor * high[0])
-    axis.set_ylim(factor * low[1], factor * high[1])
-    figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
-    axis.set_xlabel(f"x [{unit}]")
-    axis.set_ylabel(f"y [{unit}]")
-    axis.set_title(f"Forces on the chain at {trajectory.time[f]:.4g} s\n{about(drive)}", fontsize=11)
-    return figure
-
-
-def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
-    """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
-    (position,) = need(trajectory, "position")
-    arrows = [force[0] for force in contact_arrows(trajectory.at(slice(f, f + 1)))]
-    largest = max(float(np.hypot(*force.T).max()) for force in arrows)
-    span = float(np.ptp(position[f], axis=0).max())
-    return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0
-
-
-def _extent(trajectory: Trajectory, f: int, tips: list[Any]) -> tuple[Any, Any]:
-    """Lower left and upper right corner [m] of all that the drawing of a frame shows, with room around."""
-    drive = trajectory.drive
-    held = [*tips, *(guide_outline(drive, g) for g in range(len(drive.guides)))]
-    (sprocket_center,) = need(trajectory, "sprocket_center")
-    for s, center in enumerate(sprocket_center[f]):
-        held += [center + drive.tip_radius(s) * np.array([[-1.0, -1.0], [1.0, 1.0]])]
-    points = np.concatenate(held)
-    points = points[np.isfinite(points).all(axis=1)]
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.04 * float((high - low).max())
-    return low - room, high + room
-
-
-def _size(tall: float) -> tuple[float, float]:
-    """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
-    wide = float(np.clip(8.5 / max(tall, 1e-9), 3.2, 9.0))
-    return wide + 1.7, min(wide * tall, 9.5) + (1.9 if tall > 1.0 else 1.4)
-
-
-def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> None:
-    """Sprockets and guide-bars as they are at a frame, in the unit of that many to a meter."""
-    from matplotlib.patheffects import withStroke
-
-    sprocket_angle, sprocket_center = need(trajectory, "sprocket_angle", "sprocket_center")
-    drive = trajectory.drive
-    halo = [withStroke(linewidth=2.0, foreground="white")]
-    for s, sprocket in enumerate(drive.sprockets):
-        c, d = np.cos(sprocket_angle[f, s]), np.sin(sprocket_angle[f, s])
-        outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + sprocket_center[f, s]
-        outline = factor * outline
-        axis.fill(*outline.T, color="0.88", zorder=0)
-        axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
-        middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
-        axis.annotate(sprocket.name, factor * sprocket_center[f, s], fontsize=9, **middle)
-    angles = np.zeros(len(drive.arms)) if trajectory.arm_angle is None else trajectory.arm_angle[f]
-    for g, guide in enumerate(drive.guides):
-        outline, arm = guide_outline(drive, g), drive.arm_of(g)
-        if arm is not None:
-            outline = turned(outline, drive.arms[arm].pivot, float(angles[arm]))
-        outline = factor * outline
-        axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)
-        end = min(outline[[0, -1]], key=lambda end: end[1])
-        side = "left" if end[0] < np.mean([s.center[0] for s in drive.sprockets]) * factor else "right"  # inward
-        below = {"xytext": (0, -4), "textcoords": "offset points", "ha": side, "va": "top"}
-        axis.annotate(guide.name, end, fontsize=8, color="tab:brown", **below)
-    _draw_arms(axis, trajectory, f, angles, factor)
-
-
-def _draw_arms(axis: Any, trajectory: Trajectory, f: int, angles: Any, factor: float) -> None:
-    """Arms turned by `angles` (A,) [rad] and tensioners pushed out as they are at a frame, so many units to a meter."""
-    drive = trajectory.drive
-    for a, arm in enumerate(drive.arms):
-        for line in arm_outline(drive, a):
-            axis.plot(*(factor * turned(line, arm.pivot, float(angles[a]))).T, color="0.45", lw=1.0, zorder=0)
-        axis.plot(*np.multiply(factor, arm.pivot), "o", color="0.45", ms=4, zorder=1)
-    for k, tensioner in enumerate(drive.tensioners):
-        housing, plunger = tensioner_outline(drive, k)
-        out = 0.0 if trajectory.tensioner_extension is None else float(trajectory.tensioner_extension[f, k])
-        moved = factor * (plunger + out * np.asarray(tensioner.direction) / np.hypot(*tensioner.direction))
-        housing = factor * housing
-        axis.fill(*moved.T, color="0.75", zorder=0)
-        axis.fill(*housing.T, color="0.88", zorder=0)
-        axis.plot(*housing.T, color="0.45", lw=0.7, zorder=1)
 
 
 def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:

@@ -151,7 +151,7 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
         return None
     figure, axes = panels(len(held), 1.9 * len(held) + 0.4, "", None)
     for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
-        word, factor = ("degrees", 180.0 / np.pi) if unit == "rad" else shown(unit, values[:, k])
+        word, factor = shown(unit, values[:, k])
         curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
         axis.set_title(title, loc="left", fontsize=9)
         axis.set_ylabel(f"[{word}]")

@@ -13,13 +13,13 @@ from warpchain.view.figures.chain_figures import (
     angle_figure,
     contact_figure,
     displacement_figure,
-    drive_figure,
     guide_figure,
     spectrum_figure,
     telling_roller,
     tension_figure,
     waterfall_figure,
 )
+from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.style import save_figures
 from warpchain.view.figures.sweep import SIGNALS, campbell_figure, sweeps
 from warpchain.view.palette import Scale, scale_top

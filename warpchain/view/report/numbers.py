@@ -22,13 +22,11 @@ DIGITS = 4
 
 
 def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
-    """A value [SI] as it is written, and its unit; angles in degrees.
+    """A value [SI] as it is written, and its unit.
 
     Args:
         largest: picks the unit, so that the values of a row or table share it; the value itself if None.
     """
-    if unit == "rad":
-        return number(math.degrees(value), DIGITS), "degrees"
     word, factor = display_unit(unit, value if largest is None else largest)
     return number(factor * value, DIGITS), "" if word == "1" else word
 

@@ -16,6 +16,7 @@ from warpchain.results.run import Run, RunInfo
 from warpchain.view import html
 from warpchain.view.chosen import recorded
 from warpchain.view.figures import chain_figures, load, shafts, sweep
+from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.style import about, arrowed, rpm
 from warpchain.view.report import numbers
 
@@ -56,7 +57,7 @@ def summary(found: HandedIn, row: Row, info: RunInfo) -> html.Section:
     step = "" if info.step is None else f", step {numbers.written(info.step, 's')}"
     lines.append(f"warpchain {info.version} on {info.device}, {info.precision}{step}, {info.created}, {info.ended}")
     note = "" if status == OK else html.text("Numbers of a run that is not ok describe no drive: see why above.")
-    picture = pictured(chain_figures.drive_figure(found.whole), "the drive with forces on the chain")
+    picture = pictured(drive_figure(found.whole), "the drive with forces on the chain")
     return html.section("summary", "In short", f'<div class="counts">{cells}</div>', html.bullets(lines), note, picture)
 
 

@@ -22,6 +22,7 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
+from warpchain.results.units import DEGREES
 from warpchain.view.palette import Color, packed_colors, tension_steps
 from warpchain.view.rerun.chart import INK, WIDE, Axis, Chart
 from warpchain.view.rerun.streams import Column, entity, rows, send
@@ -37,13 +38,13 @@ GROUPS = {
     "contact": "largest contact force on a roller, by sprocket and guide-bar [N]",
     "moment": "moment of the contact forces [N m]",
     "ratio": "speed ratio over that of the teeth [1]",
-    "error": "transmission error [mrad]",
+    "error": "transmission error [degrees]",
     "speed": "sprocket speed [rad/s]",
     "displacement": "strand displacement at mid-span [mm]",
     "friction": "friction power of all joints [W]",
 }
 """Groups of curves, each a view, with their titles."""
-DISPLAYED_IN = {"error": 1e3, "displacement": 1e3}
+DISPLAYED_IN = {"error": DEGREES, "displacement": 1e3}
 """Factors from SI of groups that are shown in another unit."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
@@ -71,7 +72,7 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
         if trajectory.sprocket_speed is not None:
             yield "speed", sprocket.name, trajectory.sprocket_speed[:, s]
         if s != drive.driver:
-            yield "error", sprocket.name, 1e3 * transmission_error(trajectory, s)
+            yield "error", sprocket.name, DEGREES * transmission_error(trajectory, s)
             if trajectory.sprocket_speed is not None:
                 yield "ratio", sprocket.name, speed_ratio(trajectory, s)
 
@@ -136,7 +137,7 @@ def axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] |
         drive, part = trajectory.drive, latter_half(trajectory)
         for s in range(len(drive.sprockets)):
             if s != drive.driver and group == "error":
-                held.append(1e3 * transmission_error(trajectory, s)[part])
+                held.append(DEGREES * transmission_error(trajectory, s)[part])
             elif s != drive.driver and group == "ratio" and trajectory.sprocket_speed is not None:
                 held.append(speed_ratio(trajectory, s)[part])
     values = np.concatenate(held)

@@ -1,0 +1,162 @@
+"""The picture of a drive: sprockets, chain, guides, arms, tensioners where they stand, and the forces on the chain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.drive import Drive
+from warpchain.results.run import Trajectory, need
+from warpchain.results.scene import (
+    Part,
+    Pose,
+    chain_line,
+    contact_arrows,
+    parts_at,
+    pose_at_frame,
+    pose_at_start,
+    teeth_at,
+)
+from warpchain.results.units import display_unit, shown
+from warpchain.view.figures.style import about
+from warpchain.view.palette import scale_top, tension_colormap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.floating]
+
+STEEL, CHAIN, RUBBER = "0.45", "tab:blue", "tab:brown"
+STYLES: dict[str, dict[str, Any]] = {
+    "teeth": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 0},
+    "guide": {"color": RUBBER, "lw": 3, "zorder": 2},
+    "arm": {"color": STEEL, "lw": 1.5, "zorder": 1},
+    "housing": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 1},
+    "plunger": {"fc": "0.65", "ec": STEEL, "lw": 0.7, "zorder": 0.5},
+}
+"""Styles of the kinds of parts; those with a face are closed outlines, the others lines."""
+
+
+def drive_figure(
+    of: Drive | Trajectory, frame: int | None = None, top: float | None = None, size: float = 8.5
+) -> Figure:
+    """A drive as it begins, or a trajectory's at one instant, the chain colored by tension and with the contact forces
+    on it (Figure 8), as far as these were recorded.
+
+    Args:
+        of: the drive, or the trajectory.
+        frame: which; None is three quarters through.
+        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+        size: of the drive's longer side [in].
+
+    Raises:
+        DriveError: a drive whose chain has no path.
+        SimulationError: a trajectory without positions.
+    """
+    from matplotlib.figure import Figure
+
+    arrows: list[Array] = []
+    largest = 0.0
+    if isinstance(of, Drive):
+        path = chain_path(of)
+        drive, pose, line, title = of, pose_at_start(of, path), chain_line(of, path), "As it begins"
+    else:
+        (position,) = need(of, "position")
+        f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
+        drive, pose, line, title = of.drive, pose_at_frame(of, f), position[f], f"At {of.time[f]:.4g} s"
+        arrows, largest = _arrows(of, f)
+    reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
+    parts = [*teeth_at(drive, pose, 4), *parts_at(drive, pose)]
+    low, high = _extent([line, *(part.points for part in parts), *(line + reach * force for force in arrows)])
+    span = high - low
+    unit, factor = shown("m", span)
+    figure = Figure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
+    axis = figure.subplots()
+    draw_parts(axis, drive, pose, parts, factor)
+    if isinstance(of, Trajectory) and of.tension is not None:
+        color_chain(axis, line, of.tension[f], scale_top([of]) if top is None else top, factor)
+    else:
+        axis.plot(*factor * np.vstack([line, line[:1]]).T, color=CHAIN, lw=2, zorder=3)
+    if arrows:
+        draw_arrows(axis, line, arrows, reach, factor)
+        word, share = display_unit("N", largest)
+        axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
+        title = title.replace("At", "Forces on the chain at")
+        figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
+    axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
+    axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
+    axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
+    return figure
+
+
+def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: float) -> None:
+    """Draws parts of a drive, with names of sprockets, guides, tensioners; `factor` units of the axes are a meter."""
+    from matplotlib.patheffects import withStroke
+
+    halo: Any = {"path_effects": [withStroke(linewidth=2.0, foreground="white")], "zorder": 5}
+    middle = factor * float(np.mean(pose.center[:, 0]))
+    for part in parts:
+        style, points = STYLES[part.kind], factor * part.points
+        (axis.fill if "fc" in style else axis.plot)(*points.T, **style)
+        below: Any = {"xytext": (0, -4), "textcoords": "offset points", "va": "top", "fontsize": 8, **halo}
+        if part.kind == "guide":
+            end = min(points[[0, -1]], key=lambda end: end[1])
+            side = "left" if end[0] < middle else "right"  # inward
+            axis.annotate(part.name, end, color=RUBBER, ha=side, **below)
+        elif part.kind == "housing":
+            axis.annotate(part.name, (points[:, 0].mean(), points[:, 1].min()), color=STEEL, ha="center", **below)
+    for arm in drive.arms:
+        axis.plot(*np.multiply(factor, arm.pivot), "o", color=STEEL, ms=5, zorder=2)
+    for sprocket, center in zip(drive.sprockets, factor * pose.center, strict=True):
+        axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **halo)
+
+
+def color_chain(axis: Any, position: Array, tension: Array, top: float, factor: float) -> None:
+    """Draws links in the color of their tension, with the scale of colors up to `top` [N]."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+
+    newton, scale = display_unit("N", top)
+    links = list(factor * np.stack([position, np.roll(position, -1, axis=0)], axis=1))
+    chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
+    chain.set_array(scale * tension)
+    axis.add_collection(chain)
+    axis.figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
+
+
+def draw_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
+    """Draws contact forces of sprockets and guide-bars on rollers, `reach` meters to a newton."""
+    kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
+    straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
+    for force, (color, label) in zip(arrows, kinds, strict=True):
+        pressed = force.any(axis=1)
+        if pressed.any():
+            axis.quiver(*factor * position[pressed].T, *(factor * reach * force[pressed]).T, color=color, **straight)
+            axis.plot([], [], color=color, lw=1.5, label=label)
+
+
+def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Array], float]:
+    """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars, and the largest [N]; none where not recorded."""
+    needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
+    if any(getattr(trajectory, channel) is None for channel in needed):
+        return [], 0.0
+    arrows: list[Array] = [force[0] for force in contact_arrows(trajectory.at(slice(f, f + 1)))]
+    return arrows, max(float(np.hypot(*force.T).max()) for force in arrows)
+
+
+def _extent(lines: list[Array]) -> tuple[Array, Array]:
+    """Lower left and upper right corner [m] of all that is drawn, with room around."""
+    points = np.concatenate(lines)
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.04 * float((high - low).max())
+    return low - room, high + room
+
+
+def _size(tall: float, size: float) -> tuple[float, float]:
+    """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
+    wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
+    return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
