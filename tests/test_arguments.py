@@ -1,27 +1,47 @@
 """Arguments of public functions: whatever is given in place of one, the answer is one line that names it."""
 
 import inspect
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import warpchain
-from warpchain import ArchiveOptions, Record, fit, load_drive, simulate
+from warpchain import ArchiveOptions, Record, fit, load_drive, modes, simulate
 from warpchain.archive.read import Archive
-from warpchain.drive import Drive, save_drive
+from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
 from warpchain.examples import drive_path
+from warpchain.modal.campbell import campbell
+from warpchain.modal.phases import over_a_pitch
+from warpchain.study.optimize import Bench, Optimizer
+from warpchain.study.spec import Study
 
-NAMES = "assemble bench_tensioner dumps_drive load_drive loads_drive open_study optimize read_archive report run_study"
+PUBLIC = [getattr(warpchain, name) for name in warpchain.__all__ if name != "__version__"]
+CLASSES = [*filter(inspect.isclass, PUBLIC), Archive, Bench, Optimizer]
+METHODS = [
+    method
+    for kind in CLASSES
+    for name, method in vars(kind).items()
+    if inspect.isfunction(method) and (name == "__getitem__" or not name.startswith("_"))
+    if len(inspect.signature(method).parameters) > 1
+]
 FUNCTIONS = [
-    *(getattr(warpchain, name) for name in f"{NAMES} simulate write_archive ArchiveOptions Record Wear".split()),
-    *(fit.fit_angle, fit.fit_links, fit.fit_position, save_drive),
-    *(Drive.with_values, Drive.get_value, Archive.read, Archive.blocks, Archive.attachment),
+    *filter(inspect.isfunction, PUBLIC),
+    *(warpchain.ArchiveOptions, Record, warpchain.Wear),
+    *(fit.fit_angle, fit.fit_links, fit.fit_position, save_drive, campbell, over_a_pitch),
+    *METHODS,
 ]
 CAR = load_drive(drive_path("car"))
 RUN = simulate(CAR.with_values({"run.settle": False}), duration=1e-5, device="cpu", record=Record(variants=[0]))
 RIGHT = {"amplitude": 1e-4, "frequency": 10.0, "direction": (1, 0), "angle": {}, "values": {}, "variant": 0}
-RIGHT |= {"drive": CAR, "drives": CAR, "run": RUN}
+RIGHT |= {"drive": CAR, "drives": CAR, "run": RUN, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
+RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}
+RIGHT |= {
+    "study": Study.model_construct(),
+    "folder": type("Folder", (str,), {})("x"),
+}  # a folder of a study, or its path
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__qualname__)
@@ -48,6 +68,12 @@ def test_an_argument_of_another_kind_is_named(function):
         (lambda: simulate(CAR, workers=10**9), "workers = 1000000000: must be a whole number from 1 to 1024"),
         (lambda: simulate(CAR, replicates=10**9), "replicates = 1000000000: must be a whole number from 1 to"),
         (lambda: CAR.with_values({1: 2.0}), "values = {1: 2.0}: must be a mapping from a text to anything"),
+        (lambda: modes(CAR, count=0), "count = 0: must be a whole number of at least 1"),
+        (lambda: modes(CAR, speed=float("nan")), "speed = nan: must be a finite number of at least 0"),
+        (lambda: modes(CAR, valve="ajar"), "valve = 'ajar': must be 'shut' or 'open'"),
+        (lambda: CAR.tooth(3), "s = 3: must be a whole number from 0, below 3 sprockets"),
+        (lambda: CAR.arm_lever(-1), "a = -1: must be a whole number from 0, below 1 arms"),
+        (lambda: RUN[0].at([0, 10**6]), r"frames of a trajectory of \d+: index 1000000 is out of bounds"),
         (lambda: ArchiveOptions(numbers=(1, 1)), "numbers: must be different from each other"),
     ],
 )  # fmt: skip

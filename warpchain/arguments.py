@@ -30,6 +30,7 @@ class Range:
 
 
 FiniteNumber = Annotated[float, Range("a finite number", math.isfinite)]
+NonNegativeNumber = Annotated[float, Range("a finite number of at least 0", lambda x: 0.0 <= x < math.inf)]
 PositiveNumber = Annotated[float, Range("a finite number above 0", lambda x: 0.0 < x < math.inf)]
 Count = Annotated[int, Range("a whole number of at least 1", lambda n: n >= 1)]
 Index = Annotated[int, Range("a whole number of at least 0", lambda n: n >= 0)]
@@ -80,11 +81,40 @@ def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Che
     return wrap
 
 
+def among(parts: str, error: type[Exception]) -> Callable[[Checked], Checked]:
+    """Makes a method of an index raise `error` where it is none of the object's `parts`, an attribute's name."""
+
+    def wrap(method: Any) -> Any:
+        name = list(inspect.signature(method).parameters)[1]
+
+        @wraps(method)
+        def call(self: Any, *args: Any, **named: Any) -> Any:
+            count = len(getattr(self, parts))
+            for index in (*args, *named.values()):
+                whole = type(index) is int or (isinstance(index, Integral) and not isinstance(index, bool))
+                if not (whole and 0 <= index < count):
+                    raise error(f"{name} = {reprlib.repr(index)}: must be a whole number from 0, below {count} {parts}")
+            return method(self, *args, **named)
+
+        return call
+
+    return wrap
+
+
+class _Unknown(type):
+    """An empty class for a name that is imported for type checkers only, and for what is in it."""
+
+    def __getattr__(cls, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return _Unknown(name, (), {})
+
+
 class _Names(dict[str, Any]):
-    """Names in annotations; of one that is imported for type checkers only, an empty class of that name."""
+    """Names in annotations."""
 
     def __missing__(self, name: str) -> Any:
-        return getattr(builtins, name) if hasattr(builtins, name) else type(name, (), {})
+        return getattr(builtins, name) if hasattr(builtins, name) else _Unknown(name, (), {})
 
 
 def _kind(note: Any) -> tuple[str, Test]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+MOST_LINES = 100
+"""Most lines of an error, but one that counts the rest."""
+
 
 class WarpchainError(Exception):
     """Base of every error that a user can act on; the command line prints it and exits with status 2."""
@@ -22,9 +25,12 @@ class DriveError(WarpchainError):
 
 
 def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
-    """One error out of its lines, each behind `source`, without repetitions."""
+    """One error out of its lines, each behind `source`, without repetitions; of very many the first `MOST_LINES`."""
     prefix = f"{source}: " if source else ""
-    return DriveError("\n".join(dict.fromkeys(prefix + line for line in lines)))
+    unlike = list(dict.fromkeys(prefix + line for line in lines))
+    if len(unlike) > MOST_LINES + 1:
+        unlike[MOST_LINES:] = [f"{prefix}{len(unlike) - MOST_LINES} more like these"]
+    return DriveError("\n".join(unlike))
 
 
 class SimulationError(WarpchainError):

@@ -102,6 +102,42 @@ def test_rule(values, path, value, line):
         assert len(found) == 1, found
 
 
+BLADE = {"name": "long", "end_radius": 0.3}
+MANY = [BLADE | {"name": f"g{k}", "start": (k, 9.0), "end": (k, 10.0)} for k in range(257)]
+SIZES = {
+    "has 257 elements; must have at most 256": {"guides": MANY},
+    # 20,000 pitches of 0.1143 m; the ends add pi r
+    "guides.long: its face is 1e+04 m long; must be at most 2286 m, 20000 pitches": {
+        "guides": [BLADE | {"start": (-5000.0, 9.0), "end": (5000.0, 9.0)}]},
+    "guides.long: its face is 3139 m long; must be": {
+        "guides": [BLADE | {"start": (0.0, 9.0), "end": (1.0, 9.0), "end_radius": 999.0}]},
+    "guides.long: its face has 1001 pieces; all faces together must have at most 1000": {
+        "guides": [BLADE | {"points": [(0.2 * k, 9.0 + 1e-3 * (k % 2)) for k in range(501)], "radius": 1.0}]},
+    "guides.long.points: has 2001 elements; must have at most 2000": {
+        "guides": [BLADE | {"points": [(1e-3 * k, 9.0) for k in range(2001)], "radius": 1.0}]},
+    "chain.worn_links: has 163 elements; the chain has 162 links": {
+        "chain/worn_links": [{"link": k % 162, "elongation": 0.001} for k in range(163)]},
+    "prescribed.table.time: has 1000001 elements; must have at most 1000000": {
+        f"{CRANK}": {"table": {"time": [float(k) for k in range(10**6 + 1)], "speed": [1.0] * (10**6 + 1)}}},
+}  # fmt: skip
+"""Sizes that time grows with, and the one line in which each ends, at once."""
+
+
+@pytest.mark.parametrize("line", SIZES)
+def test_a_size_beyond_all_reason_is_one_line(values, line):
+    for path, value in SIZES[line].items():
+        put(values, path, value)
+    (told,) = errors_of(values)
+    assert line in told
+
+
+def test_very_many_lines_are_counted_behind_the_first(values):
+    put(values, "chain/worn_links", [{"link": 0, "elongation": 0.001} for _ in range(150)])
+    lines = errors_of(values)
+    assert len(lines) == 101  # 149 are of a link that was there before
+    assert lines[-1].endswith("49 more like these")
+
+
 def test_one_sprocket_is_too_few(values):
     values["sprockets"] = values["sprockets"][:1]
     assert errors_of(values)[0].endswith(": must be a list of at least 2 sprockets")

@@ -304,7 +304,7 @@ def test_an_arm_that_nothing_holds_is_told_apart():
 
 
 def test_a_valve_is_shut_or_open(car, capsys):
-    with pytest.raises(SimulationError, match='allowed are "shut" and "open"'):
+    with pytest.raises(SimulationError, match="must be 'shut' or 'open'"):
         modes(car, valve="ajar")
     status, _, (said,) = run(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
     assert status == 2

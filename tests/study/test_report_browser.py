@@ -149,12 +149,24 @@ def test_a_brush_on_an_axis_keeps_its_range(page):
 
 def test_a_box_in_the_scatter_matrix_keeps_two_ranges(page):
     page.clear()
-    left, top, width, height = page.box("#matrix canvas")
+    left, top, width, height = page.box("#matrix canvas:not(.ticks)")
     page.drag((left + 0.2 * width, top + 0.2 * height), (left + 0.7 * width, top + 0.8 * height))
     filters = page.value("warpchain.filters()")
     assert len(filters) == 2
     assert 0 < page.value("warpchain.kept()") < ROWS
     page.clear()
+
+
+def test_the_scatter_matrix_has_ticks(page):
+    """Upright ones beside each row, level ones below each column, where the page's axes of those columns have them."""
+    assert page.value("document.querySelectorAll('#matrix canvas.ticks').length") == 10
+    told = page.value("[...document.querySelectorAll('#matrix canvas.ticks')].map(e => e.getAttribute('aria-label'))")
+    assert sorted(told[:5]) == sorted(told[5:]) and len(set(told)) == 5
+    ticks = dict(words.split(": ") for words in told)
+    assert ticks["law"] == "flores, hunt"
+    assert ticks["tension_max"] == "20, 25, 30, 35, 40"  # kN, of 18 to 42
+    ink = "c => new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer).some(v => v)"
+    assert page.value(f"[...document.querySelectorAll('#matrix canvas.ticks')].every({ink})")
 
 
 def test_a_typed_limit_filters(page):

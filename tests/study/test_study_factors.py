@@ -12,7 +12,7 @@ from study_helpers import STUDY, write_study
 
 from warpchain import load_drive
 from warpchain.errors import StudyError
-from warpchain.study.analysis.sensitivity import best_indices, factors_of_problem, problem_of_factors, surface_indices
+from warpchain.study.analysis.sensitivity import factors_of_problem, problem_of_factors, surface_indices
 from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.design import make_design
 from warpchain.study.design.factor_values import nodes
@@ -21,6 +21,7 @@ from warpchain.study.run import run_study
 from warpchain.study.run.row_drives import placed
 from warpchain.study.spec import check_drive, dumps_study, loads_study
 from warpchain.study.spec.factor import Factor
+from warpchain.study.surrogate.indices import best_indices
 
 HEAD = '[study]\ndrive = "marine"\n[design]\nkind = "{}"\n'
 

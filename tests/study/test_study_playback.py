@@ -49,7 +49,7 @@ class Stream:
 
     def log(self, path, *what, static):
         assert static
-        if path.rsplit("/", 1)[-1].replace("\\ ", " ") in ("variants", "Pareto front", "recorded variants"):
+        if path.rsplit("/", 1)[-1].replace("\\ ", " ") in ("variants", "Pareto front", "best", "recorded variants"):
             self.dots[path] = [str(label) for label in what[0].labels.as_arrow_array().to_pylist()]
 
 
@@ -66,6 +66,17 @@ def test_scatters_hold_every_variant_that_is_ok(study):
     assert len(of_max["recorded variants"]) == 1
     assert of_max["recorded variants"][0].startswith("variant 3: torque = 400, tension_max = ")
     assert any(word.startswith("variant 0:") for word in of_max["Pareto front"])  # the lowest tension
+
+
+def test_objectives_have_panels_whatever_else_is_shown(study):
+    results, _ = study
+    stream = Stream()
+    shown = {"metrics": ("tension_max",), "objectives": {"driven.force_max": "min"}}
+    charts, _ = log_scatters(stream, results, [], **shown)
+    assert [chart.path[-1].split(" ")[0] for chart in charts] == ["driven.force_max", "tension_max"]
+    best = [words for path, words in stream.dots.items() if path.endswith("/best")]
+    least = int(np.argmin(np.where(results.ok, results.values("driven.force_max"), np.inf)))
+    assert [word.split(":")[0] for words in best for word in words] == [f"variant {least}"] * 2
 
 
 def test_recorded_variants_come_from_the_archives(study):
@@ -112,6 +123,33 @@ def test_recording_is_whole_and_alone(study, tmp_path):
     with pytest.raises(StudyError, match="nothing to draw"):
         view_study(read_results(results.table, ["law"]), save=tmp_path / "t.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
+
+
+STUDY = """
+[study]
+drive = "marine"
+[design]
+kind = "sobol"
+count = 5
+[[factors]]
+name = "torque"
+path = "sprockets.camshaft.load.torque"
+range = [100.0, 500.0]
+[[objectives]]
+metric = "driven.force_max"
+"""
+
+
+def test_objectives_of_the_study_file_are_drawn(study, tmp_path, capsys, monkeypatch):
+    results, _ = study
+    export_table(results.table.drop_columns(["archive"]), tmp_path / "results.parquet")
+    (tmp_path / "study.toml").write_text(STUDY)
+    drawn = []
+    monkeypatch.setattr("warpchain.study.report.scatters.view_study", lambda *args: drawn.append(args[-2]))
+    words = ["study", "view", tmp_path, "--save", tmp_path / "s.rrd", "--factor", "torque"]
+    assert command(capsys, *words)[0] == 0
+    assert command(capsys, *words, "--maximize", "tension_mean")[0] == 0
+    assert drawn == [{"driven.force_max": "min"}, {"tension_mean": "max"}]
 
 
 def test_command_saves_a_recording(study, tmp_path, capsys):

@@ -1,5 +1,6 @@
 """The report of a study: one page that a browser shows without a network, and the command that writes it."""
 
+import json
 import re
 import time
 from pathlib import Path
@@ -12,7 +13,9 @@ from view.html_page import Page
 
 from warpchain.errors import StudyError
 from warpchain.study.report import report_html, telling_metrics
+from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import export_table, read_results
+from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.view.html import number, table
 
 FACTORS = ("load.torque", "center.x", "law")
@@ -91,6 +94,76 @@ def test_scatter_without_a_cause_is_called_that():
     rng = np.random.default_rng(0)
     noise = pa.table({"a": rng.random(50), "y": rng.random(50)})
     assert "no factor stands out" in report_html(read_results(noise, ["a"]))
+
+
+def test_scatter_and_effect_are_one_verdict():
+    """y = a b at the corners of a square: neither factor does anything alone, both together all but the scatter."""
+    rng = np.random.default_rng(4)
+    a, b = (np.tile(corner, 10) for corner in ([-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]))
+    table = pa.table({"a": a, "b": b, "y": a * b + 0.15 * rng.standard_normal(40)})
+    words = " ".join(Page(report_html(read_results(table, ["a", "b"]))).words)
+    share = re.search(r"y: (\d+) % of its variance is scatter between equal runs", words).group(1)
+    assert share == "2"
+    verdict = re.search(r"y: from .*?\); (no factor.*?)\.(?!\d)", words).group(1)
+    assert "stands out of the scatter" not in words
+    assert re.fullmatch(
+        r"no factor stands out alone: [ab] explains most, \d %, as chance may with 40 variants, yet scatter between "
+        rf"equal runs makes {share} % of the variance only: the factors act together, or in ways that so few variants "
+        "do not tell",
+        verdict,
+    )
+    # where equal runs scatter as much as others, that is the verdict; where a factor acts, it is
+    cases = {
+        r"no factor stands out: scatter between equal runs makes \d+ %": rng.standard_normal(40),
+        r"a matters most.*; scatter between equal runs makes 2 %": a + 0.15 * rng.standard_normal(40),
+    }
+    for told, y in cases.items():
+        page = report_html(read_results(table.set_column(2, "y", pa.array(y)), ["a", "b"]))
+        assert re.search(told, " ".join(Page(page).words))
+
+
+def test_indices_come_from_the_surrogate_that_the_page_draws():
+    """y = sin(2 pi a) over a from -1 to 1: no quadratic follows it, a Gaussian process does; a makes all of it."""
+    pytest.importorskip("sklearn")
+    rng = np.random.default_rng(5)
+    a, b = rng.uniform(-1.0, 1.0, 60), rng.uniform(-1.0, 1.0, 60)
+    smooth = pa.table({"a": a, "b": b, "y": np.sin(2.0 * np.pi * a), "z": rng.standard_normal(60)})
+    html = report_html(read_results(smooth, ["a", "b"]))
+    sobol = html[html.index('id="sobol"') : html.index('id="extremes"')]
+    assert re.search(r"y: of the Gaussian process of 60 variants \(cross-validated Q² = (0.9|1.0)\d+: it misses", sobol)
+    assert '"title":"y"' in sobol and '"title":"z"' not in sobol
+    # of noise there is no surrogate to be trusted: what is missing, and what would bring it
+    assert "the Gaussian process predicts too badly" in sobol and "0.8 is needed, and 60 variants are there" in sobol
+    assert "raise design.count" in sobol and "--grow" in sobol and "saltelli_table" in sobol
+
+
+def search():
+    """A search's table as made by hand: two rounds of the least y, the best of them, at row 4, beyond the limit."""
+    y = [5.0, 3.0, 4.0, 6.0, 1.0, 2.0, 2.5, 8.0]
+    columns = {"variant": range(8), "a": np.linspace(0.0, 1.0, 8), "law": list("uvuvuvuv"), "y": y}
+    return pa.table(columns | {"w": [0.0] * 4 + [9.0] + [0.0] * 3, "round": [0] * 4 + [1] * 4})
+
+
+def test_a_search_tells_its_history():
+    results = read_results(search(), ["a", "law"], ["y", "w"])
+    wanted = Wanted((Objective(metric="y"),), (Bound(metric="w", max=1.0),))
+    page = Page(report_html(results, wanted=wanted))
+    assert page.sections[:3] == ["summary", "designs", "search"]
+    words = " ".join(page.words)
+    assert "8 variants in 2 rounds, 8 ok, 7 of which keep the limits" in words
+    assert "lowest y: 2 (3 after the design), found at evaluation 6 of 8, round 2" in words
+    (best,), (of_a, of_law) = (json.loads(word) for word in page.words if '"label":"evaluation"' in word)
+    dotted, pale, blue, line = best["series"]
+    assert dotted["x"] == [4.5]  # between the rounds
+    assert (pale["x"], pale["y"]) == ([5], [1.0])
+    assert blue["x"] == [1, 2, 3, 4, 6, 7, 8]
+    assert line["x"] == [1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 7, 8, 8]  # steps
+    assert line["y"] == [5, 5] + 8 * [3] + 5 * [2]
+    drawn = {series["label"]: series["x"] for series in of_a["series"]}
+    assert drawn["recommended"] and sorted(x for some in drawn.values() for x in some) == list(range(1, 9))
+    assert set(drawn["design"]) <= {1, 2, 3, 4} and set(drawn["proposed"]) <= {5, 6, 7, 8}
+    assert of_law["y"]["words"] == ["u", "v"]
+    assert "search" not in Page(report_html(read_results(study(), FACTORS), objectives=OBJECTIVES)).sections
 
 
 def test_telling_metrics_come_first_and_constants_not_at_all():

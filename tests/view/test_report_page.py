@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
 from warpchain.view.figures.sweep import run_up_cuts, telling_orders
 from warpchain.view.report import report_html
+from warpchain.view.report.run_sections import sections
 
 CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}
 RUBBING = {
@@ -48,9 +50,18 @@ def test_the_page_needs_nothing_else(page):
     assert "<script" not in page and all(link.startswith(("data:", "#")) for link in found.links)
     assert sum(link.startswith("data:image/svg+xml;base64,") for link in found.links) >= 12
     assert found.ids == [
-        "summary", "tension", "hubs", "timing", "cycle", "speed", "guides", "friction", "safety", "wear", "probes",
-        "metrics",
+        "summary", "tension", "hubs", "timing", "speed", "guides", "friction", "safety", "wear", "probes", "metrics",
     ]  # fmt: skip
+
+
+def test_a_cycle_of_turns_is_of_drives_where_something_repeats(run):
+    """A drive without harmonics has none; where the load swings with the turns, the section and its link are there."""
+    swinging = run.drives[0].with_values({"sprockets.driven.load.harmonics": [{"order": 1.0, "amplitude": 50.0}]})
+    found = HandedIn(run[0], 0.1, 0.6)
+    names = [section.name for section in sections(found, {}, run)]
+    assert "cycle" not in names
+    again = [section.name for section in sections(HandedIn(replace(run[0], drive=swinging), 0.1, 0.6), {}, run)]
+    assert again == [*names[:4], "cycle", *names[4:]]
 
 
 def test_the_page_tells_the_metrics_in_units_of_engineers(run, page):

@@ -257,12 +257,14 @@ def view(arguments: argparse.Namespace) -> int:
     from warpchain.study.run.recordings import recorded_variants
 
     path, results = _read_table(arguments)
-    recorded = None
+    recorded, study = None, _study_in(path.parent)
     if arguments.variant is not None or "archive" in results.table.column_names:
-        study = _study_in(path.parent)
         worst = None if study is None else study.record.worst
         recorded = recorded_variants(results, path.parent, arguments.variant, worst)
-    view_study(results, recorded, arguments.factor, arguments.metric, _objectives(arguments), arguments.save)
+    objectives = _objectives(arguments)
+    if objectives is None and study is not None and set(study.wanted) <= set(results.table.column_names):
+        objectives = {objective.metric: objective.sense for objective in study.objectives}
+    view_study(results, recorded, arguments.factor, arguments.metric, objectives, arguments.save)
     return 0
 
 

@@ -313,7 +313,11 @@ class Chain(Part):
             text = "missing; must be a positive number; needed without a size"
             yield Problem(("joint", "pin_radius"), None, text, BARE)
         links, seen = get(node, "links"), set()
-        for i, worn in enumerate(elements(node, "worn_links")):
+        listed = elements(node, "worn_links")
+        if numbers(links) and len(listed) > links:
+            yield Problem(("worn_links",), None, f"has {len(listed)} elements; the chain has {links} links", BARE)
+            listed = []
+        for i, worn in enumerate(listed):
             link = get(worn, "link")
             if numbers(link, links) and link >= links:
                 yield Problem(("worn_links", i, "link"), link, f"must be below the number of links, {links}")

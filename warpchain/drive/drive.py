@@ -18,7 +18,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
-from warpchain.arguments import checked
+from warpchain.arguments import Index, among, checked
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
@@ -32,6 +32,8 @@ from warpchain.drive.csv_files import with_files
 from warpchain.drive.drive_rules import (
     PLACES,
     arm_rules,
+    count_rules,
+    face_rules,
     guide_rules,
     name_rules,
     place_rules,
@@ -61,6 +63,7 @@ from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
 
 RULES = (
+    count_rules,
     sprocket_rules,
     name_rules,
     place_rules,
@@ -69,16 +72,19 @@ RULES = (
     rolling_rules,
     size_rules,
     profile_rules,
+    face_rules,
     arm_rules,
     tensioner_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
+FACES = ("start", "end", "points", "radius", "arcs", "profile", "end_radius")
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
     size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
+    face_rules: {"chain.pitch", *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
@@ -160,15 +166,18 @@ class Drive(Part):
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
+    @among("sprockets", DriveError)
     def sprocket_pitch(self, s: int) -> float:
         """Pitch of the teeth of sprocket s [m]: its own, or else the chain's."""
         own = self.sprockets[s].pitch
         return self.chain.pitch if own is None else own
 
+    @among("sprockets", DriveError)
     def pitch_radius(self, s: int) -> float:
         """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
         return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
 
+    @among("sprockets", DriveError)
     def riding_radius(self, s: int) -> float:
         """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
 
@@ -183,6 +192,7 @@ class Drive(Part):
         over_both = sqrt(power(inner, 2) + power(outer, 2) + 2.0 * inner * outer * math.cos(2.0 * half))
         return where(inner == outer, alone, largest(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
+    @among("sprockets", DriveError)
     def riding_lean(self, s: int) -> float:
         """Angle [rad] by which outer links on sprocket s reach beyond a tooth at either end, and inner ones fall short.
 
@@ -196,6 +206,7 @@ class Drive(Part):
         lean = 0.5 * (arcsin(0.5 * outer / radius) - arcsin(0.5 * inner / radius))
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
+    @among("sprockets", DriveError)
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""
         contact, radius, teeth = self.contact.sprocket, self.chain.roller_radius, self.sprockets[s].teeth
@@ -213,14 +224,17 @@ class Drive(Part):
             tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
         )
 
+    @among("sprockets", DriveError)
     def seat_angle(self, s: int) -> float:
         """Angle of the seat arc of sprocket s [rad]."""
         return self.tooth(s).seat_angle
 
+    @among("sprockets", DriveError)
     def tip_radius(self, s: int) -> float:
         """Radius at which the teeth of sprocket s end [m]."""
         return self.tooth(s).tip_radius
 
+    @among("sprockets", DriveError)
     def engagement(self, s: int) -> float:
         """Distance from the pitch circle of sprocket s within which it keeps rollers [m]: half a pitch, or to the tips.
 
@@ -236,36 +250,43 @@ class Drive(Part):
         angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
         return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
 
+    @among("guides", DriveError)
     def guide_contact(self, g: int) -> GuideContact:
         """Contact of guide-bar g: the common settings with the bar's own put over them."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged(common, own))
 
+    @among("guides", DriveError)
     def profile(self, g: int) -> Profile:
         """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.face_profile`)."""
         profile = guide_profile(self.guides[g], self.chain.pitch)
         assert profile is not None  # the guide's own rules
         return profile
 
+    @among("guides", DriveError)
     def guide_offset(self, g: int) -> float:
         """Height of a touching roller's center over the face of guide g [m]: its own, or the rollers' radius."""
         own = self.guides[g].offset
         return self.chain.roller_radius if own is None else own
 
+    @checked(DriveError)
     def arm_index(self, name: str) -> int | None:
         """Index of the arm of a name; None if there is none."""
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
+    @among("guides", DriveError)
     def arm_of(self, g: int) -> int | None:
         """Index of the arm that carries guide g; None on the ground."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
+    @among("arms", DriveError)
     def guides_of(self, a: int) -> tuple[int, ...]:
         """Indices of the guides that arm a carries."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
+    @among("arms", DriveError)
     def arm_lever(self, a: int) -> float:
         """Largest distance of chain from the pivot of arm a [m]; without guides, that of its center of mass."""
         px, py = self.arms[a].pivot
@@ -274,25 +295,30 @@ class Drive(Part):
         beside = self.arms[a].center_radius
         return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 
+    @among("arms", DriveError)
     def stop_stiffness(self, a: int) -> float:
         """Stiffness of the stops of arm a [N m/rad]: its own, or what `arms.stop_stiffness` chooses."""
         return stop_stiffness(self.arms[a], self.arm_lever(a), self.chain.stiffness, self.chain.mass)
 
+    @among("arms", DriveError)
     def stop_damping(self, a: int) -> float:
         """Damping of the stops of arm a [N m s/rad]: its own, or half the critical one."""
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
+    @among("arms", DriveError)
     def arm_inertia(self, a: int) -> float:
         """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
         body = len(self.sprockets) + a
         return self.arms[a].inertia + self.plunger_mass_on(body)
 
-    def plunger_mass_on(self, body: int) -> float:
+    @checked(DriveError)
+    def plunger_mass_on(self, body: Index) -> float:
         """Mass that the plungers on a body add to it [kg], or inertia that they add to an arm [kg m^2]."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
         return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)
 
+    @among("tensioners", DriveError)
     def tensioner_lever(self, t: int) -> float:
         """Lever of tensioner t about its arm's pivot as drawn [m]; 1 on a sprocket, which it only shifts."""
         tensioner = self.tensioners[t]
@@ -303,6 +329,7 @@ class Drive(Part):
         px, py = self.arms[arm].pivot
         return (x - px) * dy - (y - py) * dx
 
+    @among("tensioners", DriveError)
     def tensioner_body(self, t: int) -> int:
         """The body that tensioner t pushes: a sprocket's index, or S + the arm's."""
         name = self.tensioners[t].on
@@ -311,6 +338,7 @@ class Drive(Part):
             return len(self.sprockets) + arm
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
+    @among("sprockets", DriveError)
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
@@ -324,6 +352,7 @@ class Drive(Part):
         tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
+    @among("guides", DriveError)
     def guide_stiffness(self, g: int) -> float:
         """Generalized stiffness of the contact of rollers with guide-bar g [N/m^n], given or from materials (eq. (20)).
 

@@ -143,6 +143,44 @@ def place_rules(drive: Any) -> Iterator[Problem]:
                     yield problem.under(kind, i)
 
 
+MOST_PARTS = 256
+"""Most parts of a kind: time and memory grow with them."""
+MOST_PIECES = 1000
+"""Most arcs and straight pieces of all faces together, rounded ends too: every roller is held against each."""
+LONGEST_FACE = 20_000
+"""Longest face, rounded ends too, in pitches: it is followed pitch by pitch."""
+
+
+def count_rules(drive: Any) -> Iterator[Problem]:
+    """No kind of part is there beyond all reason."""
+    for kind in NAMED:
+        count = len(elements(drive, kind))
+        if count > MOST_PARTS:
+            yield Problem((kind,), None, f"has {count} elements; must have at most {MOST_PARTS}", BARE)
+
+
+def face_rules(drive: Any) -> Iterator[Problem]:
+    """No face is longer, and no faces have more pieces, than can be worked through."""
+    chain = valid(Chain, get(drive, "chain"))
+    guides = elements(drive, "guides")
+    if chain is None or len(guides) > MOST_PARTS:
+        return
+    longest, count = LONGEST_FACE * chain.pitch, 0
+    for g, guide in enumerate(guides):
+        profile = guide_profile(guide, chain.pitch)
+        if profile is None:
+            continue
+        count += len(profile.pieces)
+        length = sum(piece.length for piece in profile.pieces)
+        if length > longest:
+            text = f"its face is {length:.4g} m long; must be at most {longest:.4g} m, {LONGEST_FACE} pitches"
+            yield Problem(("guides", g), None, text, BARE)
+        if count > MOST_PIECES:
+            text = f"its face has {len(profile.pieces)} pieces; all faces together must have at most {MOST_PIECES}"
+            yield Problem(("guides", g), None, text, BARE)
+            return
+
+
 def profile_rules(drive: Any) -> Iterator[Problem]:
     """No face bends within a pitch: links cannot follow it."""
     chain = valid(Chain, get(drive, "chain"))

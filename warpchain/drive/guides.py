@@ -60,6 +60,9 @@ Measured = Annotated[
 SMALLEST, LARGEST = 1e-9, 1e9
 """Radii beyond are mistakes [m]."""
 
+MOST_POINTS = 2000
+"""Most points or arcs of a face: what is fitted to wild points takes as long as their square."""
+
 SHAPES = ("points", "arcs", "profile")
 """Keys that give a face another shape than that of a bar from start to end."""
 
@@ -197,10 +200,13 @@ def _face_rules(node: Any) -> Iterable[Problem]:
     far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
            for problem in too_far((key, i), point)]  # fmt: skip
     yield from far
+    many = [(key, count) for key in SHAPES if (count := len(elements(node, key))) > MOST_POINTS]
+    for key, count in many:
+        yield Problem((key,), None, f"has {count} elements; must have at most {MOST_POINTS}", BARE)
     yield from _round(node, "end_radius")
     yield from _round(node, "radius")
     shapes = [key for key in SHAPES if elements(node, key)]
-    if len(shapes) == 1 and not far and get(node, "start") is None and get(node, "end") is None:
+    if len(shapes) == 1 and not (far or many) and get(node, "start") is None and get(node, "end") is None:
         yield from _shape_rule(node, shapes[0])
 
 
@@ -219,6 +225,8 @@ def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:
 
 def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
     """The way a guide's face is given and its values; a None where they are not whole."""
+    if any(len(elements(node, key)) > MOST_POINTS for key in SHAPES):
+        return None, ()
     for key in ("points", "profile"):
         if get(node, key) is not None:
             rows = _plain_points(get(node, key))

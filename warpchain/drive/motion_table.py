@@ -23,6 +23,9 @@ Factor = Finite
 TURN_TOLERANCE = 1e-3
 """Revolutions by which the angles of a table may miss a whole number: they are rounded in files."""
 
+MOST_ROWS = 1_000_000
+"""Most rows of a table."""
+
 HEADS = {
     "time": ("time", 1.0),
     "angle": ("angle", 1.0),
@@ -87,6 +90,9 @@ class Table(Part):
         values = elements(node, cls._quantity)
         for key in given:
             over = elements(node, key)
+            if len(over) > MOST_ROWS:
+                yield Problem((key,), None, f"has {len(over)} elements; must have at most {MOST_ROWS}", BARE)
+                return
             if not (numbers(*over) and numbers(*values)) or len(over) < 2:
                 return
             if len(values) != len(over):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from warpchain.arguments import Count, NonNegativeNumber, checked
 from warpchain.assembly.frequencies import Order, orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
@@ -102,8 +103,12 @@ class Campbell:
         return result
 
 
+@checked(SimulationError)
 def campbell(
-    drive: Drive, speeds: Sequence[float], count: int = 20, report: Callable[[int, int], None] | None = None
+    drive: Drive,
+    speeds: Sequence[NonNegativeNumber],
+    count: Count = 20,
+    report: Callable[[int, int], None] | None = None,
 ) -> Campbell:
     """The modes of a drive over speed.
 
@@ -116,8 +121,8 @@ def campbell(
         DriveError: a chain that does not fit.
         SimulationError: speeds that do not ascend, or a drive that does not settle at one of them; one line.
     """
-    if len(speeds) < 2 or speeds[0] < 0.0 or not (np.diff(speeds) > 0.0).all():
-        raise SimulationError("speeds: must be at least two, ascending, of at least 0")
+    if len(speeds) < 2 or not (np.diff(speeds) > 0.0).all():
+        raise SimulationError("speeds: must be at least two, ascending")
     found: list[System] = []
     shown: list[Modes] = []
     frequency, ratio = np.full((2, len(speeds), count), np.nan)

@@ -15,8 +15,9 @@ each and one at infinity, which is left out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy.linalg
@@ -24,10 +25,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
+from warpchain.arguments import Count, Index, NonNegativeNumber, checked
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import VALVES, System, system
+from warpchain.modal.system import System, system
 from warpchain.modal.tensioner_modes import plungers, stand
 
 WHOLE = 120
@@ -152,12 +154,21 @@ class Modes:
     def __len__(self) -> int:
         return len(self.eigenvalue)
 
-    def first(self, count: int) -> Modes:
+    @checked(SimulationError)
+    def first(self, count: Count) -> Modes:
         """The first of the modes."""
         return self.chosen(np.arange(min(count, len(self))))
 
-    def chosen(self, which: NDArray[np.integer]) -> Modes:
-        """The modes of these indices."""
+    @checked(SimulationError)
+    def chosen(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
+        """The modes of these indices.
+
+        Raises:
+            SimulationError: one that there is not.
+        """
+        which = np.asarray(which, dtype=np.int64)
+        if len(which) and not which.max() < len(self):
+            raise SimulationError(f"which: {which.max()} is none of the {len(self)} modes (from 0)")
         kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
@@ -174,7 +185,10 @@ PER_MODE = (*MOVING, "stroke", "pressure", "stored", "lost")
 """Fields of `Modes` that have a row for each mode."""
 
 
-def modes(drive: Drive, count: int = 20, speed: float = 0.0, valve: str = "shut") -> Modes:
+@checked(SimulationError)
+def modes(
+    drive: Drive, count: Count = 20, speed: NonNegativeNumber = 0.0, valve: Literal["shut", "open"] = "shut"
+) -> Modes:
     """The lowest modes of a drive.
 
     Args:
@@ -187,10 +201,8 @@ def modes(drive: Drive, count: int = 20, speed: float = 0.0, valve: str = "shut"
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle, or another word for `valve`; one line.
+        SimulationError: a drive that does not settle, or an argument that is not allowed; one line.
     """
-    if valve not in VALVES:
-        raise SimulationError(f'valve = {valve!r}: allowed are "shut" and "open"')
     return modes_of(system(drive, speed, valve=valve), count)
 
 

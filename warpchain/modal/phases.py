@@ -12,14 +12,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from warpchain.arguments import Count, NonNegativeNumber, checked
 from warpchain.drive import Drive
+from warpchain.errors import SimulationError
 from warpchain.modal.campbell import SPARE, Campbell, campbell, matched
 from warpchain.modal.matrices import Array
 from warpchain.modal.system import system
 
 
+@checked(SimulationError)
 def over_a_pitch(
-    drive: Drive, speeds: Sequence[float], count: int, phases: int = 4, report: Callable[[int, int], None] | None = None
+    drive: Drive,
+    speeds: Sequence[NonNegativeNumber],
+    count: Count,
+    phases: Count = 4,
+    report: Callable[[int, int], None] | None = None,
 ) -> tuple[Campbell, Array]:
     """Modes over speed, their frequencies and damping ratios averaged over a tooth pitch.
 

@@ -98,7 +98,6 @@ class System:
     travel: sp.csc_array
 
 
-VALVES = ("shut", "open")
 NEAR = 1.0
 """Change of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
 

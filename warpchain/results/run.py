@@ -57,7 +57,8 @@ class Record:
     def __post_init__(self) -> None:
         check_names("record.channels", self.channels)
 
-    def indices(self, variants: int) -> tuple[int, ...]:
+    @checked(SimulationError)
+    def indices(self, variants: Index) -> tuple[int, ...]:
         """The recorded variants of an ensemble of `variants`, ascending."""
         if isinstance(self.variants, str):
             return tuple(range(variants)) if self.variants == "all" else ()
@@ -138,8 +139,17 @@ class Trajectory:
         held = {name: getattr(self, name) for name in NAMES}
         return {name: values for name, values in held.items() if values is not None}
 
-    def at(self, frames: slice | NDArray[Any]) -> Trajectory:
-        """The trajectory at some of its frames."""
+    @checked(SimulationError)
+    def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
+        """The trajectory at some of its frames: a slice, their numbers, or whether each is one (F,).
+
+        Raises:
+            SimulationError: a frame that there is not.
+        """
+        try:
+            self.time[frames]
+        except (IndexError, TypeError) as error:
+            raise SimulationError(f"frames of a trajectory of {len(self.time)}: {error}") from None
         held = {name: values[frames] for name, values in self.channels().items()}
         return Trajectory(self.drive, self.time[frames], **held)
 

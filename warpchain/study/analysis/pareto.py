@@ -80,10 +80,10 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
     Args:
         results: the study's results; only variants that are ok and have all the metrics compete.
-        objectives: "min" or "max" by metric, at least two.
+        objectives: "min" or "max" by metric; the front of one is the best row, and those that equal it.
 
     Raises:
-        StudyError: fewer than two objectives, an unknown sense or column, or no variant that has them all.
+        StudyError: no objective, an unknown sense or column, or no variant that has them all.
     """
     rows, costs = _competing(results, objectives)
     front = non_dominated(costs)
@@ -92,8 +92,8 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 def _competing(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Rows that compete, and their costs, all to be small."""
-    if len(objectives) < 2:
-        raise StudyError(f"objectives: {len(objectives)} given, a front needs at least 2")
+    if not objectives:
+        raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)
     costs = np.stack([SENSES[sense] * results.values(metric) for metric, sense in objectives.items()], axis=1)
     rows = np.flatnonzero(results.ok & np.isfinite(costs).all(axis=1))

@@ -1,8 +1,9 @@
 """Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
 
-Two ways lead to them. A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without a
-model, by SALib's estimators (Saltelli et al. 2010). Any other design gives those of its response surface, exactly: with
-independent factors of any distribution, m_i the mean of x_i and v_i its variance, each factor alone does
+Three ways lead to them. A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without
+a model, by SALib's estimators (Saltelli et al. 2010). Any other design gives those of a Gaussian process
+(`study.surrogate.indices`), or those of its response surface, exactly: with independent factors of any distribution,
+m_i the mean of x_i and v_i its variance, each factor alone does
 
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   and two together   V_ij = b_ij^2 v_i v_j,     (a)
 
@@ -23,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.surface import TRUSTED, Surface, fit_surface
+from warpchain.study.analysis.surface import Surface
 from warpchain.study.design.factor_values import log_moments, nodes
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
@@ -200,33 +201,6 @@ def saltelli_block(results: Results, factors: Sequence[str]) -> int:
         if np.allclose(blocks[:, 1 : count + 1], mixed, rtol=1e-12, atol=0.0):
             return block
     return 0
-
-
-def best_indices(results: Results, metric: str) -> tuple[Indices, str]:
-    """Sobol' indices by the better way there is, and which that is, in words.
-
-    Raises:
-        StudyError: neither a Saltelli design nor a surface that can be trusted.
-    """
-    if saltelli_block(results, results.independent_factors()):
-        found = sobol_indices(results, metric)
-        lost = f", {found.dropped} left out with blocks that did not end well" if found.dropped else ""
-        return found, f"by a Saltelli design of {found.rows} variants{lost}; bars are 95 % intervals"
-    surface = fit_surface(results, metric)
-    if not surface.trusted:
-        raise StudyError(
-            f"Sobol' indices of {metric!r}: the response surface predicts too badly "
-            f"(predicted R\u00b2 = {surface.r2_predicted:.2f}, {TRUSTED} needed); run a Saltelli design"
-        )
-    known = [factor for factor in surface.factors if results.distribution(factor) is not None]
-    how = f"{', '.join(known)} distributed as in the study, the others" if known else "factors"
-    how = (
-        "factors distributed as in the study"
-        if len(known) == len(surface.factors)
-        else f"{how} uniform over their range"
-    )
-    words = f"of the response surface (predicted R\u00b2 = {surface.r2_predicted:.3f}), {how}; bars are 95 % intervals"
-    return surface_indices(surface, results), words
 
 
 def sobol_indices(

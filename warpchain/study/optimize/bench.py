@@ -12,9 +12,9 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from warpchain.arguments import Count, Workers, checked
+from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
@@ -117,6 +117,7 @@ class Bench:
         """The rows of the study's design, values by factor."""
         return list(make_design(self.study, self.source).select(self.factors).to_pylist())
 
+    @checked(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
         """The drives of rows, adjusted so that they fit.
 
@@ -134,12 +135,14 @@ class Bench:
         build(self.study, self.drive, variants)
         return variants
 
+    @checked(StudyError)
     def digests(self, design: pa.Table) -> list[str | None]:
         """Identity of each row of a design; None of one that gives no drive."""
         common = json.dumps({**settings_of(self.study), "warpchain": installed()}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
+    @checked(StudyError)
     def evaluate(self, rows: Rows, progress: Report = False) -> pa.Table:
         """Runs rows, those whose drive was not run yet.
 
@@ -161,7 +164,8 @@ class Bench:
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
             return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
 
-    def round(self, number: int, rows: Rows, progress: Report = False) -> pa.Table:
+    @checked(StudyError)
+    def round(self, number: Index, rows: Rows, progress: Report = False) -> pa.Table:
         """Runs rows as a round of the folder, or reads what that round gave.
 
         Raises:
@@ -216,12 +220,14 @@ class Bench:
             table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
+    @checked(StudyError)
     def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> Folder:
         """A folder for rows of a study like this one, such as one that records them."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
 
+    @checked(StudyError)
     def run_table(self, folder: Folder, progress: Report = False) -> pa.Table:
         """Runs what is left of a folder; returns its table."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
@@ -237,6 +243,7 @@ class Bench:
         results = read_results(table, self.factors)
         return with_recorded_objectives(results, place).table if results.ok.any() else table
 
+    @checked(StudyError)
     def learn(self, folder: str | os.PathLike[str]) -> int:
         """Takes rows that another study of the same drive and runs has run as known; returns how many.
 
@@ -276,6 +283,7 @@ class Bench:
         """Names of the factors of the results: all but hidden ones."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
+    @checked(StudyError)
     def remember(self, table: pa.Table) -> None:
         """Takes a table's rows as known."""
         for k, digest in enumerate(table[DIGEST].to_pylist()):
@@ -295,7 +303,10 @@ class Bench:
         rounds = rounds_done(self.folder)
         return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown)
 
-    def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
+    @checked(StudyError)
+    def surrogate(
+        self, metric: str, kind: Literal["gaussian", "quadratic"] = "gaussian", logarithm: bool = False
+    ) -> Surrogate:
         """A model of a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
         return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
 
@@ -306,10 +317,12 @@ class Bench:
             self._optimizer = Optimizer(self.study, str(self.source))
         return self._optimizer
 
-    def ask(self, count: int | None = None) -> list[dict[str, Any]]:
+    @checked(StudyError)
+    def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
         """The next rows to run; see `Optimizer.ask`."""
         return self.optimizer.ask(count)
 
+    @checked(StudyError)
     def observe(self, table: pa.Table) -> None:
         """Adds results of rows to the search; see `Optimizer.observe`."""
         self.optimizer.observe(table)

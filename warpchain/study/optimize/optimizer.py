@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.arguments import Count, checked
 from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import Measured, goals_of
 from warpchain.study.design import make_design
@@ -103,7 +104,8 @@ class Optimizer:
         """Number of rows whose results are known."""
         return sum(table.num_rows for table in self._tables)
 
-    def ask(self, count: int | None = None) -> list[dict[str, Any]]:
+    @checked(StudyError)
+    def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
         """The next rows, values by factor: the study's design first, then what the engine proposes.
 
         Args:
@@ -120,6 +122,7 @@ class Optimizer:
         seed = int(np.random.SeedSequence([self.settings.seed, self.observed]).generate_state(1)[0])
         return self.cube.rows(propose(self.cube, measured, points, count or self.settings.batch, seed))
 
+    @checked(StudyError)
     def observe(self, table: pa.Table) -> None:
         """Takes results of rows: factors, the goals' metrics, `METRIC_se` where known, `status` where not all are ok.
 

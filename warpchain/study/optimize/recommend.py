@@ -7,22 +7,19 @@ limit is kept. Only rows that were run and ended well are recommended: each can 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.progress import look_for_stop
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
-from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.results import Array, Results
-from warpchain.study.surrogate import fit_surrogate
+from warpchain.study.surrogate import best_surrogate
 
 SURE = 0.95
 """Probability of keeping all limits from which a row counts as keeping them."""
-PROCESS_ROWS = 300
-"""Of more variants, a quadratic surface that predicts well is taken before a process, which takes long."""
 
 
 @dataclass(frozen=True)
@@ -67,19 +64,12 @@ def believed(results: Results, metric: str) -> Believed:
     values, rows = results.values(metric), results.rows_for(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
-    many = rows.sum() > PROCESS_ROWS
-    for kind, least in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", 0.0), ("quadratic", 0.0)):
-        look_for_stop()
-        try:
-            found = fit_surrogate(results, metric, kind)
-        except StudyError:
-            continue
-        if found.cross_validated().q2 < least:
-            continue  # at 0 no better than the mean of all rows
+    with suppress(StudyError):
+        found = best_surrogate(results, metric, 0.0)  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
         taken = rows & results.rows_for(metric, found.factors)
         mean[taken], deviation[taken] = found.predict(results.table.filter(taken))
-        return Believed(mean, deviation, f"{kind} surrogate of {found.rows} variants")
+        return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
     return Believed(np.where(rows, values, np.nan), scatter, "as measured; no surrogate predicts it")
 

@@ -34,6 +34,7 @@
     for (let k = Math.ceil(low / wide - 1e-9); k * wide <= high + 1e-9 * wide; k++) found.push(Number((k * wide).toPrecision(12)));
     return found;
   };
+  const marksOf = (c, most) => (c.words ? c.words.map((word, n) => [n, word]) : ticks(c.low, c.high, most).map((v) => [v, plain(v)]));
   const extent = (lists) => {
     let low = Infinity, high = -Infinity;
     for (const list of lists) for (const v of list) if (finite(v)) { if (v < low) low = v; if (v > high) high = v; }
@@ -273,8 +274,7 @@
         pen.font = "10px system-ui, sans-serif";
         pen.textAlign = i === list.length - 1 ? "right" : "left";
         const side = i === list.length - 1 ? -5 : 5;
-        const marks = c.words ? c.words.map((w, n) => [n, w]) : ticks(c.low, c.high, 5).map((v) => [v, plain(v)]);
-        for (const [v, word] of marks) {
+        for (const [v, word] of marksOf(c, 5)) {
           pen.strokeStyle = "rgba(255,255,255,0.85)"; pen.lineWidth = 3; pen.strokeText(word, px + side, up(c, v) + 3);
           pen.fillText(word, px + side, up(c, v) + 3);
         }
@@ -296,10 +296,11 @@
   };
 
   // ------------------------------------------------------------------------------------------------ scatters
+  const PAD = 8, FEW = 4;  // margin of a scatter without words at its edge, and ticks along it
   const scatter = (parent, size, across, upward, options) => {
     const { canvas, pen, spot } = canvasOf(parent, size[0], size[1]);
     if (options.id) canvas.id = options.id;
-    const left = options.edge ? 58 : 8, bottom = options.edge ? size[1] - 38 : size[1] - 8, top = 8, right = size[0] - 8;
+    const left = options.edge ? 58 : PAD, bottom = size[1] - (options.edge ? 38 : PAD), top = PAD, right = size[0] - PAD;
     const cx = () => columns[across()], cy = () => columns[upward()];
     const ax = (v) => left + ((v - cx().low) / (cx().high - cx().low || 1)) * (right - left);
     const ay = (v) => bottom - ((v - cy().low) / (cy().high - cy().low || 1)) * (bottom - top);
@@ -311,12 +312,17 @@
       pen.clearRect(0, 0, size[0], size[1]);
       pen.strokeStyle = "#c9d1d8"; pen.lineWidth = 1; pen.strokeRect(left, top, right - left, bottom - top);
       pen.fillStyle = INK; pen.font = "10px system-ui, sans-serif";
-      if (options.edge) {
+      if (!options.edge) {
+        pen.strokeStyle = "#8a96a1"; pen.beginPath();
+        for (const [v] of marksOf(cx(), FEW)) { pen.moveTo(ax(v), bottom); pen.lineTo(ax(v), bottom - 4); }
+        for (const [v] of marksOf(cy(), FEW)) { pen.moveTo(left, ay(v)); pen.lineTo(left + 4, ay(v)); }
+        pen.stroke();
+      } else {
         pen.textAlign = "center";
-        for (const [v, w] of cx().words ? cx().words.map((word, n) => [n, word]) : ticks(cx().low, cx().high, 5).map((t) => [t, plain(t)])) pen.fillText(w, ax(v), bottom + 13);
+        for (const [v, w] of marksOf(cx(), 5)) pen.fillText(w, ax(v), bottom + 13);
         pen.fillText(cx().name + (cx().unit ? ` [${cx().unit}]` : ""), (left + right) / 2, size[1] - 8);
         pen.textAlign = "right";
-        for (const [v, w] of cy().words ? cy().words.map((word, n) => [n, word]) : ticks(cy().low, cy().high, 5).map((t) => [t, plain(t)])) pen.fillText(w, left - 5, ay(v) + 3);
+        for (const [v, w] of marksOf(cy(), 5)) pen.fillText(w, left - 5, ay(v) + 3);
         pen.save(); pen.translate(11, (top + bottom) / 2); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.fillText(cy().name + (cy().unit ? ` [${cy().unit}]` : ""), 0, 0); pen.restore();
       }
       const r = count > 4000 ? 0.9 : count > 600 ? 1.3 : 2;
@@ -365,16 +371,33 @@
     views.push(draw);
     return draw;
   };
-  const matrix = (parent) => {
-    const grid = html("div", parent, null, "matrix"), n = crossed.length;
-    grid.id = "matrix";
-    grid.style.gridTemplateColumns = `repeat(${n}, minmax(0, 1fr))`;
-    const side = Math.floor(1100 / n);
-    for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) {
-      const cell = html("div", grid);
-      if (i === j) html("b", cell, columns[crossed[i]].name + (columns[crossed[i]].unit ? ` [${columns[crossed[i]].unit}]` : ""));
-      else scatter(cell, [side, Math.round(side * 0.72)], () => crossed[j], () => crossed[i], {});
+  const scale = (parent, size, c, upright) => {  // the ticks of a row or column of scatters
+    const { canvas, pen } = canvasOf(parent, size[0], size[1]), marks = marksOf(c, FEW);
+    canvas.className = "ticks";
+    canvas.setAttribute("aria-label", `${c.name}: ${marks.map(([, word]) => word).join(", ")}`);
+    pen.fillStyle = INK; pen.font = "10px system-ui, sans-serif"; pen.textAlign = upright ? "right" : "center";
+    const room = upright ? size[0] - 4 : size[0] / marks.length;
+    for (const [v, word] of marks) {
+      const part = (v - c.low) / (c.high - c.low || 1);
+      if (upright) pen.fillText(word, size[0] - 2, size[1] - PAD - part * (size[1] - 2 * PAD) + 3, room);
+      else pen.fillText(word, PAD + part * (size[0] - 2 * PAD), 11, room);
     }
+  };
+  const matrix = (parent) => {
+    const grid = html("div", parent, null, "matrix"), n = crossed.length, edge = 44;
+    const side = Math.floor((1100 - edge) / n), high = Math.round(side * 0.72);
+    grid.id = "matrix";
+    grid.style.gridTemplateColumns = `minmax(0, ${edge}fr) repeat(${n}, minmax(0, ${side}fr))`;
+    for (let i = 0; i < n; i++) {
+      scale(html("div", grid), [edge, high], columns[crossed[i]], true);
+      for (let j = 0; j < n; j++) {
+        const cell = html("div", grid);
+        if (i === j) html("b", cell, columns[crossed[i]].name + (columns[crossed[i]].unit ? ` [${columns[crossed[i]].unit}]` : ""));
+        else scatter(cell, [side, high], () => crossed[j], () => crossed[i], {});
+      }
+    }
+    html("div", grid);
+    for (let j = 0; j < n; j++) scale(html("div", grid), [side, 16], columns[crossed[j]], false);
   };
 
   // ------------------------------------------------------------------------------------------------ controls, lists

@@ -45,7 +45,7 @@ def view_study(
         recorded: trajectories to play, by the study's variant (see `study.run.recordings.recorded_variants`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
-        objectives: "min" or "max" by metric: marks the Pareto front.
+        objectives: "min" or "max" by metric, which are drawn too: marks the Pareto front, of one objective the best.
         save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
 
     Raises:
@@ -122,15 +122,18 @@ def log_scatters(
     Raises:
         StudyError: an unknown column, or no factor or metric that varies.
     """
-    across = tuple(factors) or _most_telling(results)
-    up = tuple(metrics) or telling_metrics(results)[:METRICS]
+    wanted = tuple(objectives or ())
+    set_ones = [name for name in wanted if name in results.factors]
+    across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _most_telling(results)))))
+    measured = [name for name in wanted if name not in results.factors]
+    up = tuple(dict.fromkeys((*measured, *(tuple(metrics) or telling_metrics(results)[:METRICS]))))
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
     played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
         Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
-        Dots("Pareto front", BEST, 4.0, np.setdiff1d(front, played)),
+        Dots("Pareto front" if len(wanted) > 1 else "best", BEST, 4.0, np.setdiff1d(front, played)),
         Dots("recorded variants", SHOWN, 5.0, played),
     ]
     charts = [

@@ -13,9 +13,10 @@ from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
-from warpchain.study.analysis.pure_error import pure_error, repeats, scatter_share
-from warpchain.study.analysis.sensitivity import Indices, best_indices
+from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
+from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.optimize.bench import ROUND
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
     Wanted,
@@ -26,9 +27,11 @@ from warpchain.study.report.decisions import (
     rows_table,
     wanted_of,
 )
+from warpchain.study.report.search_history import search_section
 from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.store import write_text
-from warpchain.study.surrogate import Surrogate, fit_surrogate
+from warpchain.study.surrogate import Surrogate, best_surrogate
+from warpchain.study.surrogate.indices import best_indices
 from warpchain.view import html
 
 if TYPE_CHECKING:
@@ -53,8 +56,6 @@ SHOWN = 6
 """Most metrics that a report shows in figures where none are named."""
 EXTREMES = 3
 """Variants listed at each end of a metric."""
-PROCESS_ROWS = 300
-"""Most variants that figures are drawn from a Gaussian process for: of more, a quadratic surface will do."""
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
@@ -97,14 +98,18 @@ def report_html(
     chosen = wanted.goals.senses or {metric: "min" for metric in shown[:2]}
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
     effects = {metric: main_effects(results, metric) for metric in enough}
+    chances = {metric: scatter_share(results, metric) for metric in enough}
+    summary = _summary(results, effects, chances, notes or {})
     ends = ends_section(results)
     if not enough:
         few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
-        return panels.report_page(title, [_summary(results, effects, notes or {}), _inputs(results), ends, few])
+        return panels.report_page(title, [summary, _inputs(results), ends, few])
     designs, recommended = designs_section(results, wanted)
+    surrogates = _surrogates(results, enough)
     sections = [
-        _summary(results, effects, notes or {}),
+        summary,
         designs,
+        search_section(results, wanted, recommended),
         front_section(results, chosen, not wanted.goals.senses),
         html.section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
         _inputs(results),
@@ -115,10 +120,10 @@ def report_html(
             panels.chart(panels.distributions(results, enough), "histograms of the metrics"),
             _spread(results, enough),
         ),
-        _effects(results, effects),
+        _effects(results, effects, chances),
         _correlation(results, shown),
-        _surfaces(results, enough),
-        _sobol(results, enough),
+        _surfaces(results, surrogates),
+        _sobol(results, surrogates, wanted.folder),
         _extremes(results, enough),
     ]
     data = rows_data(results, shown, _telling_factors(effects), chosen, wanted, recommended)
@@ -141,38 +146,68 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
     return sorted(weight, key=lambda name: -weight[name])
 
 
-def _summary(results: Results, effects: Mapping[str, list[Effect]], notes: Mapping[str, str]) -> html.Section:
+def _summary(
+    results: Results,
+    effects: Mapping[str, list[Effect]],
+    chances: Mapping[str, float | None],
+    notes: Mapping[str, str],
+) -> html.Section:
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
         f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in STATUSES
     )
-    lines = [_verdict(results, metric, found) for metric, found in effects.items()]
+    lines = [
+        f"{_range(results, metric)}; {_verdict(results, metric, found, chances[metric])}"
+        for metric, found in effects.items()
+    ]
     noted = html.table(("about the study", ""), list(notes.items())) if notes else ""
     return html.section("summary", "In short", boxes + "</div>", html.bullets(lines) if lines else "", noted)
 
 
-def _verdict(results: Results, metric: str, effects: list[Effect]) -> str:
-    """One line on a metric: its range, and the factor that matters most."""
+def _range(results: Results, metric: str) -> str:
+    """The least and the most of a metric, and the variants that have them."""
     rows = np.flatnonzero(results.rows_for(metric))
     values, unit = results.values(metric)[rows], results.unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
-    line = (
+    return (
         f"{metric}: from {quantity(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
         f"to {quantity(float(values[high]), unit)} (variant {results.variants[rows[high]]})"
     )
-    telling = [e for e in effects if e.explained > 3.0 * (len(e.counts) - 1) / max(len(rows) - 1, 1)]
-    if not telling:
-        return f"{line}; no factor stands out of the scatter."
-    best = max(telling, key=lambda effect: effect.explained)
+
+
+def _verdict(results: Results, metric: str, effects: list[Effect], chance: float | None) -> str:
+    """Whether a factor stands out of a metric's variance, and how much of it is scatter between equal runs.
+
+    A factor stands out where chance explains as much in fewer than 5 % of cases, all factors looked at (Bonferroni).
+
+    Args:
+        effects: of the metric's factors.
+        chance: part of the variance that is scatter between equal runs; None where it is unknown.
+    """
+    scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
+    if not effects:
+        return f"no factor varies; {scatter}." if scatter else "no factor varies."
+    best = max(effects, key=lambda effect: effect.explained)
+    if not len(effects) * best.chance < 1.0 - CONFIDENCE:
+        if chance is not None and chance >= 0.5:
+            return f"no factor stands out: {scatter}."
+        alone = (
+            f"no factor stands out alone: {best.factor} explains most, {100.0 * best.explained:.0f} %, "
+            f"as chance may with {best.rows} variants"
+        )
+        together = "the factors act together, or in ways that so few variants do not tell"
+        return f"{alone}, yet {scatter} only: {together}." if scatter else f"{alone}."
     axis = panels.Axis(results, best.factor) if results.numeric(best.factor) else None
+    unit = results.unit(metric)
     least, most = (
         f"{quantity(float(best.means[g]), unit)} ({best.labels[g] if axis is None else axis.words(best.labels[g])})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
-    return (
-        f"{line}. {best.factor} matters most, with {100 * best.explained:.0f} % of the variance: "
-        f"the mean goes from {least} to {most}."
+    line = (
+        f"{best.factor} matters most, with {100 * best.explained:.0f} % of the variance: "
+        f"the mean goes from {least} to {most}"
     )
+    return f"{line}; {scatter}." if scatter else f"{line}."
 
 
 def _inputs(results: Results) -> html.Section:
@@ -203,11 +238,12 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
     return html.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
 
-def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> html.Section:
+def _effects(
+    results: Results, effects: Mapping[str, list[Effect]], chances: Mapping[str, float | None]
+) -> html.Section:
     shown = {metric: found for metric, found in effects.items() if found}
     shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in shown.values()]
     several = repeats(results)
-    chances = [scatter_share(results, metric) for metric in shown]
     parts = [
         html.text(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
@@ -217,10 +253,10 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> html.Sect
         ),
         html.heading("Scatter against effect"),
         panels.chart(
-            panels.scatter_shares(list(shown), shares, chances),
+            panels.scatter_shares(list(shown), shares, [chances[metric] for metric in shown]),
             "parts of the variance",
         ),
-        html.bullets(_error_line(results, metric) for metric in shown) if several else html.text(ALONE),
+        html.bullets(_error_line(results, m, chances[m]) for m in shown) if several else html.text(ALONE),
     ]
     for metric, found in shown.items():
         parts.append(html.heading(metric))
@@ -239,13 +275,15 @@ def _beyond_chance(effect: Effect) -> float:
     return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
 
 
-def _error_line(results: Results, metric: str) -> str:
+def _error_line(results: Results, metric: str, chance: float | None) -> str:
     try:
         error = pure_error(results, metric)
     except StudyError as refused:
         return str(refused)
     scatter = quantity(error.deviation, results.unit(metric))
-    return f"{error}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
+    means = chance is not None and results.replicated
+    rows = f", as of single runs; of the rows' means {100.0 * (chance or 0.0):.0f} %" if means else ""
+    return f"{error}{rows}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
 
 
 def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> html.Section | None:
@@ -267,17 +305,25 @@ def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> ht
     )
 
 
-def _surfaces(results: Results, metrics: tuple[str, ...]) -> html.Section:
-    parts, refused = [], []
+def _surrogates(results: Results, metrics: tuple[str, ...]) -> dict[str, Surrogate | StudyError]:
+    """The surrogate of each metric, or why there is none."""
+    found: dict[str, Surrogate | StudyError] = {}
     for metric in metrics:
         try:
-            found = _surrogate(results, metric)
+            found[metric] = best_surrogate(results, metric)
         except StudyError as error:
-            refused.append(str(error))
+            found[metric] = error
+    return found
+
+
+def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]) -> html.Section:
+    parts, refused = [], []
+    for metric, found in surrogates.items():
+        if isinstance(found, StudyError):
+            refused.append(str(found))
             continue
         checked = found.cross_validated()
-        words = {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[found.kind]
-        parts.append(html.heading(f"{metric}: {words} of {found.rows} variants"))
+        parts.append(html.heading(f"{metric}: {found.words} of {found.rows} variants"))
         parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
         if checked.q2 < TRUSTED:
             parts.append(html.text(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
@@ -295,28 +341,15 @@ def _surfaces(results: Results, metrics: tuple[str, ...]) -> html.Section:
     )
 
 
-def _surrogate(results: Results, metric: str) -> Surrogate:
-    """A Gaussian process where it is installed and quick, else a quadratic surface.
-
-    Raises:
-        StudyError: neither can be had.
-    """
-    if results.rows_for(metric).sum() <= PROCESS_ROWS:
-        try:
-            return fit_surrogate(results, metric)
-        except StudyError:
-            pass  # few rows, or no scikit-learn: a surface may do
-    return fit_surrogate(results, metric, "quadratic")
-
-
-def _sobol(results: Results, metrics: tuple[str, ...]) -> html.Section:
+def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None) -> html.Section:
     found: list[Indices] = []
-    lines = []
-    for metric in metrics:
+    lines, refused = [], False
+    for metric, surrogate in surrogates.items():
         try:
-            indices, words = best_indices(results, metric)
+            indices, words = best_indices(results, metric, None if isinstance(surrogate, StudyError) else surrogate)
         except StudyError as error:
             lines.append(str(error))
+            refused = True
             continue
         found.append(indices)
         lines.append(f"{metric}: {words}.")
@@ -330,6 +363,22 @@ def _sobol(results: Results, metrics: tuple[str, ...]) -> html.Section:
         ),
         panels.chart(panels.indices(found) if found else [], "Sobol' indices of the metrics"),
         html.bullets(lines),
+        html.text(_more(results, folder or "DIR")) if refused else "",
+    )
+
+
+def _more(results: Results, folder: str) -> str:
+    """Commands that bring the variants that indices are in want of."""
+    if ROUND in results.table.column_names:
+        going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
+    else:
+        going_on = (
+            "of a sobol, halton or latin-hypercube design raise design.count in the study file and run it again, which "
+            f"keeps what was run: warpchain study run STUDY.toml -o {folder} --grow"
+        )
+    return (
+        f"Those that are missing take more variants: {going_on}. A Saltelli design takes no surrogate: "
+        'warpchain.study.analysis.sensitivity.saltelli_table makes the table for design.kind = "table".'
     )
 
 

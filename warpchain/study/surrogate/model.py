@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.progress import look_for_stop
 from warpchain.study.analysis.pure_error import standard_errors
-from warpchain.study.analysis.surface import Surface, _scaled, _terms, fit_surface
+from warpchain.study.analysis.surface import TRUSTED, Surface, _scaled, _terms, fit_surface
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate.gaussian import Process, fit_process
 
@@ -245,6 +246,11 @@ class Surrogate:
         """Number of variants that were fitted."""
         return len(self.model.x)
 
+    @property
+    def words(self) -> str:
+        """The kind, in words."""
+        return {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[self.kind]
+
     def predict(self, rows: Rows, run: bool = False) -> tuple[Array, Array]:
         """Mean (R,) and standard deviation (R,) of the metric, in its unit.
 
@@ -321,3 +327,32 @@ def fit_surrogate(
         known = None if known is None else known / y
         y = np.log(y)
     return Surrogate(metric, kind, fit_process(features.of(results.table.filter(rows)), y, known), features, logarithm)
+
+
+PROCESS_ROWS = 300
+"""Of more variants, a quadratic surface that predicts well is taken before a process, which takes long."""
+
+
+def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
+    """A Gaussian process, or a quadratic surface where that does as well or no process can be had.
+
+    Args:
+        results: the study's results.
+        metric: the metric.
+        least: Q2 that it must have.
+
+    Raises:
+        StudyError: neither can be had, or both predict worse.
+    """
+    many = results.rows_for(metric).sum() > PROCESS_ROWS
+    reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
+    for kind, needed in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", least), ("quadratic", least)):
+        look_for_stop()
+        try:
+            found = fit_surrogate(results, metric, kind)
+        except StudyError as error:
+            reason = str(error)
+            continue
+        if found.cross_validated().q2 >= needed:
+            return found
+    raise StudyError(reason)

@@ -1,4 +1,4 @@
-"""Figures of shafts: hub forces as hodographs, phase errors over time, by engine order and over the engine cycle."""
+"""Figures of shafts: hub forces as hodographs, phase errors over time, by order, and over two turns of the driver."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def runs_evenly(found: HandedIn) -> bool:
 
 
 def cycle_figure(found: HandedIn) -> Figure | None:
-    """Mean and envelope over the engine cycle: strand tensions, hub forces, phase errors; None without a whole one."""
+    """Mean and envelope over two turns of the driver: strand tensions, hub forces, phase errors; None without them."""
     if not runs_evenly(found):
         return None
     drive, part = found.drive, found.part

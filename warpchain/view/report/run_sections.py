@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.arguments import checked
+from warpchain.assembly.frequencies import excited_orders
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, write_text
 from warpchain.results.engineering_report import HandedIn, Wear, window_of
@@ -97,7 +98,7 @@ def timing(found: HandedIn, _: Row) -> Iterator[str]:
 
 def cycle(found: HandedIn, _: Row) -> Iterator[str]:
     figure = shafts.cycle_figure(found)
-    yield pictured(figure, "means and envelopes over the engine cycle")
+    yield pictured(figure, "means and envelopes over two turns of the driver")
     if figure is None:
         yield html.text("The window has no whole cycle of two revolutions at about one speed.", muted=True)
 
@@ -226,7 +227,7 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
     ("tension", "Chain", tension, lambda found: True),
     ("hubs", "Hub forces", hubs, lambda found: True),
     ("timing", "Timing", timing, lambda found: True),
-    ("cycle", "Engine cycle", cycle, lambda found: True),
+    ("cycle", "Cycle of two turns", cycle, lambda found: bool(excited_orders(found.drive))),
     ("speed", "Orders over speed", over_speed, lambda found: True),
     ("guides", "Guides", guides, lambda found: bool(found.drive.guides)),
     ("bodies", "Arms, tensioners", bodies, lambda found: bool(found.drive.arms or found.drive.tensioners)),

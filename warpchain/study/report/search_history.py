@@ -1,0 +1,127 @@
+"""The part of a report on a search: the best value over the evaluations, and where it looked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from warpchain.results.units import quantity
+from warpchain.study.analysis.pareto import Measured
+from warpchain.study.optimize.bench import ROUND
+from warpchain.study.optimize.recommend import Recommended
+from warpchain.study.report import panels
+from warpchain.study.report.decisions import Wanted
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel
+from warpchain.study.results import Results
+from warpchain.view import html
+
+MOST_FACTORS = 12
+"""Factors whose values are drawn."""
+
+KEEPING = " and keep the limits as they were measured; pale dots do not."
+
+
+def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.Section | None:
+    """The course of a search; none without objectives, or of a table that is no search's.
+
+    Rows stand in the order in which they were evaluated.
+    """
+    if not wanted.objectives or ROUND not in results.table.column_names:
+        return None
+    measured, rounds = wanted.goals.measured(results), results.values(ROUND)
+    kept = int(measured.kept.sum())
+    counts = f"{len(rounds)} variants in {int(rounds.max()) + 1} rounds, {int(results.ok.sum())} ok"
+    lines = [counts + (f", {kept} of which keep the limits" if wanted.bounds else "")]
+    lines += [_best_line(results, wanted, measured, rounds, k) for k in range(len(wanted.objectives)) if kept]
+    chosen = np.array([one.row for one in recommended], dtype=np.intp)
+    starts = np.flatnonzero(np.diff(rounds) > 0) + 1
+    progress = [_progress(results, wanted, measured, starts, k) for k in range(len(wanted.objectives))]
+    return html.section(
+        "search",
+        "The search",
+        html.text(
+            "Each variant in the order of its evaluation; a round ends at each dotted line, the study's design at the "
+            "first. The red line is the best so far of the variants that are ok" + (KEEPING if wanted.bounds else "."),
+            muted=True,
+        ),
+        html.bullets(lines),
+        panels.chart(progress, "best values over the evaluations"),
+        html.heading("Where it looked"),
+        panels.chart(
+            [_places(results, name, rounds, chosen, k == 0) for k, name in enumerate(results.factors[:MOST_FACTORS])],
+            "values of the factors over the evaluations",
+        ),
+    )
+
+
+def _best(measured: Measured, k: int) -> np.ndarray:
+    """The least cost of objective k up to each row (R,), infinite before the first that keeps the limits."""
+    return np.minimum.accumulate(np.where(measured.kept, measured.costs[:, k], np.inf))
+
+
+def _best_line(results: Results, wanted: Wanted, measured: Measured, rounds: np.ndarray, k: int) -> str:
+    """When the best value of an objective was found, and what the design alone had."""
+    objective, sign, best = wanted.objectives[k], wanted.goals.signs[k], _best(measured, k)
+    unit, at = results.unit(objective.metric), int(np.argmin(best))
+    design = best[rounds == rounds[0]][-1]
+    before = f" ({quantity(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
+    found = f"evaluation {at + 1} of {len(best)}, round {int(rounds[at]) + 1}"
+    word = "lowest" if objective.sense == "min" else "highest"
+    return f"{word} {objective.metric}: {quantity(sign * float(best[-1]), unit)}{before}, found at {found}"
+
+
+def _progress(results: Results, wanted: Wanted, measured: Measured, starts: np.ndarray, k: int) -> Panel:
+    """An objective over the evaluations, with the best so far as steps."""
+    objective, sign, best = wanted.objectives[k], wanted.goals.signs[k], _best(measured, k)
+    axis, count = Axis(results, objective.metric), np.arange(1, len(best) + 1)
+    values = np.where(measured.ok, sign * measured.costs[:, k], np.nan)
+    reached = np.isfinite(best)
+    steps = np.repeat(np.flatnonzero(reached), 2)
+    x, y = count[steps[1:]], sign * best[steps[:-1]]
+    named = k == 0
+    series: list[dict[str, Any]] = [_upright(start) for start in starts.tolist()]
+    for rows, color, label in ((~measured.kept, PALE, "beyond a limit"), (measured.kept, ACCENT, "keeps the limits")):
+        label = label if wanted.bounds else "variants"
+        if rows.any() and (wanted.bounds or color == ACCENT):
+            series.append(_dots(count[rows], axis.of(values[rows]), color, label if named else ""))
+    if len(steps):
+        line = {"kind": "line", "x": x.tolist(), "y": axis.of(y), "color": MARK}
+        series.append(line | ({"label": "best so far"} if named else {}))
+    x_axis = {"label": "evaluation", "range": [0, len(best) + 1]}
+    return {"x": x_axis, "y": {"label": axis.name}, "series": series, "width": 540, "height": 270}
+
+
+def _places(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray, named: bool) -> Panel:
+    """Values of a factor over the evaluations: the design's, those that were proposed, those recommended."""
+    count = np.arange(1, len(rounds) + 1)
+    y: dict[str, Any]
+    if results.numeric(name):
+        axis = Axis(results, name)
+        shown, y = np.array(axis.of(results.values(name)), dtype=float), {"label": axis.name}
+    else:
+        words = sorted(set(results.labels(name)))
+        shown = np.array([words.index(word) for word in results.labels(name)], dtype=float)
+        y = {"label": name, "words": words}
+    design, picked = rounds == rounds[0], np.isin(np.arange(len(rounds)), chosen)
+    series = []
+    for rows, color, label in (
+        (design & ~picked, INK, "design"),
+        (~design & ~picked, ACCENT, "proposed"),
+        (picked, MARK, "recommended"),
+    ):
+        if rows.any():
+            series.append(_dots(count[rows], panels.rounded(shown[rows]), color, label if named else ""))
+    return {"x": {"label": "evaluation", "range": [0, len(rounds) + 1]}, "y": y, "series": series, "height": 210}
+
+
+def _dots(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[str, Any]:
+    size = 3.4 if color == MARK else 2.2
+    return {"kind": "points", "x": x.tolist(), "y": y, "color": color, "size": size} | (
+        {"label": label} if label else {}
+    )
+
+
+def _upright(start: int) -> dict[str, Any]:
+    return {"kind": "upright", "x": [start + 0.5], "color": PALE, "dash": "2 3"}
