@@ -51,6 +51,20 @@ def chains(draw):
 
 
 @st.composite
+def bars(draw, pitch):
+    """Bars of up to 14,142 pitches anywhere, whose ends are up to pi 1000 pitches long: 20,000 are allowed."""
+    ways = st.floats(-1e4 * pitch, 1e4 * pitch)
+    ends = st.tuples(pairs, ways, ways).map(lambda drawn: (drawn[0], _from(*drawn)))
+    start, end = draw(ends.filter(lambda both: both[0] != both[1]))
+    return {"start": start, "end": end, "end_radius": draw(st.floats(1e-6, 1e3).map(lambda r: max(r * pitch, 1e-9)))}
+
+
+def _from(start, x, y):
+    """A place so far from another, none beyond what is allowed."""
+    return tuple(min(max(a + b, -1e4), 1e4) for a, b in zip(start, (x, y), strict=True))
+
+
+@st.composite
 def drives(draw):
     chain = draw(chains())
     words = draw(st.lists(names, min_size=4, max_size=6, unique=True))
@@ -63,8 +77,7 @@ def drives(draw):
     override = joined(st.fixed_dictionaries({}, optional=common), st.one_of(st.just({}), stiffness))
     guides = []
     for word in words[-2 : len(words) - draw(st.integers(0, 2))]:
-        start, end = draw(st.tuples(pairs, pairs).filter(lambda ends: ends[0] != ends[1]))
-        guides.append({"name": word, "start": start, "end": end, "end_radius": draw(positive)})
+        guides.append({"name": word, **draw(bars(chain["pitch"]))})
         if draw(st.booleans()):
             guides[-1]["contact"] = draw(override)
     contact = joined(st.fixed_dictionaries(common, optional={"exponent": st.floats(1, 3)}), stiffness)

@@ -78,7 +78,11 @@ RULES = [
         ("run/gravity", [[0, -9.81, 0]], "must be two finite numbers [x, y]"),
     ),
     ("chain/pitch", 10**400, f"chain.pitch = {'1' + '0' * 55} ...: {POSITIVE}"),
-    ("a\nb", 1, '"a\\nb" = 1: unknown key; allowed are chain, chains, sprockets, guides, arms, tensioners, contact, run'),
+    (
+        "a\nb",
+        1,
+        '"a\\nb" = 1: unknown key; allowed are chain, chains, sprockets, guides, arms, tensioners, contact, run',
+    ),
     ("guides/0/name", "camshaft", f'guides.camshaft.name = "camshaft": {UNIQUE}'),
     (f"{CRANK}/harmonics", {"order": 1}, f"{MOTION}.harmonics = {{ order = 1 }}: must be a list of {HARMONIC}"),
     (f"{CAM}/balance_wheel/radius", 0.1, f"sprockets.camshaft.balance_wheel.mass: missing; {NOT_NEGATIVE}"),

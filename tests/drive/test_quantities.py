@@ -10,7 +10,7 @@ from warpchain import load_drive
 from warpchain.cli import main
 from warpchain.cli.arguments import angular_speed
 from warpchain.drive import Drive
-from warpchain.drive.quantities import converted, unit_of
+from warpchain.drive.quantities import QUANTITY, converted, unit_of
 from warpchain.errors import DriveError
 from warpchain.examples import drive_path
 
@@ -69,3 +69,8 @@ def test_every_number_of_a_drive_file_has_a_unit():
             if "float" in str(field.annotation) and not unit_of(kind, key)}  # fmt: skip
     assert keys == {"factor", "direction", "stiffness"}
     assert converted("2 N s/m", "N s/m") == 2.0 and converted("2 kNm", "N m") == 2000.0
+
+
+@pytest.mark.parametrize("text", ["1e-6 * torque", "2.5E3*x", "1e-6 / 2", "0.001 * torque"])
+def test_an_expression_of_factors_is_no_quantity(text):
+    assert QUANTITY.fullmatch(text) is None

@@ -23,7 +23,8 @@ def ensemble():
     car = load_drive(drive_path("car"))
     rubbing = two_sprockets().with_values({"contact.sprocket.friction": 0.1, "run.integrator": "rk4"})
     swing = load_drive(drive_path("swing_idler"))
-    drives = [marine, car, rubbing, marine.with_values({"run.perturbation": 3, "run.phase": 0.25}), swing]
+    started = {"run.perturbation": 3, "run.phase": 0.25, "run.seating": 2}
+    drives = [marine, car, rubbing, marine.with_values(started), swing]
     return [drive.with_values({"run.step": STEP if k != 1 else STEP / 2}) for k, drive in enumerate(drives)]
 
 

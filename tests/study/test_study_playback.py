@@ -125,6 +125,33 @@ def test_recording_is_whole_and_alone(study, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
 
 
+STUDY = """
+[study]
+drive = "marine"
+[design]
+kind = "sobol"
+count = 5
+[[factors]]
+name = "torque"
+path = "sprockets.camshaft.load.torque"
+range = [100.0, 500.0]
+[[objectives]]
+metric = "driven.force_max"
+"""
+
+
+def test_objectives_of_the_study_file_are_drawn(study, tmp_path, capsys, monkeypatch):
+    results, _ = study
+    export_table(results.table.drop_columns(["archive"]), tmp_path / "results.parquet")
+    (tmp_path / "study.toml").write_text(STUDY)
+    drawn = []
+    monkeypatch.setattr("warpchain.study.report.scatters.view_study", lambda *args: drawn.append(args[-2]))
+    words = ["study", "view", tmp_path, "--save", tmp_path / "s.rrd", "--factor", "torque"]
+    assert command(capsys, *words)[0] == 0
+    assert command(capsys, *words, "--maximize", "tension_mean")[0] == 0
+    assert drawn == [{"driven.force_max": "min"}, {"tension_mean": "max"}]
+
+
 def test_command_saves_a_recording(study, tmp_path, capsys):
     results, folder = study
     export_table(results.table, folder / "results.parquet")

@@ -46,7 +46,7 @@ UNITS = {
 }  # fmt: skip
 """Units by their signs."""
 
-QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*([A-Za-z°µμ%].*?)\s*")
+QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
 FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
 
 

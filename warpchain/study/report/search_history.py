@@ -20,6 +20,8 @@ from warpchain.view import html
 MOST_FACTORS = 12
 """Factors whose values are drawn."""
 
+KEEPING = " and keep the limits as they were measured; pale dots do not."
+
 
 def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.Section | None:
     """The course of a search; none without objectives, or of a table that is no search's.
@@ -41,8 +43,7 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
         "The search",
         html.text(
             "Each variant in the order of its evaluation; a round ends at each dotted line, the study's design at the "
-            "first. The red line is the best so far of the variants that are ok and keep the limits as they were "
-            "measured; pale dots do not.",
+            "first. The red line is the best so far of the variants that are ok" + (KEEPING if wanted.bounds else "."),
             muted=True,
         ),
         html.bullets(lines),
