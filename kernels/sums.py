@@ -166,6 +166,23 @@ def gathered_powers(sums: Any):
 
 
 @wp.func
+def note_sprocket(note: Any, sums: Any):
+    """The sums of a sprocket of which batches have means."""
+    note.speed = sums.speed
+    note.moment = gathered(sums.moment)
+    note.force = sums.force
+    return note
+
+
+@wp.func
+def note_mount(note: Any, sums: Any):
+    """The sums of a mount of which batches have means."""
+    note.travel = sums.travel
+    note.force = sums.force
+    return note
+
+
+@wp.func
 def add_speed(sums: Any, speed: Any, weight: Any):
     """One sprocket's speed at a watched step, which stands for `weight` [s]."""
     way = weight * speed

@@ -45,7 +45,7 @@ def test_of_peaks_nothing_is_missed(missed):
         assert abs(missed[name]) < 1e-9, name
 
 
-@pytest.mark.parametrize("window", [(0, 640, 32), (3, 1000, 32), (101, 2111, 32), (160, 5301, 64)])
+@pytest.mark.parametrize("window", [(0, 2560, 32), (3, 3000, 32), (101, 4111, 32), (160, 5301, 64)])
 def test_what_watched_steps_add_up_to_is_scaled_to_what_they_stand_for(window):
     start, end, every = window
     drives = np.zeros(1, dtype=Drive.numpy_dtype())
