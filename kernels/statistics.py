@@ -2,7 +2,7 @@
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
 the drive's `look_every` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
-batch; a window of fewer than BATCHES looks has no batches.
+batch.
 """
 
 from typing import Any
@@ -11,8 +11,8 @@ import warp as wp
 
 from .structs import Drive, SlipSums, Strand
 
-BATCHES = wp.constant(20)
-NOTES = wp.constant(19)
+BATCHES = wp.constant(80)
+NOTES = wp.constant(79)
 """Notes that are taken in a window."""
 
 

@@ -645,6 +645,23 @@ class Note:
 
 
 @wp.struct
+class SprocketNote:
+    """Sums of a sprocket at the end of a batch of the window."""
+
+    speed: wp.float64  # as in `SprocketSums`
+    moment: wp.float64
+    force: wp.vec2d
+
+
+@wp.struct
+class MountNote:
+    """Sums of a sprocket on an active mount at the end of a batch of the window."""
+
+    travel: wp.vec2d  # as in `MountSums`
+    force: wp.float64
+
+
+@wp.struct
 class SlipSums:
     """Teeth that the chain has jumped over a sprocket in the window, and how that is followed (`kernels.slip`)."""
 
@@ -715,8 +732,8 @@ class Sums:
     tension_counts: wp.array[wp.int32]  # `statistics.BINS` of each strand, then of links on none, variant by variant
     chain_notes: wp.array[Note]  # `statistics.NOTES` a variant
     strand_notes: wp.array[Note]  # the same for each sprocket
-    sprocket_notes: wp.array[SprocketSums]
-    mount_notes: wp.array[MountSums]
+    sprocket_notes: wp.array[SprocketNote]
+    mount_notes: wp.array[MountNote]
 
 
 @wp.struct
@@ -867,7 +884,8 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     flowed = [name for name in TensionerFlows.vars if name != "lift"]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
-    for full in (MountSums, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, Sums):
+    made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))
+    for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, Sums):
         made[full] = sums_at_float32(full, made)
 
 

@@ -144,6 +144,23 @@ def gathered_powers(sums: Any):
 
 
 @wp.func
+def note_sprocket(note: Any, sums: Any):
+    """The sums of a sprocket of which batches have means."""
+    note.speed = sums.speed
+    note.moment = gathered(sums.moment)
+    note.force = sums.force
+    return note
+
+
+@wp.func
+def note_mount(note: Any, sums: Any):
+    """The sums of a mount of which batches have means."""
+    note.travel = sums.travel
+    note.force = sums.force
+    return note
+
+
+@wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
     """The chain's force on one sprocket in one step, which stands for `weight` [s]."""
     sums.force = added(sums.force, weight * force)

@@ -14,8 +14,19 @@ import warp as wp
 from ..native import accessors, whole_lanes
 from ..physics.link import link_chain, roller_energy
 from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
-from ..structs import ChainSums, Drive, LinkTally, Note, Strand, StrandSums, Sums, types
-from ..sums import add_displacement, add_tension, after, displacement, following, is_look, merge_extremes, merge_tension
+from ..structs import ChainSums, Drive, LinkTally, MountNote, Note, SprocketNote, Strand, StrandSums, Sums, types
+from ..sums import (
+    add_displacement,
+    add_tension,
+    after,
+    displacement,
+    following,
+    is_look,
+    merge_extremes,
+    merge_tension,
+    note_mount,
+    note_sprocket,
+)
 from .rollers import passes, rows
 
 
@@ -167,8 +178,8 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
                 of_strand.samples = sums.strand[i].samples
                 of_strand.displacement = sums.strand[i].displacement
                 sums.strand_notes[i * NOTES + k] = of_strand
-                sums.sprocket_notes[i * NOTES + k] = sums.sprocket[i]
-                sums.mount_notes[i * NOTES + k] = sums.mount[i]
+                sums.sprocket_notes[i * NOTES + k] = note_sprocket(SprocketNote(), sums.sprocket[i])
+                sums.mount_notes[i * NOTES + k] = note_mount(MountNote(), sums.mount[i])
 
     @wp.func
     def place_links(state: State, drive: Drive, w: wp.array[Real]):

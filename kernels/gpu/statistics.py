@@ -9,7 +9,7 @@ import warp as wp
 from ..modules import own_module
 from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
 from ..structs import ContactSums, Drive, LinkTally, Note, Tallies, types
-from ..sums import gathered_powers, merge_contact, merge_extremes, merge_roller, merge_tension
+from ..sums import merge_contact, merge_extremes, merge_roller, merge_tension, note_mount, note_sprocket
 from .kind import BlockKind, Mine
 from .links import link_forces
 from .observe import block_observing
@@ -33,6 +33,7 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
     Real, threads, sprockets, moving = kind.Real, kind.shape.threads, kind.parts.sprockets, kind.moving
     kinds, observe = kind.types, block_observing(kind)
     Ensemble, Shared, Out = kinds.Ensemble, kinds.Shared, kinds.Out
+    SprocketNote, MountNote = kinds.SprocketNote, kinds.MountNote
     links, lengths_of = link_forces(kind), view(Real)
     link_of, length_of = links.link_of, links.length_of
 
@@ -82,9 +83,9 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
                 for k in range(first, end):
                     at = (drive.first_sprocket + s) * NOTES + k
                     out.sums.strand_notes[at] = of_strand
-                    out.sums.sprocket_notes[at] = gathered_powers(shared.sprocket_sums[s])
+                    out.sums.sprocket_notes[at] = note_sprocket(SprocketNote(), shared.sprocket_sums[s])
                     if wp.static(moving):
-                        out.sums.mount_notes[at] = shared.mount_sums[s]
+                        out.sums.mount_notes[at] = note_mount(MountNote(), shared.mount_sums[s])
 
     return SimpleNamespace(**locals())
 

@@ -93,8 +93,8 @@ def test_errors_of_a_chaotic_drive():
 @pytest.mark.parametrize(("turns", "known"), [(3.9, False), (4.0, True)])
 def test_errors_of_short_windows_are_unknown(turns, known):
     """Four turns of the chain are the least; one of 60 links takes 60 / 20 turns of the driver."""
-    duration = 0.01 + turns * 3.0 * 2.0 * np.pi / 80.0
-    found = row(two_sprockets(step=2e-5, speed=80.0), duration=duration, window=(0.01, duration))
+    duration = 0.2 + turns * 3.0 * 2.0 * np.pi / 80.0
+    found = row(two_sprockets(step=2e-5, speed=80.0), duration=duration, window=(0.2, duration))
     assert ("tension_mean_se" in found) == known
 
 
@@ -103,10 +103,13 @@ def test_batches_add_up(start, monkeypatch):
     """Whatever step the window begins at, batches stand for all of it: their mean is the window's."""
     found = []
     monkeypatch.setattr("warpchain.results.metrics.LEAST_TURNS", 0.0)
-    monkeypatch.setattr(formulas, "standard_error", lambda means: found.append(means) or np.ones(len(means)))
-    metrics = row(two_sprockets(step=1e-5), duration=0.015, window=(start, 0.015))
-    steps = round((0.015 - start) / 1e-5)
-    for means, name in zip(found, [name for name in metrics if name.endswith("_mean_se")], strict=True):
+    monkeypatch.setattr(
+        formulas, "standard_error", lambda means, weights: found.append((means, weights)) or np.ones(len(means))
+    )
+    metrics = row(two_sprockets(step=1e-5), duration=0.045, window=(start, 0.045))
+    steps = round((0.045 - start) / 1e-5)
+    for (means, weights), name in zip(found, [name for name in metrics if name.endswith("_mean_se")], strict=True):
+        assert means.shape == (1, 80)
         mean = metrics[name.removesuffix("_se")]
-        # batches differ by up to 32 steps in length, which weighs their scatter
-        assert means.mean() == pytest.approx(mean, abs=1e-12 + 20 * 32 / steps * np.abs(means - mean).max())
+        # the window's first and last step count half, which in a batch weighs those beside them the more
+        assert np.average(means, weights=weights) == pytest.approx(mean, abs=1e-12 + np.ptp(means) / steps)

@@ -7,7 +7,7 @@ from drives import timing, two_sprockets
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
 from warpchain.engine.checkpoint import STOPS, Kept, States, notes_from, stop_of, stops_of, takes_sums
-from warpchain.engine.outcomes import note_steps
+from warpchain.engine.outcomes import PARTS, note_steps
 from warpchain.errors import SimulationError
 from warpchain.results.schedule import Schedule
 
@@ -77,7 +77,7 @@ def test_a_run_is_gone_on_with_where_looks_are_64_steps_apart(start):
 
 
 def test_what_does_not_fit_begins_anew():
-    """Half a window more: notes were not taken there; another drive, step or precision; a recorded variant."""
+    """Another start of the window; another drive, step or precision; a recorded variant."""
     drive = two_sprockets().with_values({"run.step": STEP})
     plain = {"step": None, "record": Record("none"), "device": "cpu"}
     short = States()
@@ -91,7 +91,7 @@ def test_what_does_not_fit_begins_anew():
         return states.used
 
     assert used([drive] * 2, window=(0.0, LONG)) == [True, True]
-    assert used([drive] * 2, window=(0.0, 1.5 * SHORT)) == [False, False]
+    assert used([drive] * 2, window=(0.0, 1.5 * SHORT)) == [True, True]  # each look of a window so short has its notes
     assert used([drive] * 2, window=(8 * STEP, LONG)) == [False, False]
     assert used([drive] * 2, window=(0.0, LONG), precision="float32") == [False, False]
     other = drive.with_values({"sprockets.driven.load.torque": 299.0})
@@ -120,18 +120,20 @@ def test_a_gpu_goes_on_with_all_variants_of_a_call_and_the_same_window():
 
 
 def test_notes_are_taken_over_where_they_were_taken():
-    """Note k of W steps from a is at the first multiple of 32 from a + k W / 20 on; of 2 W, at every other of them."""
+    """Note k of W steps from a is at the first multiple of 32 from a + k W / 80 on; of 2 W, at every other of them."""
 
     def kept(first, last):
         facts = {"window": [first, last], "look_every": 32}
         return Kept({**facts, "next": stop_of(Schedule(STEP, last, first, last, 0))}, b"")
 
-    assert note_steps(0, 3200, 32).tolist() == [160 * k for k in range(1, 20)]
+    assert note_steps(0, 3200, 32).tolist() == [32 * -(-40 * k // 32) for k in range(1, 80)]
+    assert note_steps(0, 3200, 32, PARTS).tolist() == [160 * k for k in range(1, 20)]
     later = note_steps(np.array([0, 3]), np.array([3200, 3203]), 32)[1]
-    assert later.tolist() == [32 * -(-(3 + 160 * k) // 32) for k in range(1, 20)]
-    assert notes_from(kept(0, 3200), Schedule(STEP, 6400, 0, 6400, 0)) == [(k, 2 * k + 1) for k in range(9)]
+    assert later.tolist() == [32 * -(-(3 + 40 * k) // 32) for k in range(1, 80)]
+    assert notes_from(kept(0, 3200), Schedule(STEP, 6400, 0, 6400, 0)) == [(k, 2 * k + 1) for k in range(39)]
     assert notes_from(kept(0, 3200), Schedule(STEP, 4800, 0, 4800, 0)) is None
-    assert notes_from(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0)) == []  # the first is still ahead
+    assert notes_from(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0)) == [(0, 19), (1, 39), (2, 59)]
+    assert notes_from(kept(0, 3200), Schedule(STEP, 256000, 0, 256000, 0)) == []  # the first is still ahead
     assert takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
     assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
     assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64))  # looks weigh otherwise

@@ -59,14 +59,14 @@ def due(drive: wp.array[Drive], steps: wp.array[int], notes: wp.array2d[int]):
 
 @pytest.mark.parametrize(
     ("start", "end", "every"),
-    [(0, 640, 32), (111, 4711, 32), (500, 1139 + 1, 32), (7, 100_000_007, 32), (7, 5127, 64), (40, 100_000_007, 64)],
+    [(0, 2560, 32), (111, 4711, 32), (500, 3060, 32), (7, 100_000_007, 32), (7, 5127, 64), (40, 100_000_007, 64)],
 )
 def test_batches_end_where_their_durations_say(start, end, every):
     """Every note is taken once, at the first look that is not before its share of the window."""
     drive = np.zeros(1, dtype=Drive.numpy_dtype())
     drive["window_start"], drive["window_end"], drive["step"] = start, end, 1.0
     drive["look_every"] = every
-    shares = start + (end - start) * np.arange(1, 20) / 20
+    shares = start + (end - start) * np.arange(1, 80) / 80
     expected = (-(-shares // every) * every).astype(int)
     steps = np.unique(np.concatenate([expected + every * k for k in (-2, -1, 0, 1, 2)]))
     steps = steps[(steps > start) & (steps <= end)]

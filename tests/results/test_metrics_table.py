@@ -72,7 +72,8 @@ def table_of(chosen: list[int]) -> pa.Table:
             mine_ = [sums[f"{name}_batches"] for sums in each]
             batches[name] = {field: np.stack([rows[field] for rows in mine_]) for field in mine_[0]}
         tension = stacked.pop("tension"), stacked.pop("edges")
-        return {**stacked, "batches": (batches, stacked.pop("durations")), "tension": tension}
+        batched = batches, stacked.pop("durations")
+        return {**stacked, "batches": batched, "parts": batched, "tension": tension}
 
     return metrics_table(ended, metrics_blocks(ended, stacked))
 

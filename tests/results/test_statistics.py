@@ -8,7 +8,8 @@ from warpchain.kernels.statistics import BINS
 from warpchain.results.batch_means import INTERVAL, drift, quantile, standard_error, steady
 
 SHARES = (0.001, 0.01, 0.5, 0.99, 0.999)
-BATCHES = 20
+BATCHES = 80
+PARTS = 20
 
 
 def autoregressive(random, runs, *terms, samples=400):
@@ -62,12 +63,12 @@ def test_quantiles_do_not_leave_the_range():
 
 SEQUENCES = {
     "white": lambda random, runs: autoregressive(random, runs),
-    "forgets in half a batch": lambda random, runs: autoregressive(random, runs, np.exp(-1 / 10)),
-    "forgets in two batches": lambda random, runs: autoregressive(random, runs, np.exp(-1 / 40)),
+    "forgets in a fortieth": lambda random, runs: autoregressive(random, runs, np.exp(-1 / 10)),
+    "forgets in a tenth": lambda random, runs: autoregressive(random, runs, np.exp(-1 / 40)),
     "swings 15 times": lambda random, runs: autoregressive(random, runs, 1.917, -0.97),
     "swings 3 times": lambda random, runs: autoregressive(random, runs, 1.982, -0.985),
-    "ripple": lambda random, runs: sines(random, runs, 1.0, p73=1.0, p337=5.0),
-    "weak ripple": lambda random, runs: sines(random, runs, 1.0, p73=0.2),
+    "ripple": lambda random, runs: sines(random, runs, 1.0, p123=1.0, p337=5.0),
+    "weak slow ripple": lambda random, runs: sines(random, runs, 1.0, p73=0.2),
 }
 
 
@@ -75,34 +76,54 @@ SEQUENCES = {
 def test_errors_cover(kind):
     """Nominal 95 % hold the long-run mean in 92 to 98 % of 4000 windows, known to 0.4 %, by errors of the right size.
 
-    Sines that are stronger than the noise take ordinates from the fit, which errs upward: 99 %.
+    Some are unknown where the lowest ordinates hold little but one swing, by chance.
     """
     x = SEQUENCES[kind](np.random.default_rng(7), 4000)
     mean, error = x.mean(axis=1), standard_error(batch_means(x))
-    assert 0.92 < (np.abs(mean) < INTERVAL * error).mean() < (0.995 if kind == "ripple" else 0.98)
-    assert 1 / 1.5 < np.median(error) / mean.std() < 1.5
+    known = np.isfinite(error)
+    assert known.mean() > (0.8 if kind == "swings 3 times" else 0.94)
+    assert 0.92 < (np.abs(mean) < INTERVAL * error)[known].mean() < 0.98
+    assert 1 / 1.5 < np.median(error[known]) / mean.std() < 1.5
 
 
-def test_a_determinate_signal_is_no_noise():
-    """Sines alone leave in the mean what the last periods do not complete, and the error is no more than that.
+@pytest.mark.parametrize("periods", ["p123", "p337", "p1213", "p2003"])
+def test_a_determinate_signal_is_no_noise(periods):
+    """A sine alone leaves in the mean what its last period does not complete, and the error is no more than that.
 
-    The deviation of the batches over the root of their number would be ten times as much.
+    The deviation of the batches over the root of their number would be three times as much, and more.
     """
-    x = sines(np.random.default_rng(5), 4000, 0.0, p73=1.0, p1234=1.0)
+    x = sines(np.random.default_rng(5), 4000, 0.0, **{periods: 1.0})
     means, scatter = batch_means(x), x.mean(axis=1).std()
-    assert np.median(standard_error(means)) / scatter < 1.7
+    error = standard_error(means)
+    assert 1 / 1.5 < np.median(error) / scatter < 1.5
+    assert (np.abs(x.mean(axis=1)) < INTERVAL * error).all()
     assert np.sqrt((means.var(axis=1, ddof=1) / BATCHES).mean()) / scatter > 3.0
 
 
-@pytest.mark.parametrize(("periods", "known"), [("p11", 0.0), ("p4014", 0.0), ("p73", 1.0)])
+@pytest.mark.parametrize(("periods", "known"), [("p11", 0.0), ("p41", 0.0), ("p4014", 0.0), ("p123", 1.0)])
 def test_what_a_slow_sine_makes_of_batches_is_unknown(periods, known):
     """One of 401.4 periods, which each batch cuts at another phase, looks like one of 1.4."""
     x = sines(np.random.default_rng(5), 500, 0.01, **{periods: 3.0})
     assert np.isfinite(standard_error(batch_means(x))).mean() == known
 
 
+def test_batches_of_unlike_lengths_count_for_what_they_are():
+    """A ripple cut at phases as they come, into batches some of which are twice as long as others.
+
+    The sums, not the means, of the batches have little of it at low frequencies: what one lacks the next has.
+    """
+    random = np.random.default_rng(3)
+    ends = np.arange(1, BATCHES) * 50 + random.integers(-20, 21, BATCHES - 1)
+    weights = np.diff(np.concatenate([[0], ends, [4000]])).astype(float)
+    x = np.sin(2.0 * np.pi * (40.3 * np.arange(4000) / 4000 + random.random((500, 1))))
+    means = np.add.reduceat(x, np.concatenate([[0], ends]), axis=1) / weights
+    alike = standard_error(x.reshape(500, BATCHES, -1).mean(axis=2))
+    assert np.median(standard_error(means, weights) / alike) == pytest.approx(1.0, abs=0.3)
+    assert np.median(standard_error(means) / alike) > 2.0
+
+
 def test_no_scatter_has_no_error():
-    still = np.full((1, BATCHES), 5.0)
+    still = np.full((1, PARTS), 5.0)
     assert standard_error(still)[0] == 0.0
     change, chance = drift(still)
     assert (change[0], chance[0]) == (0.0, 1.0) and steady(still)[0]
@@ -111,18 +132,18 @@ def test_no_scatter_has_no_error():
 def test_a_drift_is_told_from_scatter():
     """False alarms come at their nominal rate, a drift of four deviations of the batches' means is found."""
     random, runs = np.random.default_rng(11), 4000
-    noise = 100.0 + 5.0 * random.normal(size=(runs, BATCHES))
+    noise = 100.0 + 5.0 * random.normal(size=(runs, PARTS))
     change, chance = drift(noise)
     assert 0.002 < (chance < 0.01).mean() < 0.012  # 1 % less what the correction takes off
     assert abs(change.mean()) < 4 * change.std() / np.sqrt(runs)
-    ramp = noise + 20.0 * (np.arange(BATCHES) + 0.5) / BATCHES
+    ramp = noise + 20.0 * (np.arange(PARTS) + 0.5) / PARTS
     assert drift(ramp)[0].mean() == pytest.approx(20.0, abs=4 * change.std() / np.sqrt(runs))
     assert steady(ramp).mean() < 0.05
     assert steady(noise).mean() > 0.98
 
 
 def test_a_small_or_exact_drift():
-    place = (np.arange(BATCHES) + 0.5) / BATCHES
+    place = (np.arange(PARTS) + 0.5) / PARTS
     creeping, ramped = 100.0 + 0.9 * place, 100.0 + 1.2 * place  # 0.9 and 1.2 % of the mean, without any scatter
     assert drift(ramped[None])[0][0] == pytest.approx(1.2)
     assert drift(ramped[None])[1][0] < 1e-6

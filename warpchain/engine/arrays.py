@@ -311,7 +311,7 @@ def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def sums_bytes(packed: Any) -> int:
-    """Bytes that an ensemble's sums and statistics take: about a kilobyte a strand, 136 a sprocket and batch."""
+    """Bytes that an ensemble's sums and statistics take: about a kilobyte a strand, 88 a sprocket and batch."""
     counts = lengths(packed.drives, "sums")
     return sum(count * dtype_of(array_type("sums", name, packed.real)).itemsize for name, count in counts.items())
 

@@ -5,8 +5,8 @@ what moves, what contacts and tensioners remember, and what the window has summe
 step without a trace, so a run that is gone on with gives the same bits as a run of that length.
 
 A longer run can take a state over, with its sums, where its window begins at the same step, the chain is looked at as
-often (`looks`), and each note of its batches (`kernels.batches`) that lies behind was taken, as it was where the window
-becomes a whole number of times as long.
+often (`looks`), and each note of its batches (`kernels.statistics`) that lies behind was taken, as it was where the
+window becomes a whole number of times as long.
 It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
 it sums up, and the two round differently. Nor does a GPU mix variants that go on with others in one call: which kernel
 steps hangs on the earliest window. Else the variant begins anew.
@@ -36,7 +36,7 @@ from warpchain.version import installed
 
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
-FORMAT = 2
+FORMAT = 3
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 

@@ -1,6 +1,6 @@
 """Outcomes of variants: the window's sums, batch by batch too, where chains lie at the end, and why variants diverged.
 
-Kernels hand sums back for all variants, and note some of them at the ends of batches (`kernels.batches`).
+Kernels hand sums back for all variants, and note some of them at the ends of batches (`kernels.statistics`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
 
 Rows = Mapping[str, NDArray[Any]]
 
+PARTS = 20
+"""Of a window, as many batches each: by few that are long a drift is told, by many the standard errors."""
+
 ON_TOP = 0.5
 """A roller has left the teeth where its center is this share of its radius beyond their tips; on top of one it is 1."""
 
@@ -40,9 +43,9 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     Returns:
         "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm"
         (V, A), "tensioner" (V, T), a row a variant;
-        "batches", those of which notes were taken batch by batch along a last axis, and how long each batch is
-        (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no strand
-        (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
+        "batches" and "parts", those of which notes were taken batch by batch or part by part along a last axis, and
+        how long each is (V, batches) or (V, parts) [s]; "tension", how many link tensions were seen in each bin of
+        each strand and of no strand (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
     """
     drives, first = packed.drives[variants], starts(packed.drives)
     found = {}
@@ -50,42 +53,52 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
         begin, count = first[row.kind][variants], int(KINDS[row.kind].count(drives)[0])
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
         found[name] = values[begin if row.kind == "variant" else spread(begin, count)]
-    noted = [name for name in found if f"{name}_notes" in found]
-    batches = {name: batch_sums(found[f"{name}_notes"], found[name]) for name in noted}
+    batches, parts = _batched(found, drives, int(BATCHES)), _batched(found, drives, PARTS)
     tension = found["tension_counts"], tension_edges(drives["tension_scale"])
-    return found | {"batches": (batches, batch_durations(drives)), "tension": tension}
+    return found | {"batches": batches, "parts": parts, "tension": tension}
 
 
-def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int) -> NDArray[np.int64]:
-    """(..., notes) steps at which a window's notes are taken, if it is long enough for batches (`kernels.batches`)."""
+def _batched(
+    found: Mapping[str, Any], drives: NDArray[Any], batches: int
+) -> tuple[dict[str, Rows], NDArray[np.float64]]:
+    """Sums over each of so many batches of the window, by name and field, and their lengths (V, batches) [s]."""
+    kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
+    noted = [name for name in found if f"{name}_notes" in found]
+    sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
+    return sums, batch_durations(drives, batches)
+
+
+def note_steps(
+    start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = int(BATCHES)
+) -> NDArray[np.int64]:
+    """(..., batches - 1) steps at which batches of a window end, if it is long enough (`kernels.statistics`)."""
     first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, look_every))
-    batches = int(BATCHES)
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
-def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int) -> Any:
+def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = PARTS) -> Any:
     """(...) whether a window of so many steps has a look for each batch, at the least."""
-    return window >= int(BATCHES) * look_every
+    return window >= batches * look_every
 
 
-def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
-    """(V, batches) time that each batch stands for [s], nan where the window is too short for batches.
+def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
+    """(V, batches) time that each batch stands for [s], nan where the window is too short for so many.
 
     Args:
         drives: (V,) `kernels.structs.Drive`.
     """
-    start, noted, end = _edges(drives)
+    start, noted, end = _edges(drives, batches)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64))] = np.nan
+    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64), batches)] = np.nan
     return steps * drives["step"][:, None]
 
 
-def _edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Steps at which windows begin (V, 1), notes are taken (V, notes) and windows end (V, 1)."""
-    start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
-    return start, note_steps(*(drives[name] for name in ("window_start", "window_end", "look_every"))), end
+def _edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Steps at which windows begin (V, 1), batches but the last end (V, batches - 1) and windows end (V, 1)."""
+    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "look_every"))
+    return start[:, None], note_steps(start, end, every, batches), end[:, None]
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
@@ -96,8 +109,8 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
         totals: (...) the sums at the window's end.
     """
     found = {}
-    for name in totals.dtype.names or ():
-        if name in (notes.dtype.names or ()) and not name.endswith(("_min", "_max")):
+    for name in notes.dtype.names or ():
+        if name in (totals.dtype.names or ()):
             noted, total = notes[name], totals[name]
             axis = totals.ndim
             whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)

@@ -23,7 +23,7 @@ from warpchain.drive.batch import Stack, picked
 from warpchain.engine.arrays import Engine
 from warpchain.engine.chains import Rows
 from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
-from warpchain.engine.outcomes import batch_durations, causes_of, engaged, split_sums
+from warpchain.engine.outcomes import PARTS, batch_durations, causes_of, engaged, split_sums
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.recorder import Recorder, Recording
@@ -224,7 +224,7 @@ def _march(
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
-    batched = bool(np.isfinite(batch_durations(drives)).any())
+    batched = bool(np.isfinite(batch_durations(drives, PARTS)).any())
     taken: tuple[Any, Any, Any] | None = None
 
     def tick() -> None:

@@ -47,8 +47,8 @@ MEMORY = 2 * 2**30
 OF_A_PITCH = 16
 """Fewest looks while the chain moves on by a pitch, in which polygon action and contacts repeat themselves."""
 
-OF_A_BATCH = 16
-"""Fewest looks in each batch of a window (`kernels.batches`), where they are further apart than `LOOK_EVERY`."""
+OF_A_WINDOW = 320
+"""Fewest looks in a window where they are further apart than `LOOK_EVERY`."""
 
 FURTHER = 2 * LOOK_EVERY
 """Steps between two looks where these leave enough of them; still further apart they would miss more than they save."""
@@ -268,9 +268,7 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
 
 def look_every(longest: int, window: int) -> int:
     """Steps between two samples in a window of so many steps; `longest` is the most that the chain's speed allows."""
-    from warpchain.kernels.statistics import BATCHES
-
-    return longest if window >= int(BATCHES) * OF_A_BATCH * longest else LOOK_EVERY
+    return longest if window >= OF_A_WINDOW * longest else LOOK_EVERY
 
 
 def _warn(kind: type[Warning], line: str | None) -> None:

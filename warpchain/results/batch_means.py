@@ -1,26 +1,28 @@
 """Statistics of chaotic motion: quantiles from counts, the standard error of a mean, and whether a mean drifts.
 
-With B batches of about equal length, x_k their means and X_j = sum x_k exp(-i w_j k), w_j = 2 pi j / B, the ordinates
-of their spectrum are I_j = |X_j|^2 / B, each S(w_j) times an exponential variate, and the variance of the mean is
-S(0) / B. S(0) is found as by Heidelberger and Welch (1981), who extrapolate the log spectrum to no frequency, here by
-cosines:
+With B batches of about equal length, y_k their sums less what the mean of the window gives them, over their usual
+weight, and X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, the ordinates I_j = |X_j|^2 are each the spectrum S(w_j)
+times an exponential variate, and the variance of the mean is S(0). It is found as by Heidelberger and Welch (1981):
+least squares of a parabola through the logarithms of the lowest ordinates give
 
-    log S(w) = b_0 + sum b_n (1 - cos n w), n = 1 to 3,    standard error = c sqrt(exp(b_0) / B)              (a)
+    log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
 
-An oscillation, of the teeth that pass or of any other period that is shorter than the batches or a part of the window,
-is a peak elsewhere and averages out of the mean. b is that of the largest likelihood, sum log S_j + I_j / S_j the least
-(Whittle 1953), where least squares of log I_j begin: they need a constant for their bias and lose 2/5 of what the
-ordinates tell. Its covariance is (A^T A)^-1, A the terms at w_j, so that log S(0) has the variance s^2 = 1.08, and (a)
-2 / s^2 = 1.86 degrees of freedom. c makes the median error that of independent batches. The mean plus and minus
-`INTERVAL` = 4 errors, about Student's t of these degrees, holds the long-run mean in 95 of 100 windows.
+The constant is for the bias of the logarithm, and c makes the median error that of independent batches. What periods
+of the drive and shorter ones add to is elsewhere in the spectrum, and averages out of the mean. So few ordinates leave
+the error uncertain by a factor of two: the mean plus and minus `INTERVAL` of them holds the long-run mean in 95 of 100
+windows.
 
-A signal that repeats itself has no chance in it. Its ripple, which batches cut at other and other phases, shows in
-their means as a slow swing, and so does a start that is under way. Where one sine of less than `SLOW` periods leaves
-less than `DETERMINATE` of the variance of x_k, the window does not tell what lies behind it: the error is unknown.
+A signal that repeats itself has no chance in it. Its ripple, of amplitude A and frequency w, leaves up to A / (w T) in
+the mean of a window of length T, what its last period does not complete, and as much in each of the low ordinates,
+which are of the same window: (a) is that deviation itself. The batches are as many as it takes for a ripple that each
+cuts at another phase to fall rarely on the ordinates of (a).
 
-A drift is the slope of the line through x_k by least squares, times B: its change over the window. Its variance is that
-of independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error
-is Student's t with B - 2 degrees of freedom.
+Where one sine of less than `SLOW` periods leaves less than `DETERMINATE` of these (a start that is under way, a swing),
+the window does not tell what lies behind it: the error is unknown.
+
+A drift is the slope of the line through the means of P parts by least squares, times P: its change over the window.
+Its variance is that of independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below
+0; drift over error is Student's t with P - 2 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -35,31 +37,29 @@ Array = NDArray[np.float64]
 ERROR = "_se"
 """Ends the names of standard errors."""
 
-ORDER = 3
-"""Cosines of the log spectrum in (a)."""
+LOWEST = 9
+"""Ordinates that (a) goes through: of periods down to half a turn of the chain in a window of four."""
 
-MEDIAN = 0.881
+MEDIAN = 1.075
 """Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
 
-INTERVAL = 4.0
+INTERVAL = 4.2
 """Errors on either side of a mean within which the long-run mean is with 95 %."""
 
-SLOW = 2.5
-"""Periods of a sine in the window that may be a ripple, a start or chance."""
-DETERMINATE = 0.05
-"""Share of the variance that chance seldom leaves beside a sine."""
+SLOW = 7.5
+"""Periods in the window of a sine that may be a start, a swing or chance, and that bends the parabola of (a)."""
+DETERMINATE = 0.2
+"""Share of the lowest ordinates that chance seldom leaves beside a sine."""
 
 LEAST_TURNS = 3.95
 """Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked, as speeds vary.
 
 Tensions hang on what happened up to a turn ago. A window of few of them may look calm by chance, and tells nothing."""
 
-ROUNDS = 30
-"""Of Fisher's scoring, whose steps are cut where an ordinate is more than twice what is fitted."""
 LOG_BIAS = -0.577
 """Mean of the logarithm of an exponential variate of mean 1."""
-LEAST_SHARE, MOST_LOG = 1e-12, 60.0
-"""Of the mean ordinate, the least that one counts for, and the largest logarithm: what is smaller is round-off."""
+LEAST_SHARE = 1e-12
+"""Of the mean ordinate, the least that one counts for: what is smaller is round-off."""
 
 MOST_CORRELATED = 0.9
 """Residuals are taken to be no more alike than this: r of so few is uncertain, and 1 / (1 - r) without bound."""
@@ -135,39 +135,33 @@ def correlation(values: Array) -> Array:
     return np.clip(lagged / np.where(square > 0.0, square, np.inf), 0.0, MOST_CORRELATED)
 
 
-def standard_error(means: Array) -> Array:
-    """(a), of means of batches along the last axis; nan where it is unknown."""
-    count = means.shape[-1]
-    apart = means - means.mean(axis=-1, keepdims=True)
-    ordinates = np.abs(np.fft.rfft(apart, axis=-1))[..., 1:] ** 2 / count
-    mean = ordinates.mean(axis=-1, keepdims=True)
-    shares = np.maximum(ordinates / np.where(mean > 0.0, mean, 1.0), LEAST_SHARE)
-    terms, solved = _terms(count)
-    found = np.einsum("nj,...j->...n", solved, np.log(shares) - LOG_BIAS)  # row by row, unlike a product of matrices
-    for _ in range(ROUNDS):
-        fitted = np.clip(np.einsum("jn,...n->...j", terms, found), -MOST_LOG, MOST_LOG)
-        found = found + np.einsum("nj,...j->...n", solved, np.minimum(shares * np.exp(-fitted) - 1.0, 1.0))
-    error = np.sqrt(mean[..., 0] * np.exp(found[..., 0]) / count) / MEDIAN
-    explained = (np.einsum("fck,...k->...fc", _sines(count), apart) ** 2).sum(axis=-1).max(axis=-1)
-    return np.asarray(np.where(explained > (1.0 - DETERMINATE) * (apart * apart).sum(axis=-1), np.nan, error))
+def standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
+    """(a), of means of batches along the last axis, which stand for `weights`; nan where it is unknown."""
+    weights = np.broadcast_to(weights, means.shape)
+    mean = (weights * means).sum(axis=-1, keepdims=True) / weights.sum(axis=-1, keepdims=True)
+    apart = (means - mean) * weights / weights.mean(axis=-1, keepdims=True)
+    found = np.fft.rfft(apart, axis=-1)[..., 1 : LOWEST + 1] / means.shape[-1]
+    ordinates = np.abs(found) ** 2
+    usual = ordinates.mean(axis=-1)
+    shares = np.maximum(ordinates / np.where(usual > 0.0, usual, 1.0)[..., None], LEAST_SHARE)
+    error = np.sqrt(usual * np.exp(((np.log(shares) - LOG_BIAS) * _extrapolation()).sum(axis=-1))) / MEDIAN
+    parts = np.concatenate([found.real, found.imag], axis=-1)
+    explained = (np.einsum("fck,...k->...fc", _sines(means.shape[-1]), parts) ** 2).sum(axis=-1).max(axis=-1)
+    return np.asarray(np.where(explained > (1.0 - DETERMINATE) * ordinates.sum(axis=-1), np.nan, error))
 
 
 @cache
 def _sines(count: int) -> Array:
-    """(frequencies, 2, count) what sines of up to `SLOW` periods span beside a constant, orthonormal."""
-    angle = 2.0 * np.pi * np.arange(0.3, SLOW + 0.05, 0.1)[:, None] * (np.arange(count) + 0.5) / count
-    pairs = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return np.asarray(np.linalg.qr(pairs - pairs.mean(axis=1, keepdims=True))[0].swapaxes(1, 2), dtype=np.float64)
+    """(frequencies, 2, 2 `LOWEST`) what sines of up to `SLOW` periods span of the lowest ordinates, orthonormal."""
+    angle = 2.0 * np.pi * np.arange(0.3, SLOW + 0.1, 0.2)[:, None] * (np.arange(count) + 0.5) / count
+    found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=-1), axis=1)[:, 1 : LOWEST + 1]
+    return np.asarray(np.linalg.qr(np.concatenate([found.real, found.imag], axis=1))[0].swapaxes(1, 2))
 
 
 @cache
-def _terms(count: int) -> tuple[Array, Array]:
-    """(ordinates, terms) A of (a), and (terms, ordinates) (A^T W A)^-1 A^T W; the last of an even number tells half."""
-    frequency = 2.0 * np.pi * np.arange(1, count // 2 + 1) / count
-    terms = 1.0 - np.cos(frequency[:, None] * np.arange(ORDER + 1))
-    terms[:, 0] = 1.0
-    weight = np.where(2 * np.arange(1, count // 2 + 1) == count, 0.5, 1.0)
-    return terms, np.asarray(np.linalg.solve((terms.T * weight) @ terms, terms.T * weight), dtype=np.float64)
+def _extrapolation() -> Array:
+    """(`LOWEST`,) what b_0 of (a) takes of each logarithm."""
+    return np.asarray(np.linalg.pinv(np.vander(np.arange(1.0, LOWEST + 1), 3))[-1])
 
 
 def drift(means: Array) -> tuple[Array, Array]:

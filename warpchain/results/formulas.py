@@ -149,7 +149,8 @@ def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
     """The standard error of a mean (`results.batch_means`)."""
 
     def value(of: Summed) -> Values:
-        error = standard_error(batch_means(of, mean))
+        assert of.batches is not None
+        error = standard_error(batch_means(of, mean), of.batches.weight)
         return where(np.isfinite(error), error)
 
     return value

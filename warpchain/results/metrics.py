@@ -175,8 +175,8 @@ def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArra
 
 
 def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
-    """Batches by which variants of the same columns are found steady or not."""
-    noted, durations = sums["batches"]
+    """Parts of the window by which variants of the same columns are found steady or not."""
+    noted, durations = sums["parts"]
     links = np.array([drive.chain.links for drive in ended.drives])[:, None]
     weight = noted["chain"]["samples"] * links
     tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
@@ -242,9 +242,9 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
 
     Args:
         sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), and where there are
-            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches", those of the first four by field
-            with the batches along a last axis, and how long each batch is (V, batches) [s]; "tension", counts in bins
-            (V, S + 1, bins), those of links on no strand last, and the bins' edges (V, bins + 1) [N].
+            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches" and "parts", those of the first four
+            by field with the batches or parts along a last axis, and how long each is (V, batches) [s]; "tension",
+            counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
