@@ -20,6 +20,8 @@ import numpy as np
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
 from warpchain.drive.motion_table import Table
+from warpchain.drive.shafts import Shaft
+from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import names_of, speed_ratio
 
 
@@ -96,7 +98,8 @@ def excited_orders(drive: Drive) -> tuple[Order, ...]:
 def _driven(drive: Drive) -> list[tuple[float, str]]:
     """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
     found = []
-    for s, turned in enumerate((*drive.sprockets, *drive.shafts)):
+    parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
+    for s, turned in enumerate(parts):
         turns = speed_ratio(drive, s, drive.driver)
         motor = getattr(turned, "motor", None)
         for cause, word in ((turned.prescribed, "motion"), (turned.load, "load"), (motor, "motor")):
