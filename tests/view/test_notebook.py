@@ -32,7 +32,7 @@ def points(svg, tag):
     return [np.array([[float(v) for v in pair.split(",")] for pair in part.get("points").split()]) for part in found]
 
 
-@pytest.mark.parametrize("name", example_names())
+@pytest.mark.parametrize("name", [name for name in example_names() if name != "v6"])  # of one chain
 def test_the_picture_of_a_drive_is_within_its_frame_and_to_scale(name):
     drive = load_drive(drive_path(name))
     svg = drive_svg(drive)
