@@ -242,7 +242,7 @@ class Read(dict):
 
     def get(self, key, default=None):
         value = super().get(key, default)
-        if (self.within or key not in (*LISTS, "chain")) and not isinstance(value, str | None):
+        if (self.within or key not in (*LISTS, "chain", "chains")) and not isinstance(value, str | None):
             self.notes.add(self.within + key)
         return value
 
