@@ -109,10 +109,21 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
         forces.pull(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
 
     @wp.func
+    def evaluate_alone(ensemble: Ensemble, state: State, r: int, w: wp.array[Real], at: Stage, wanted: Now):
+        """`evaluate`, of a drive of one chain, which may have trains of its own."""
+        drive = ensemble.drives[r]
+        memory = memory_at(ensemble, state, drive, at, wanted)
+        forces.evaluate(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
+        together.find_rates(ensemble, state, drive, at.time)
+
+    @wp.func
     def evaluate(
         ensemble: Ensemble, state: State, variant: int, rings: int, scratch: wp.array2d[Real], at: Stage, wanted: Now
     ):
         """Forces on all rollers and wrenches on all bodies, then the bodies' accelerations."""
+        if rings == 1:
+            evaluate_alone(ensemble, state, variant, scratch[0], at, wanted)
+            return
         predicted = int(0)
         if wp.static(not plain):
             if ensemble.drives[variant].light != 0 and ensemble.drives[variant].integrator == 0:

@@ -45,7 +45,7 @@ RULES = [
         ("chain/damping_ratio", [0.1], "not together with damping; give one of the two"),
         ("chain/roller_radius", [0.05715], "must be below half the pitch, 0.05715"),
         ("chain/rollermass", [7], "unknown key; did you mean roller_mass?"),
-        ("chian", [{}], "unknown key; did you mean chain?"),
+        ("chains", [{}], "must be a list of chains"),
         ("self", [1], "unknown key; allowed are chain, chains, sprockets, guides, arms, tensioners, contact, run"),
         ("sprockets", [[], 3, None], "must be a list of at least 2 sprockets"),
         (f"{CAM}/name", ["", "a.b", "a->b", "a=b", "a/b", "a\nb", " a", "12", 12, None], NAME),

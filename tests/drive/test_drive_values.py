@@ -128,8 +128,8 @@ def test_guide_override_of_stiffness_or_materials(marine):
         ("sprockets.tightener.load.harmonics.0.phase", "unknown path; "),
         ("run.gravity.2", "unknown path; did you mean run.gravity.1?"),
         ("chain.pitch.x.y.z.very.long", "unknown path; chain.pitch has no keys"),
-        ("zzz", "unknown path; allowed are chain, sprockets, guides, arms, tensioners, contact, run"),
-        ("", "unknown path; allowed are chain, sprockets, guides, arms, tensioners, contact, run"),
+        ("zzz", "unknown path; allowed are chain, chains, sprockets, guides, arms, tensioners, contact, run"),
+        ("", "unknown path; allowed are chain, chains, sprockets, guides, arms, tensioners, contact, run"),
     ],
 )
 def test_unknown_path_suggests_the_nearest(marine, path, line):
@@ -242,7 +242,7 @@ class Read(dict):
 
     def get(self, key, default=None):
         value = super().get(key, default)
-        if (self.within or key not in (*LISTS, "chain")) and not isinstance(value, str | None):
+        if (self.within or key not in (*LISTS, "chain", "chains")) and not isinstance(value, str | None):
             self.notes.add(self.within + key)
         return value
 

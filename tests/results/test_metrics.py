@@ -53,7 +53,7 @@ def test_the_recipe_of_a_metric(tmp_path):
     assert others == mine
 
 
-@pytest.mark.parametrize("drive", drives(), ids=lambda drive: f"{len(drive.sprockets)}-{drive.chain.links}")
+@pytest.mark.parametrize("drive", drives(), ids=lambda drive: f"{len(drive.sprockets)}-{drive.links}")
 def test_the_registry_has_every_column(drive):
     whole = 700 * resolve_step(drive)  # enough steps for batches
     table = simulate(drive, duration=whole, window=(0.0, whole), device="cpu", record=Record("none")).metrics

@@ -96,10 +96,6 @@ class Rows:
         """
         if self.alone:
             return
-        counts = np.add.reduceat(packed.drives["bodies"], self.first[:-1])
-        begins = np.repeat(packed.drives["first_body"][self.first[:-1]], counts)
-        packed.ties["train"][: len(begins)] = np.arange(len(begins)) - begins
-        packed.ties["ratio"] = 1.0
         for v, (a, b) in enumerate(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True)):
             if b - a > 1:
                 try:
@@ -115,6 +111,7 @@ class Rows:
         drive, rows = shafts_given(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin, end = int(rows["first_body"][a]), int(rows["first_body"][b - 1] + rows["bodies"][b - 1])
+        packed.ties["train"][begin:end], packed.ties["ratio"][begin:end] = np.arange(end - begin), 1.0
         groups: dict[str, list[tuple[int, int, int]]] = {}
         for r in range(a, b):
             for k, s in enumerate(self.rings[r].places["sprockets"]):
