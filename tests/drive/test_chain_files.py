@@ -6,7 +6,7 @@ import chains
 import pytest
 
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.rings import rings_of, train_of
+from warpchain.drive.rings import rings_of, transmission_of
 from warpchain.drive.trains import is_free
 from warpchain.errors import DriveError
 
@@ -33,7 +33,7 @@ def test_code_for_one_chain_refuses_several_in_one_line():
 
 
 def test_ratios_multiply_stage_by_stage():
-    train = train_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
+    train = transmission_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
     assert train.speeds == {"crank=": Fraction(1), "mid": Fraction(2, 3), "out=": Fraction(20 * 18, 30 * 36)}
 
 
