@@ -6,7 +6,7 @@ import chains
 import pytest
 
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.rings import rings_of, train_of
+from warpchain.drive.rings import rings_of, transmission_of
 from warpchain.drive.trains import is_free
 from warpchain.errors import DriveError
 
@@ -33,7 +33,7 @@ def test_code_for_one_chain_refuses_several_in_one_line():
 
 
 def test_ratios_multiply_stage_by_stage():
-    train = train_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
+    train = transmission_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
     assert train.speeds == {"crank=": Fraction(1), "mid": Fraction(2, 3), "out=": Fraction(20 * 18, 30 * 36)}
 
 
@@ -92,6 +92,55 @@ del WRONG["sprockets.a2.mount.kind"]
 @pytest.mark.parametrize("line", WRONG)
 def test_wrong_values_are_named_in_a_line(line):
     assert line in error(text_of(**WRONG[line])).split("\n")
+
+
+SHAFT = '[[shafts]]\nname = "A"\n'
+GIVEN = "prescribed = { speed = 10.0 }"
+ONE_CHAIN = {
+    "gears: not yet together with [[chains]]":
+        '[[gears]]\nname = "g"\nbetween = ["A", "B"]\nteeth = [9, 9]\nmodule = 1e-3\n',
+    "couplings: not yet together with [[chains]]":
+        '[[couplings]]\nname = "c"\nbetween = ["A", "B"]\nstiffness = 9.0\n',
+    "shafts.A.motor: not yet together with [[chains]]": SHAFT + "motor = { torque = 1.0 }\n",
+    "shafts.A.initial_speed: not yet together with [[chains]]": SHAFT + "initial_speed = 1.0\n",
+    'shafts.C.name = "C": must be named by a sprocket: shafts without any are not yet together with [[chains]]':
+        SHAFT + '[[shafts]]\nname = "C"\n',
+    'sprockets.a1.prescribed: not together with shafts."A".prescribed; give one of the two': f"{SHAFT}{GIVEN}\n",
+}  # fmt: skip
+"""What is not yet for drives of several chains, or not twice."""
+
+
+@pytest.mark.parametrize("line", ONE_CHAIN)
+def test_what_drives_of_one_chain_have_alone_is_refused_in_a_line(line):
+    text, more = text_of(more="").replace("41", "40"), ONE_CHAIN[line]
+    loads_drive(text)
+    assert error(text.replace(SHAFT, more) if SHAFT in more else text + more) == line
+
+
+def test_bearings_do_not_rub_where_the_shaft_is_prescribed():
+    text = text_of(motion="bearing = { friction = 0.1, radius = 0.01 }").replace("41", "40")
+    line = 'sprockets.b1.bearing: not on the shaft "A", which is prescribed and whose motion nothing disturbs'
+    assert error(text) == line
+
+
+def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
+    on_sprockets = chains.side_by_side(2)
+    values = {f"sprockets.{name}": None for name in ("a0.prescribed", "b0.load", "b0.inertia")}
+    values |= {"shafts.A.prescribed.speed": 10.0, "shafts.B.load.torque": 600.0, "shafts.B.inertia": 2.0}
+    on_shafts = on_sprockets.with_values(values)
+    assert (on_shafts.driver, on_shafts.driver_speed) == (0, 10.0)
+    assert [ring.drive for ring in rings_of(on_shafts)] == [ring.drive for ring in rings_of(on_sprockets)]
+    both = on_shafts.with_values({"sprockets.b1.inertia": 3.0})
+    assert [ring.drive.sprockets[1].inertia for ring in rings_of(both)] == [5.0, 5.0]
+    assert loads_drive(dumps_drive(both)) == both
+
+
+def test_harmonics_count_the_turns_of_shafts_over_chains():
+    harmonic = {"order": 2.0, "amplitude": 1.0, "shaft": "mid"}
+    drive = chains.two_stages().with_values({"sprockets.out.load.harmonics": [harmonic]})
+    _, second = rings_of(drive)
+    (found,) = second.drive.sprockets[1].load.harmonics
+    assert (found.shaft, found.order) == (None, 2.0 * 36 / 18)
 
 
 def test_a_chain_that_nothing_turns_is_named():

@@ -7,7 +7,8 @@ import pytest
 from drives import MARINE, two_sprockets
 
 from warpchain import assemble, dumps_drive, load_drive, loads_drive
-from warpchain.drive.replicates import Replicates, copies_of, each_copy, phase_of, turned_on
+from warpchain.drive.replicates import Replicates, copies_of, each_copy, phase_of
+from warpchain.drive.turned import turned_on
 from warpchain.errors import DriveError, SimulationError
 
 TABLE = {"angle": [0.0, 1.0, 3.0, 2.0 * math.pi], "torque": [1.0, 5.0, 2.0, 1.0]}

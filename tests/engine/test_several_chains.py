@@ -87,6 +87,18 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
             np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
 
 
+@pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+def test_a_train_beside_several_chains_is_the_same_as_alone():
+    """Bitwise, though the kernel of several chains steps it."""
+    train, arm, several = (load_drive(drive_path(name)) for name in ("conveyor", "swing_idler", "v6"))
+    mine = [drive.with_values({"run.duration": 0.01}) for drive in (train, arm)]
+    alone = simulate(mine, device="cpu")
+    crowd = simulate([several.with_values({"run.duration": 1e-3}), *mine], device="cpu")
+    for v in range(2):
+        row, other = alone.metrics.to_pylist()[v], crowd.metrics.to_pylist()[1 + v]
+        assert {name: other[name] for name in row if name != "variant"} == {k: row[k] for k in row if k != "variant"}
+
+
 def test_float32_follows_float64():
     """Within 1e-3 of the largest tension, as long as contacts begin at the same steps."""
     drive = chains.two_stages(duration=0.002)

@@ -53,9 +53,9 @@ from warpchain.drive.batch_math import (
 )
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_velocity
-from warpchain.drive.replicates import turned_on
 from warpchain.drive.sprocket import Led
 from warpchain.drive.trains import Tie, ties, turning_sign
+from warpchain.drive.turned import turned_on
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, train_of, with_shafts
+from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
 
@@ -164,7 +164,7 @@ def _step(drive: Drive) -> dict[str, Any]:
 
 def _derive_several(drive: Drive) -> dict[str, Any]:
     """`derive` of several chains."""
-    speeds = train_of(with_shafts(drive)).speeds
+    speeds = transmission_of(with_shafts(drive)).speeds
     shafts = [
         {
             "name": shaft.name,

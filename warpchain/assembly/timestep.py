@@ -182,7 +182,7 @@ def _stiffest_of_several(drive: Drive) -> str:
     held = _highest_frequency(ring, True, [])
     if fastest.square + fastest.rate * fastest.rate > held * held:
         return fastest.name
-    return f'{stiffest_part(ring)}, chain "{ring.chain.name}"'  # type: ignore[attr-defined]
+    return f'{stiffest_part(ring)}, chain "{ring.chain.name}"'
 
 
 def step_limit(drive: Drive, damped_links: bool = True, held: bool = False) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from warpchain.drive.rings import chain_of, shaft_of, train_of, with_shafts
+from warpchain.drive.rings import chain_of, shaft_of, transmission_of, with_shafts
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive.sprocket import Sprocket
 
@@ -133,13 +133,13 @@ def ratio_rules(drive: Any) -> Iterator[Problem]:
         return
     if all(get(sprocket, "prescribed") is None for sprocket in sprockets):
         return
-    train = train_of(sprockets)
+    transmission = transmission_of(sprockets)
     for c, chain in enumerate(chains):
         name = get(chain, "name")
-        if is_name(name) and name not in train.leaders:
+        if is_name(name) and name not in transmission.leaders:
             text = "is turned by nothing: no sprocket of it is prescribed, or on a shaft that another chain turns"
             yield Problem(("chains", c, "name"), name, text)
-    for wrong in train.contradictions:
+    for wrong in transmission.contradictions:
         begin, end = (shaft.removesuffix("=") for shaft in wrong.shafts)
         first, second = (f"{float(ratio):g}" for ratio in wrong.ratios)
         which = "two chains" if len(wrong.chains) == 2 else "ways through the chains"

@@ -95,13 +95,13 @@ PITCHES = ("chain.pitch", "chains.pitch")
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
-    shaft_group_rules: {"shafts", "sprockets.center", "sprockets.mount"},
+    shaft_group_rules: {"chains", "shafts", "sprockets.center", "sprockets.mount"},
     size_rules: {*PITCHES, "chain.roller_radius", "chains.roller_radius", "contact", "guides.contact"},
     pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
-    train_rules: {"sprockets", "shafts", "gears", "couplings"},
+    train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
 }
 """Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
 

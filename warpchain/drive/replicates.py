@@ -10,19 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated
 
 from warpchain.arguments import Range, checked
-from warpchain.drive.batch_math import some
 from warpchain.drive.drive import Drive
-from warpchain.drive.motion_table import Table
 from warpchain.drive.run_settings import RunSettings
-from warpchain.drive.shafts import Motor, Shaft
-from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
-from warpchain.drive.trains import signed_turns
 from warpchain.errors import SimulationError
-
-Motion = TypeVar("Motion", Prescribed, Load, Motor)
 
 MOST_COPIES = 10_000
 Copies = Annotated[int, Range(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)]
@@ -102,30 +95,3 @@ def _begun(run: RunSettings, number: int, by: str) -> RunSettings:
     phase = (run.phase or 0.0) + phase_of(number)
     seating = (run.seating or 0) + number if by == "build" else run.seating
     return run.model_copy(update={"phase": phase - math.floor(phase + 0.5), "seating": seating})
-
-
-def turned_on(drive: Drive, turned: Sprocket | Shaft, motion: Motion) -> Motion:
-    """A sprocket's or a shaft's motion, load or motor as it goes on where the drive has turned on by `run.phase` teeth.
-
-    Every shaft of z teeth has then turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times
-    that, and tables over its angle move back by it.
-    """
-    phase = drive.run.phase
-    if phase is None or not some(phase):
-        return motion
-    teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
-    if drive.shafts and not drive.chains:
-        turns = signed_turns(drive)[len(drive.sprockets) :]
-        teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
-
-    def angle(part: Harmonic | Table) -> float:
-        return phase * 2.0 * math.pi / teeth[turned.name if part.shaft is None else part.shaft]
-
-    changes: dict[str, Any] = {}
-    if not isinstance(motion, Motor):
-        moved = [h.model_copy(update={"phase": h.phase + h.order * angle(h)}) for h in motion.harmonics]
-        changes["harmonics"] = tuple(moved)
-    table = motion.table
-    if table is not None and table.angle is not None:
-        table = table.model_copy(update={"angle": tuple(x - angle(table) for x in table.angle)})
-    return motion.model_copy(update=changes | {"table": table})

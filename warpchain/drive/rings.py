@@ -9,19 +9,17 @@ times as fast as the driver, z_1 on the shaft that the first chain leads, z_2 on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.schema import elements, get, valid
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import ArmMount, Led, Load, Prescribed, Sprocket
-
-if TYPE_CHECKING:
-    from warpchain.drive.drive import Drive
+from warpchain.drive.turned import turned_on
 
 PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
 """Lists of a drive whose parts are of one chain each."""
@@ -39,7 +37,7 @@ class Ring:
     """
 
     name: str
-    drive: Drive
+    drive: Any
     places: dict[str, tuple[int, ...]]
 
 
@@ -82,7 +80,7 @@ def _with_shaft(sprocket: Any, shaft: Any) -> Any:
     return sprocket.model_copy(update=own) if own else sprocket
 
 
-def shafts_given(drive: Drive) -> Drive:
+def shafts_given(drive: Any) -> Any:
     """A drive of several chains with `with_shafts`, after which shafts are names; of one chain, itself."""
     if not drive.chains:
         return drive
@@ -108,7 +106,7 @@ class Contradiction:
 
 
 @dataclass(frozen=True)
-class Train:
+class Transmission:
     """Order in which motion goes through the chains.
 
     Attributes:
@@ -122,8 +120,8 @@ class Train:
     contradictions: tuple[Contradiction, ...]
 
 
-def train_of(sprockets: Sequence[Any]) -> Train:
-    """The train of sprockets whose chains, shafts and teeth are sound; it begins at the first that is prescribed."""
+def transmission_of(sprockets: Sequence[Any]) -> Transmission:
+    """The transmission of sprockets whose chains, shafts and teeth are sound, from the first that is prescribed."""
     chains = dict.fromkeys(get(sprocket, "chain") for sprocket in sprockets)
     moved = {shaft_of(s) for s in sprockets if get(s, "prescribed") is not None}
     first = next(s for s in sprockets if get(s, "prescribed") is not None)
@@ -145,7 +143,7 @@ def train_of(sprockets: Sequence[Any]) -> Train:
                 names = (*before[:1], chain)
                 wrong.append(Contradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))
             speeds.setdefault(end, speeds[begin] * ratio)
-    return Train(speeds, leaders, tuple(wrong))
+    return Transmission(speeds, leaders, tuple(wrong))
 
 
 def _shafts(sprockets: Sequence[Any], chain: str) -> set[str]:
@@ -162,17 +160,18 @@ def _next(sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]
     return None
 
 
-def rings_of(drive: Drive) -> tuple[Ring, ...]:
+def rings_of(drive: Any) -> tuple[Ring, ...]:
     """The chains of a drive, or of a stack of drives, each as a drive of its own; of one chain, the drive itself."""
     if not drive.chains:
         return (Ring("", drive, {kind: tuple(range(len(getattr(drive, kind)))) for kind in PARTS}),)
     drive = shafts_given(drive)
-    train = train_of(drive.sprockets)
+    transmission = transmission_of(drive.sprockets)
     first = next(s for s in drive.sprockets if s.prescribed is not None)
     begins = {shaft_of(first): 1.0}
     found: dict[str, Ring] = {}
-    for name, leader in train.leaders.items():  # in the order of motion: speeds at the start follow from those before
-        ring = found[name] = _ring(drive, name, leader, train, begins)
+    # in the order of motion: speeds at the start follow from those before
+    for name, leader in transmission.leaders.items():
+        ring = found[name] = _ring(drive, name, leader, transmission, begins)
         own = ring.places["sprockets"]
         at = own.index(leader)
         begin = begins.setdefault(shaft_of(drive.sprockets[leader]), 1.0)
@@ -182,24 +181,22 @@ def rings_of(drive: Drive) -> tuple[Ring, ...]:
     return tuple(found[chain.name] for chain in drive.chains)
 
 
-def _ring(drive: Drive, name: str, leader: int, train: Train, begins: dict[str, float]) -> Ring:
+def _ring(drive: Any, name: str, leader: int, transmission: Transmission, begins: dict[str, float]) -> Ring:
     """A chain that a sprocket leads; `begins` are speeds of shafts at the start over the driver's."""
-    from warpchain.drive.replicates import turned_on
-
     places = _places(drive, name)
     names = {drive.sprockets[s].name for s in places["sprockets"]}
     leads, first = drive.sprockets[leader], next(s for s in drive.sprockets if s.prescribed is not None)
-    turned, run = float(train.speeds[shaft_of(leads)]), drive.run
+    turned, run = float(transmission.speeds[shaft_of(leads)]), drive.run
     if run.phase is not None:
         run = run.model_copy(update={"phase": run.phase * turned * leads.teeth / first.teeth})
     parts: dict[str, Any] = {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in PARTS}
-    sprockets = [_sprocket(drive, drive.sprockets[s], names, train) for s in places["sprockets"]]
+    sprockets = [_sprocket(drive, drive.sprockets[s], names, transmission) for s in places["sprockets"]]
     if all(sprocket.prescribed is None for sprocket in sprockets):
         assert first.prescribed is not None
         at, own = places["sprockets"].index(leader), first.prescribed
         mean = Prescribed.model_construct(speed=turned * own.top_speed, ramp_time=own.ramp_time)
         beside = {s.name for s in drive.sprockets if s.chain == first.chain}
-        motion = turned_on(drive, first, _by_own_angle(own, drive, first, beside, train))
+        motion = turned_on(drive, first, _by_own_angle(own, drive, first, beside, transmission))
         values = sprockets[at].__dict__ | {"prescribed": mean}
         sprockets[at] = Led.model_construct(**values, driver=motion, start_ratio=begins[shaft_of(leads)])
     parts["sprockets"] = tuple(sprockets)
@@ -208,7 +205,7 @@ def _ring(drive: Drive, name: str, leader: int, train: Train, begins: dict[str, 
     return Ring(name, drive.model_copy(update=changes), places)
 
 
-def loaded_rings(drive: Drive) -> tuple[Ring, ...]:
+def loaded_rings(drive: Any) -> tuple[Ring, ...]:
     """The chains as `rings_of`, with the steady loads of the chains that each turns on its own sprockets.
 
     A chain that is led takes its loads times the ratios of teeth, and what else is on its shaft. Before a run only.
@@ -216,13 +213,13 @@ def loaded_rings(drive: Drive) -> tuple[Ring, ...]:
     rings, drive = rings_of(drive), shafts_given(drive)
     if len(rings) == 1:
         return rings
-    train, found = train_of(drive.sprockets), {ring.name: ring for ring in rings}
-    for name in reversed(train.leaders):
-        leader = drive.sprockets[train.leaders[name]]
+    transmission, found = transmission_of(drive.sprockets), {ring.name: ring for ring in rings}
+    for name in reversed(transmission.leaders):
+        leader = drive.sprockets[transmission.leaders[name]]
         turning = next((s for s in companions(drive, leader) if _turned(found, s) and s is not leader), None)
         if turning is None or leader.chain is None:
             continue
-        moment = _demand(found[name].drive, found[name].places["sprockets"].index(train.leaders[name]))
+        moment = _demand(found[name].drive, found[name].places["sprockets"].index(transmission.leaders[name]))
         found[str(turning.chain)] = _with_load(found[str(turning.chain)], drive.sprockets.index(turning), moment)
     return tuple(found[ring.name] for ring in rings)
 
@@ -234,7 +231,7 @@ def _turned(found: dict[str, Ring], sprocket: Sprocket) -> bool:
     return mine.prescribed is None
 
 
-def _demand(ring: Drive, lead: int) -> float:
+def _demand(ring: Any, lead: int) -> float:
     """Moment [N m] that the steady loads of a chain ask of the sprocket that leads it, its own load among them."""
     own = ring.sprockets[lead]
     assert own.prescribed is not None
@@ -254,7 +251,7 @@ def _with_load(ring: Ring, s: int, moment: float) -> Ring:
     return replace(ring, drive=ring.drive.model_copy(update={"sprockets": tuple(sprockets)}))
 
 
-def _places(drive: Drive, name: str) -> dict[str, tuple[int, ...]]:
+def _places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
     """Places of a chain's parts; an arm is of the chain of what it carries, else of the first, a tensioner of its
     body's.
     """
@@ -266,21 +263,21 @@ def _places(drive: Drive, name: str) -> dict[str, tuple[int, ...]]:
     return {kind: tuple(sorted(own[kind])) for kind in PARTS}
 
 
-def arm_chain(drive: Drive, arm: Arm) -> str | None:
+def arm_chain(drive: Any, arm: Arm) -> str | None:
     """Name of the chain that an arm is of."""
     guides = [guide.chain for guide in drive.guides if guide.arm == arm.name]
     carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm == arm.name]
     return next(iter(guides + carried), drive.chains[0].name)
 
 
-def companions(drive: Drive, sprocket: Sprocket) -> list[Sprocket]:
+def companions(drive: Any, sprocket: Sprocket) -> list[Sprocket]:
     """The sprockets that turn with one, it among them, in order."""
     if sprocket.shaft is None:
         return [sprocket]
     return [other for other in drive.sprockets if other.shaft == sprocket.shaft]
 
 
-def _sprocket(drive: Drive, sprocket: Sprocket, names: set[str], train: Train) -> Sprocket:
+def _sprocket(drive: Any, sprocket: Sprocket, names: set[str], transmission: Transmission) -> Sprocket:
     """A sprocket with what its shaft has, the motion or the inertia of all that turns."""
     from warpchain.drive.mounts import wheel_inertia
 
@@ -288,21 +285,21 @@ def _sprocket(drive: Drive, sprocket: Sprocket, names: set[str], train: Train) -
     together = companions(drive, sprocket)
     motion = next((other.prescribed for other in together if other.prescribed is not None), None)
     if motion is not None:
-        changes["prescribed"] = _by_own_angle(motion, drive, sprocket, names, train)
+        changes["prescribed"] = _by_own_angle(motion, drive, sprocket, names, transmission)
     elif len(together) > 1:
         whole = sum((0.0 if other.inertia is None else other.inertia) + wheel_inertia(other) for other in together)
         changes["inertia"] = whole - wheel_inertia(sprocket)
     if sprocket.load is not None:
-        changes["load"] = _by_own_angle(sprocket.load, drive, sprocket, names, train)
+        changes["load"] = _by_own_angle(sprocket.load, drive, sprocket, names, transmission)
     return sprocket.model_copy(update=changes) if changes else sprocket
 
 
-def _by_own_angle(motion: Any, drive: Drive, sprocket: Sprocket, names: set[str], train: Train) -> Any:
+def _by_own_angle(motion: Any, drive: Any, sprocket: Sprocket, names: set[str], transmission: Transmission) -> Any:
     """A motion or load whose harmonics and tables go by shafts of its own chain, or by its own."""
 
     def ratio(shaft: str) -> float:
         turns = next((shaft_of(s) for s in drive.sprockets if s.name == shaft), shaft)
-        return float(train.speeds[turns] / train.speeds[shaft_of(sprocket)])
+        return float(transmission.speeds[turns] / transmission.speeds[shaft_of(sprocket)])
 
     def own(h: Any) -> Any:
         if h.shaft is None or h.shaft in names:
@@ -314,9 +311,3 @@ def _by_own_angle(motion: Any, drive: Drive, sprocket: Sprocket, names: set[str]
         angle = tuple(x / ratio(table.shaft) for x in table.angle)
         table = table.model_copy(update={"angle": angle, "shaft": None})
     return motion.model_copy(update={"harmonics": tuple(map(own, motion.harmonics)), "table": table})
-
-
-def all_rings(drives: Sequence[Drive]) -> Iterator[Ring]:
-    """The chains of all drives, one drive after the other."""
-    for drive in drives:
-        yield from rings_of(drive)

@@ -132,7 +132,7 @@ class Gear(Part):
         name: unique among all parts.
         between: the two shafts, a and b.
         teeth: teeth of the gear on each, z_a and z_b.
-        module: of the teeth [m], pitch diameter over teeth.
+        module: module of the teeth, pitch diameter over their number [m].
         internal: true where one is an internal gear, so that both turn the same way.
     """
 

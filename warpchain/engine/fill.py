@@ -28,9 +28,9 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
-from warpchain.drive.replicates import turned_on
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.trains import is_free, leader_of, seen_inertia, turned_part, turning_sign
+from warpchain.drive.turned import turned_on
 from warpchain.engine.fill_bodies import piece_count
 from warpchain.engine.fill_trains import fill_counts
 from warpchain.kernels.integrate import INTEGRATORS

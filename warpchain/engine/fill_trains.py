@@ -8,7 +8,6 @@ from typing import Any
 from warpchain.assembly import Assembly
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.replicates import turned_on
 from warpchain.drive.trains import (
     PRESSURE_ANGLE,
     gear_side,
@@ -18,6 +17,7 @@ from warpchain.drive.trains import (
     speed_ratio,
     train_of,
 )
+from warpchain.drive.turned import turned_on
 from warpchain.kernels.physics.train import OVER_SPEED
 
 

@@ -1,0 +1,41 @@
+"""Motions, loads and motors of drives that begin turned on by `run.phase` teeth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+from warpchain.drive.batch_math import some
+from warpchain.drive.motion_table import Table
+from warpchain.drive.shafts import Motor, Shaft
+from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
+from warpchain.drive.trains import signed_turns
+
+Motion = TypeVar("Motion", Prescribed, Load, Motor)
+
+
+def turned_on(drive: Any, turned: Sprocket | Shaft, motion: Motion) -> Motion:
+    """A sprocket's or a shaft's motion, load or motor as it goes on where the drive has turned on by `run.phase` teeth.
+
+    Every shaft of z teeth has then turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times
+    that, and tables over its angle move back by it.
+    """
+    phase = drive.run.phase
+    if phase is None or not some(phase):
+        return motion
+    teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
+    if drive.shafts and not drive.chains:
+        turns = signed_turns(drive)[len(drive.sprockets) :]
+        teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
+
+    def angle(part: Harmonic | Table) -> float:
+        return phase * 2.0 * math.pi / teeth[turned.name if part.shaft is None else part.shaft]
+
+    changes: dict[str, Any] = {}
+    if not isinstance(motion, Motor):
+        moved = [h.model_copy(update={"phase": h.phase + h.order * angle(h)}) for h in motion.harmonics]
+        changes["harmonics"] = tuple(moved)
+    table = motion.table
+    if table is not None and table.angle is not None:
+        table = table.model_copy(update={"angle": tuple(x - angle(table) for x in table.angle)})
+    return motion.model_copy(update=changes | {"table": table})
