@@ -40,13 +40,8 @@ def figure_of(results: Results) -> Figure:
     """Tension and slack of the slack strand, where the arm stands, and the loss, over the spring's moment."""
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     (where, tension), (slack, loss) = figure.subplots(2, 2)
-<<<<<<< HEAD
     for part, color in ((0.0, "0.4"), (0.02, "tab:orange")):
         drawn(where, example("swing_idler", {"chain.elongation": part}), color, f"{100 * part:g} % worn")
-=======
-    for worn, color in ((0.0, "0.4"), (0.02, "tab:orange")):
-        drawn(where, example("swing_idler", {"chain.elongation": worn}), color, f"{100 * worn:g} % worn")
->>>>>>> wm
     where.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     moment, stiffness, wear = (results.values(name) for name in ("moment", "stiffness", "wear"))
     shown = (

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -99,11 +98,7 @@ def excited_orders(drive: Drive) -> tuple[Order, ...]:
 def _driven(drive: Drive) -> list[tuple[float, str]]:
     """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
     found = []
-<<<<<<< HEAD
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
-=======
-    parts: list[Any] = [*drive.sprockets, *drive.shafts]
->>>>>>> wm
     for s, turned in enumerate(parts):
         turns = speed_ratio(drive, s, drive.driver)
         motor = getattr(turned, "motor", None)
