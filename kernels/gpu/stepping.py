@@ -154,10 +154,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 
     @wp.func
-    def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, acting: of_three):
+    def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: kinds.Wrench):
         """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
         if mine.body >= 0:
-            trains.pass_on(ensemble, state, shared, mine, now, wrench_of(acting))
+            trains.pass_on(ensemble, state, shared, mine, now, wrench)
         barrier()
         if now.measured != 0 or now.flags & FRAME != 0:
             if mine.body >= 0:
