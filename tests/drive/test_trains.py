@@ -211,7 +211,9 @@ def test_stacks_of_trains_have_the_bits_of_each():
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
     drive = load_drive(drive_path("swing_idler"))
     led = {"shafts": [{"name": "S", "prescribed": {"speed": 10.0}}], "sprockets.idler.shaft": "S"}
-    line = r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'
+    line = (
+        r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'
+    )
     with pytest.raises(DriveError, match=line):
         drive.with_values(led)
     gear = {"name": "g", "between": ["S", "idler"], "teeth": [20, 20], "module": 1e-3}
