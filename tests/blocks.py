@@ -227,6 +227,14 @@ def swung(**values):
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
 
+def swung_trains():
+    """Those idlers, the first on a shaft that a coupling ties to another."""
+    shafts = [{"name": "on it", "inertia": 2e-3}, {"name": "beside", "inertia": 5e-3, "load": {"torque": 1.0}}]
+    coupling = {"name": "soft", "between": ["on it", "beside"], "stiffness": 900.0, "damping": 0.1}
+    tied = {"shafts": shafts, "couplings": [coupling], "sprockets.idler.shaft": "on it"}
+    return [drive.with_values(tied) for drive in swung()]
+
+
 def swung_light():
     return swung(**LIGHT)
 

@@ -69,8 +69,8 @@ def chain(
         seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip
     row = packed.drives[0]
-    row["rings"], row["rollers"] = 1, n
-    row["sprockets"], row["guides"], row["bodies"] = wheels, bars, bodies
+    row["rings"] = 1
+    row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies
     row["pieces"], row["arms"] = pieces, len(arms)
     row["integrator"] = INTEGRATORS[integrator]
     row["step"], row["steps"], row["sample_every"] = step, steps, sample_every

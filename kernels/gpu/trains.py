@@ -53,7 +53,9 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
         shared.poses[mine.body].load = load
-        moment = wrench.moment + wrench.bearing + load + moment_of(ensemble, mine, time, shared)
+        moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
+        if wp.static(kind.parts.hubs > 0):
+            moment = moment + wrench.bearing
         drive = ensemble.drives[mine.variant]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from drives import errors_of, put, two_sprockets
 
-from warpchain import Drive, dumps_drive, loads_drive
+from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import moving_bodies
+from warpchain.drive.examples import drive_path
 from warpchain.drive.trains import gear_side, seen_inertia, train_of
 from warpchain.errors import DriveError
 
@@ -205,3 +206,17 @@ def test_stacks_of_trains_have_the_bits_of_each():
     drives = [drive.with_values({"shafts.engine.motor.torque": torque}) for torque in (50.0, 60.0, 70.0)]
     (stack,) = stacks_of(drives)
     assert np.asarray(top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]
+
+
+def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
+    drive = load_drive(drive_path("swing_idler"))
+    led = {"shafts": [{"name": "S", "prescribed": {"speed": 10.0}}], "sprockets.idler.shaft": "S"}
+    line = (
+        r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'
+    )
+    with pytest.raises(DriveError, match=line):
+        drive.with_values(led)
+    gear = {"name": "g", "between": ["S", "idler"], "teeth": [20, 20], "module": 1e-3}
+    line = r'^gears\.g\.between\.1 = "idler": must not be on an arm, which moves it from the other$'
+    with pytest.raises(DriveError, match=line):
+        drive.with_values({"shafts": [{"name": "S", "inertia": 1e-3}], "gears": [gear]})

@@ -308,6 +308,18 @@ def test_the_same_bits_alone_and_in_a_crowd():
         assert (alone.position == crowd[v].position).all() and (alone.arm_angle == crowd[v].arm_angle).all()
 
 
+def test_an_idler_on_a_shaft_turns_with_its_inertia():
+    """As one that has both inertias itself, to rounding: the shaft stands between the sprockets and the arm."""
+    idler = load_drive(drive_path("swing_idler")).with_values({"run.duration": 2e-3, "run.settle": False})
+    own = idler.sprockets[1].inertia
+    shaft = {"shafts": [{"name": "on it", "inertia": 2.0 * own}], "sprockets.idler.shaft": "on it"}
+    heavy, tied = idler.with_values({"sprockets.idler.inertia": 3.0 * own}), idler.with_values(shaft)
+    one, other = (simulate(drive, record=Record([0]), device="cpu")[0] for drive in (heavy, tied))
+    np.testing.assert_allclose(other.sprocket_speed, one.sprocket_speed, rtol=1e-7)
+    np.testing.assert_allclose(other.arm_angle, one.arm_angle, rtol=1e-9)
+    assert np.ptp(other.arm_angle) > 1e-6
+
+
 def test_archive_and_playback_hold_the_arm_and_its_sprocket(tmp_path):
     drive = load_drive(drive_path("swing_idler"))
     run = simulate(drive, record=Record(rate=5000.0), duration=4e-3, archive=tmp_path / "a.mcap")

@@ -15,6 +15,7 @@ from blocks import (
     swung,
     swung_light,
     swung_rk4,
+    swung_trains,
     trains,
     trains_rk4,
     ways,
@@ -33,12 +34,14 @@ KINDS = (
     swung,
     swung_light,
     swung_rk4,
+    swung_trains,
     *TRAINS,
 )
 USUAL = [
     (moving_sprockets, False, "float64"),
     (arms_rk4, True, "float64"),
     (trains, True, "float64"),
+    (swung_trains, True, "float64"),
     (trains, False, "float32"),
     (bending_rk4, True, "float32"),
     (swung, False, "float64"),

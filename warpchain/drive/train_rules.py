@@ -42,6 +42,7 @@ def train_rules(drive: Any) -> Iterator[Problem]:
     yield from wrong
     if not wrong:
         yield from _driven(drive, names, found)
+        yield from _carried(drive, names)
 
 
 def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
@@ -119,6 +120,23 @@ def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
         if tie.kind == "couplings" and tied.root[tie.a] == tied.root[tie.b]:
             text = f'"{names[tie.a]}" and "{names[tie.b]}" turn as one already; must be two that do not'
             yield Problem((*tie.path, "between"), [names[tie.a], names[tie.b]], text)
+
+
+def _carried(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
+    """Bearings rub on what turns freely, and gears have axes that stand still."""
+    sprockets, tied = elements(drive, "sprockets"), rigid(drive)
+    parts = [*sprockets, *elements(drive, "shafts")]
+    led = {tied.root[b]: names[b] for b, part in enumerate(parts) if get(part, "prescribed") is not None}
+    for s, sprocket in enumerate(sprockets):
+        if get(sprocket, "bearing") is not None and get(sprocket, "prescribed") is None and tied.root[s] in led:
+            text = f'not on a sprocket that turns with "{led[tied.root[s]]}", whose prescribed motion nothing disturbs'
+            yield Problem(("sprockets", s, "bearing"), None, text, BARE)
+    on_arms = [sprocket for sprocket in sprockets if get(get(sprocket, "mount"), "kind") == "arm"]
+    swinging = [get(sprocket, key) for sprocket in on_arms for key in ("name", "shaft")]
+    for g, gear in enumerate(elements(drive, "gears")):
+        for k, name in enumerate(elements(gear, "between")):
+            if isinstance(name, str) and name in swinging:
+                yield Problem(("gears", g, "between", k), name, "must not be on an arm, which moves it from the other")
 
 
 def _times(ratio: Fraction) -> str:
