@@ -137,9 +137,7 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
     if mount.active == 0:
-        rates[2] = (
-            wrench.moment + wrench.load
-        ) * motion.inverse_inertia  # whose inverse is zero where the angle is led
+        rates[2] = (wrench.moment + wrench.load) * motion.inverse_inertia  # zero where the angle is led
     else:
         turning = wp.vector(zero, zero, wrench.load)
         if motion.prescribed == 1:
