@@ -1,4 +1,4 @@
-"""What half the step changes where friction takes hold within a few steps, or a ramp is over in some."""
+"""Changes by half the step where friction takes hold within a few steps, or a ramp is over in some."""
 
 import argparse
 import warnings

@@ -78,7 +78,7 @@ FINE, SHARES = 0.15, (0.3, 0.6, 0.8, 0.95)
     option("--builds", type=int, default=4, help="of each drive"),
 )
 def shares(asked: argparse.Namespace) -> Iterator[Line]:
-    """What steps up to the limit of stability change of examples, from a step of 0.15 of it.
+    """Changes of examples by steps up to the limit of stability, from a step of 0.15 of it.
 
     python scripts/bench.py shares
 

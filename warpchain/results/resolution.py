@@ -1,4 +1,4 @@
-r"""How finely steps divide the shortest times of a drive that its limit of stability does not know of.
+r"""Fineness with which steps divide the shortest times of a drive that its limit of stability does not know of.
 
 Friction that sticks is held by a bristle whose stiffness grows as steps get shorter (`kernels.physics.friction`): where
 it takes hold within a few steps, what it gives way by hangs on the step. With mu the larger coefficient, N the largest
