@@ -74,7 +74,7 @@ def table_of(chosen: list[int]) -> pa.Table:
         tension = stacked.pop("tension"), stacked.pop("edges")
         return {**stacked, "batches": (batches, stacked.pop("durations")), "tension": tension}
 
-    return metrics_table(ended, metrics_blocks(ended, stacked))
+    return metrics_table(ended, metrics_blocks(ended, lambda variants: [(ended.of(variants), stacked(variants))]))
 
 
 def held(row):
