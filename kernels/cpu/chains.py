@@ -19,7 +19,7 @@ from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
 from .rollers import passes
-from .steps import evaluating, moving, stepping
+from .steps import evaluating, hanging, moving, stepping
 
 
 @cache
@@ -27,7 +27,7 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that make the bodies of each shaft of a variant turn as one."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    find_rates, follow = moving(Real, plain).find_rates, moving(Real, plain).follow
+    find_rates, follow = moving(Real, plain).find_rates, hanging(Real).follow
 
     @wp.func
     def bodies_of(ensemble: Ensemble, first: int, rings: int):

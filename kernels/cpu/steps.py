@@ -41,9 +41,58 @@ def arm_of(drive: Drive, b: int):
 
 
 @cache
+def hanging(Real: type) -> SimpleNamespace:
+    """The functions of sprockets on arms, and of their bearings (`physics.hub`)."""
+    kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
+
+    @wp.func
+    def hang(ensemble: Ensemble, state: State, drive: Drive, stage: int, stretched: wp.float64):
+        """Adds to the wrenches on arms what sprockets on them pass on, and to all what their bearings do."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            b = drive.first_body + s
+            arm = drive.first_body + hub.arm
+            turning = state.poses[b].speed
+            force = state.wrenches[b].force
+            if hub.arm != GROUND:
+                lever = state.poses[b].center - state.poses[arm].center
+                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_of(lever, force))
+                turning = turning - state.poses[arm].speed
+            if hub.bearing > wp.float64(0.0):
+                held = state.hub_hold[drive.first_sprocket + s]
+                moment, holds = bearing_moment(force, turning, held, hub, stretched)
+                state.wrenches[b].bearing = moment
+                if hub.arm != GROUND:
+                    state.wrenches[arm].bearing = state.wrenches[arm].bearing - moment
+                if stage == 0:
+                    state.hub_hold[drive.first_sprocket + s] = holds
+
+    @wp.func
+    def carry(ensemble: Ensemble, state: State, drive: Drive):
+        """Takes the sprockets on arms along, once these have moved."""
+        for s in range(drive.sprockets):
+            hub = ensemble.hubs[drive.first_sprocket + s]
+            if hub.arm != GROUND:
+                b = drive.first_body + s
+                arm = pose_of(state.bodies[drive.first_body + hub.arm])
+                state.bodies[b] = carried_by(state.bodies[b], arm, hub)
+
+    @wp.func
+    def follow(ensemble: Ensemble, state: State, drive: Drive):
+        """Takes sprockets on arms along with these, as contacts are to expect them."""
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+            for b in range(drive.first_body, drive.first_body + drive.sprockets):
+                state.poses[b].straight = state.bodies[b].straight
+
+    return SimpleNamespace(**locals())
+
+
+@cache
 def moving(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that move the bodies of one variant of an ensemble, and observe them."""
-    kinds = types(Real)
+    kinds, carry = types(Real), hanging(Real).carry
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
@@ -141,46 +190,6 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
 
     @wp.func
-    def hang(ensemble: Ensemble, state: State, drive: Drive, stage: int, stretched: wp.float64):
-        """Adds to the wrenches on arms what sprockets on them pass on, and to all what their bearings do."""
-        for s in range(drive.sprockets):
-            hub = ensemble.hubs[drive.first_sprocket + s]
-            b = drive.first_body + s
-            arm = drive.first_body + hub.arm
-            turning = state.poses[b].speed
-            force = state.wrenches[b].force
-            if hub.arm != GROUND:
-                lever = state.poses[b].center - state.poses[arm].center
-                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_of(lever, force))
-                turning = turning - state.poses[arm].speed
-            if hub.bearing > wp.float64(0.0):
-                held = state.hub_hold[drive.first_sprocket + s]
-                moment, holds = bearing_moment(force, turning, held, hub, stretched)
-                state.wrenches[b].bearing = moment
-                if hub.arm != GROUND:
-                    state.wrenches[arm].bearing = state.wrenches[arm].bearing - moment
-                if stage == 0:
-                    state.hub_hold[drive.first_sprocket + s] = holds
-
-    @wp.func
-    def carry(ensemble: Ensemble, state: State, drive: Drive):
-        """Takes the sprockets on arms along, once these have moved."""
-        for s in range(drive.sprockets):
-            hub = ensemble.hubs[drive.first_sprocket + s]
-            if hub.arm != GROUND:
-                b = drive.first_body + s
-                arm = pose_of(state.bodies[drive.first_body + hub.arm])
-                state.bodies[b] = carried_by(state.bodies[b], arm, hub)
-
-    @wp.func
-    def follow(ensemble: Ensemble, state: State, drive: Drive):
-        """Takes sprockets on arms along with these, as contacts are to expect them."""
-        if drive.hubs != 0:
-            carry(ensemble, state, drive)
-            for b in range(drive.first_body, drive.first_body + drive.sprockets):
-                state.poses[b].straight = state.bodies[b].straight
-
-    @wp.func
     def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
         """Power [W] that the bearing of sprocket s takes."""
         hub = ensemble.hubs[drive.first_sprocket + s]
@@ -276,7 +285,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
     clear, row, bodies = passes(Real, capacity).clear, rows(capacity), moving(Real, plain)
-    rates_of, pass_on, hang, follow = bodies.rates_of, bodies.pass_on, bodies.hang, bodies.follow
+    rates_of, pass_on, hang, follow = bodies.rates_of, bodies.pass_on, hanging(Real).hang, hanging(Real).follow
     joints = joint_passes(Real, capacity)
 
     @wp.func

@@ -75,7 +75,7 @@ def table_of(chosen: list[int]) -> pa.Table:
         batched = batches, stacked.pop("durations")
         return {**stacked, "batches": batched, "parts": batched, "tension": tension}
 
-    return metrics_table(ended, metrics_blocks(ended, stacked))
+    return metrics_table(ended, metrics_blocks(ended, lambda variants: [(ended.of(variants), stacked(variants))]))
 
 
 def held(row):

@@ -194,7 +194,7 @@ def test_probes_in_a_drive_file():
         ("probes/0/at", [1.0], "probes.mid.at = [1.0]: must be two finite numbers [x, y]"),
         ("probes/0/at", [1e5, 0.0], "probes.mid.at = [100000.0, 0.0]: must be within 10000 m of the origin"),
         ("probes/0/at", None, "probes.mid.at: missing; must be two finite numbers [x, y]"),
-        ("probes/0/places", 1, "probes.mid.places = 1: unknown key; allowed are name, at, radius"),
+        ("probes/0/places", 1, "probes.mid.places = 1: unknown key; allowed are name, at, radius, chain"),
     ],
 )
 def test_wrong_probes(path, value, line):

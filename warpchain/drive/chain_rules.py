@@ -174,7 +174,7 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
 
 
 def one_chain_rules(drive: Any) -> Iterator[Problem]:
-    """What only drives of one chain can have so far."""
+    """Gears, couplings, motors and speeds at the start are for drives of one chain so far."""
     if not elements(drive, "chains"):
         return
     for kind in ("gears", "couplings"):

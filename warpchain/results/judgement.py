@@ -123,7 +123,7 @@ LEAST_STRETCH = 1e-9
 
 
 def least_force(drives: Sequence[Drive], of: str) -> NDArray[np.float64]:
-    """What counts as a force of a link [N], NaN where a drive has no such chain."""
+    """Least that counts as a force of a link [N], NaN where a drive has no such chain."""
     return LEAST_STRETCH * np.array([np.nan if chain is None else chain.stiffness for chain in _chains(drives, of)])
 
 

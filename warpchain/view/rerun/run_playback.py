@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,15 +84,9 @@ def blueprint(
             for group in groups
         ]
 
-    bounds = _bounds(shown)
+    look: dict[str, Any] = {"visual_bounds": _bounds(shown), "background": BACKGROUND}
     drives = [
-        rrb.Spatial2DView(
-            origin=entity(root, "drive"),
-            name=f"{root}: link tension {scale}",
-            visual_bounds=bounds,
-            background=BACKGROUND,
-        )
-        for root in roots
+        rrb.Spatial2DView(origin=entity(root, "drive"), name=f"{root}: link tension {scale}", **look) for root in roots
     ]
     beside = rrb.Vertical(*curves("tension", "contact", "displacement"))
     tabs: list[rrb.Container | rrb.View] = []
@@ -103,16 +97,14 @@ def blueprint(
         if len(of_first) > 1:  # chains of one drive
             whole = [f"+ {entity(root, 'drive')}/**" for root in of_first]
             name = f"all chains: link tension {scale}"
-            picture = rrb.Spatial2DView(
-                origin="/", contents=whole, name=name, visual_bounds=bounds, background=BACKGROUND
-            )
+            picture = rrb.Spatial2DView(origin="/", contents=whole, name=name, **look)
             tabs.append(rrb.Horizontal(picture, beside, column_shares=[2, 3], name="drive"))
         tabs.append(rrb.Horizontal(*drives, name="side by side"))
         overlay = rrb.Spatial2DView(
             origin="/",
             contents=["+ /overlaid/**", *(f"+ {entity(root, 'drive', 'sprockets')}/**" for root in of_first)],
             name="chains overlaid (zoom in to tell them apart)",
-            visual_bounds=bounds,
+            visual_bounds=look["visual_bounds"],
         )
         tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
     pictures = [chart.view(f"{root}: link tension {scale}") for chart, root in zip(images, roots, strict=True)]
