@@ -108,12 +108,8 @@ def test_the_site_opens_in_a_browser(site):
             True,
         ),
         "tutorials/first-drive.html": (
-<<<<<<< HEAD
             "[...document.images].filter(i => i.complete && i.naturalWidth > 300).length > 4 "
             "&& document.querySelectorAll('.shown table').length > 2",
-=======
-            "[...document.images].filter(i => i.complete && i.naturalWidth > 300).length > 5",
->>>>>>> wm
             True,
         ),
     }
