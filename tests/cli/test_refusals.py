@@ -321,7 +321,11 @@ STUDIES = {
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
     "kinds": (LEVELS, "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
-    "factors": ("[run]", 999 * f"{MASS}\n" + "[run]", "factors: 1001 of them; must be at most 1000"),
+    "factors": (
+        "[run]",
+        999 * f"{MASS.replace('0', '[6, 7]')}\n" + "[run]",
+        "factors: 1001 of them; must be at most 1000",
+    ),
     "digits": ("duration = 0.0005", "duration = " + "9" * 5000, "TOML"),
 }
 

@@ -41,7 +41,7 @@ def test_runs_hold_few_rollers_for_many_steps():
     drive = two_sprockets()
     engine, _ = stepped(pack([drive], [Schedule(1e-6, 10**6, 10**6, 10**6, 0)]), 100)
     row = rows(engine.capacity)
-    scratch = engine._scratch.get().numpy()
+    scratch = engine._scratch.get().numpy()[0]
     counted = []
     for p in range(2):
         count = int(scratch[row.runs + p])

@@ -7,6 +7,7 @@ import warp as wp
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.number import Pair, PairVector, RecentSum
 from warpchain.kernels.precision import as_float32, as_float64
+from warpchain.kernels.statistics import NOTES
 from warpchain.kernels.structs import (
     PAIRS,
     ArmSums,
@@ -102,7 +103,7 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
             (at(rows, leaf) if leaf else rows)[...] = 1
         setattr(tallies, name, wp.array(rows, dtype=dtype, device="cpu"))
     for name, var in Sums.vars.items():
-        setattr(sums, name, wp.zeros(64, dtype=var.type.dtype, device="cpu"))
+        setattr(sums, name, wp.zeros(4 * NOTES, dtype=var.type.dtype, device="cpu"))
     wp.launch(
         collect_kernel(wp.float64), 1, inputs=[wp.array(drive, dtype=Drive, device="cpu"), tallies, sums], device="cpu"
     )
