@@ -7,6 +7,7 @@ from drives import two_sprockets
 
 from warpchain.drive import Drive
 from warpchain.kernels import relaxation, structs
+from warpchain.kernels.statistics import BATCHES
 from warpchain.results import metrics
 from warpchain.results.metric_columns import same_columns
 from warpchain.results.metrics import Ended, _column, energy_balance, metrics_blocks, metrics_table
@@ -45,9 +46,9 @@ def sums_of(drive: Drive, variant: int) -> dict[str, np.ndarray]:
     made["chain"] = made["chain"][0]
     made["tension"] = random.integers(0, 5, (sprockets + 1, 6))
     made["edges"] = np.sort(random.normal(size=7))
-    made["durations"] = random.uniform(0.5, 2.0, 4)
+    made["durations"] = random.uniform(0.5, 2.0, int(BATCHES))
     for name, struct in BATCHED.items():
-        shape = (4,) if name == "chain" else (sprockets, 4)
+        shape = (int(BATCHES),) if name == "chain" else (sprockets, int(BATCHES))
         rows = np.zeros(shape, struct.numpy_dtype())
         made[f"{name}_batches"] = {f: random.uniform(0.5, 2.0, rows[f].shape) for f in rows.dtype.names}
     return made
