@@ -1,7 +1,6 @@
 """Runs of drives with several chains, against closed forms and against drives of one chain."""
 
 import math
-import tomllib
 
 import chains
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from blocks import LIGHT
 from drives import two_sprockets
 
-from warpchain import Drive, Limits, Record, dumps_drive, load_drive, loads_drive, simulate
+from warpchain import Limits, Record, load_drive, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError, SuspectWarning
@@ -89,29 +88,13 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
             np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
 
 
-def twice(drive):
-    """A drive of one chain, and the same again in another plane, joined by nothing."""
-    whole = tomllib.loads(dumps_drive(drive))
-    chain, sprockets, arms = (whole.pop(kind) for kind in ("chain", "sprockets", "arms"))
-    of = {"chains": [], "sprockets": [], "arms": []}
-    for name in "ab":
-        of["chains"].append(chain | {"name": name, "plane": f"of {name}"})
-        of["arms"] += [arm | {"name": f"{name} {arm['name']}"} for arm in arms]
-        for sprocket in sprockets:
-            more = {"name": f"{name} {sprocket['name']}", "chain": name}
-            if "arm" in sprocket["mount"]:
-                more["mount"] = {"kind": "arm", "arm": f"{name} {sprocket['mount']['arm']}"}
-            of["sprockets"].append(sprocket | more)
-    return Drive(**whole, **of)
-
-
 @pytest.mark.parametrize("values", [{}, LIGHT], ids=["usual", "light"])
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 def test_unjoined_chains_with_sprockets_on_arms_are_each_as_alone(values):
     """Bitwise."""
     few = {"run.duration": 5e-3, "run.settle": False}
     drive = load_drive(drive_path("swing_idler")).with_values(few | values)
-    alone, both = (simulate(of, device="cpu", record=Record([0]))[0] for of in (drive, twice(drive)))
+    alone, both = (simulate(of, device="cpu", record=Record([0]))[0] for of in (drive, chains.twice(drive)))
     for part in chain_trajectories(both).values():
         for channel in ("position", "sprocket_speed", "sprocket_center", "arm_angle"):
             np.testing.assert_array_equal(getattr(part, channel), getattr(alone, channel))
