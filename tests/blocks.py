@@ -314,8 +314,8 @@ def run_blocks(packed, shape, blocks, order, frames, measuring=True, variants_pe
     kind = kind_of(packed, shape, measuring)
     kernel = block_kernel(kind, 4, packed.frame)
     turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
-    for block in blocks:
-        inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
+    for number, block in enumerate(blocks):
+        inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
         wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}

@@ -247,7 +247,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
-        """Kinetic and potential energy of roller j, of n, elastic energy of the link after it and of its contacts [J]."""
+        """Energy of roller j, of n, and elastic energy of the link after it and of its contacts [J]."""
         chain = chain_of(shared, j, n)
         held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain)
         return held - weight + wp.float64(extra.energy)

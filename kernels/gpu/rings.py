@@ -8,7 +8,6 @@ is a row of `Drive`, and lies there as if it were alone. With one chain nothing 
 
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
