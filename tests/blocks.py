@@ -4,6 +4,7 @@ import tomllib
 from dataclasses import replace
 from functools import partial
 
+import chains
 import numpy as np
 import pytest
 import warp as wp
@@ -11,10 +12,13 @@ from drives import timing, two_sprockets
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
+from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
+from warpchain.drive.rings import rings_of
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
 from warpchain.engine.buckets import block_shape, kind_columns, room_for
 from warpchain.engine.buckets import kind_of as engine_kind
+from warpchain.engine.chains import Rows
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import room
@@ -243,6 +247,40 @@ def swung_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in swung()]
 
 
+def v6():
+    """Four chains, three shafts, arms with tensioners: its loads at once, and with another one and a worn link."""
+    at_once = {"run.step": 1.5e-6, "sprockets.crank.prescribed.ramp_time": 0.0}
+    at_once |= {f"sprockets.{cam}.load.ramp_time": 0.0 for cam in ("left cam", "right cam", "exhaust cam")}
+    drive = load_drive(drive_path("v6")).with_values(at_once)
+    worn = {"chains.right.worn_links": [{"link": 4, "elongation": 1e-3}]}
+    return [drive, drive.with_values({"sprockets.exhaust cam.load.torque": 4.0} | worn)]
+
+
+def stages_of_two_chains():
+    """Two chains that differ in all: in pitch, in how links alternate, and one with play whose joints rub."""
+    drive = chains.two_stages(step=2e-6)
+    outer = {"elongation": 1e-3, "stiffness": 6e7, "damping": 1500.0}
+    joint = {"friction": 0.1, "pin_radius": 0.008}
+    unlike = {"chains.first.outer": outer, "chains.second.play": 1e-5, "chains.second.joint": joint}
+    return [drive, drive.with_values(unlike)]
+
+
+def light_stages():
+    """The same alike, with a shaft so light that the contacts of both chains want its acceleration before forces."""
+    light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 1e-3}
+    drive = chains.two_stages(step=2e-6).with_values(light)
+    return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
+
+
+def stages_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in stages_of_two_chains()]
+
+
+def unjoined():
+    """Two chains, each with an idler on an arm, light or not, that nothing joins."""
+    return [chains.twice(drive) for drive in (swung()[0], swung_light()[0])]
+
+
 def arms_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in arms()]
 
@@ -275,9 +313,9 @@ def run_blocks(packed, shape, blocks, order, frames, measuring=True, variants_pe
     shape = replace(shape, variants_per_block=variants_per_block)
     kind = kind_of(packed, shape, measuring)
     kernel = block_kernel(kind, 4, packed.frame)
-    turn = wp.array(order, dtype=wp.int32, device="cpu")
-    for block in blocks:
-        inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
+    turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
+    for number, block in enumerate(blocks):
+        inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
         wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}
@@ -299,12 +337,15 @@ def joint_powers(packed, drive, frames):
 
 def shape_of(variants, each):
     """The shape of variants' blocks, of which a multiprocessor has so many."""
-    return block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), each)
+    return block_shape(int(room_for(np.array([drive.links for drive in variants])).max()), each)
 
 
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
-    packed = pack(variants, schedules).at_precision(precision)
+    rows = Rows(variants, stacks_of(variants))
+    packed = pack(rows.drives, rows.spread(schedules))
+    rows.couple(packed)
+    packed = packed.at_precision(precision)
     return replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
 
 
@@ -315,15 +356,16 @@ def assert_steps_of_the_cpu(drives, many, precision):
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = pack_for(variants, schedules, precision)
-    bends = bool(packed.joints["rubs"].any())
-    widths = [frame_width(drive, packed.frame) * 16 for drive in variants]
-    packed.drives["first_value"] = [0, widths[0]]
+    bends = np.flatnonzero(packed.joints["rubs"])
+    each = [ring.drive for drive in variants for ring in rings_of(drive)]
+    widths = [frame_width(chain, packed.frame) * 16 for chain in each]
+    packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     serial, theirs = stepped(packed, 301, values=sum(widths))
     ours = serial.frame_buffer(sum(widths))
     ours.fill_(np.nan)
     state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter
-    assert state.progress.numpy()["step"].tolist() == [301, 301]
-    assert state.progress.numpy()["diverged"].tolist() == [0, 0]
+    assert (state.progress.numpy()["step"] == 301).all()
+    assert (state.progress.numpy()["diverged"] == 0).all()
     # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
     tolerance = 1e-9 if precision == "float64" else 3e-4
     close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
@@ -334,8 +376,10 @@ def assert_steps_of_the_cpu(drives, many, precision):
         close(bodies[name], serial.bodies()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
-    if bends:
-        powers = [joint_powers(packed, variants[0], frames.numpy()[: widths[0]]) for frames in (ours, theirs)]
+    if len(bends):
+        chain, first = each[bends[0]], packed.drives["first_value"][bends[0]]
+        of_chain = slice(first, first + widths[bends[0]])
+        powers = [joint_powers(packed, chain, frames.numpy()[of_chain]) for frames in (ours, theirs)]
         close(*powers, atol=(1e-9 if precision == "float64" else 5e-3) * powers[1].max())
         assert powers[1].max() > 0.0
     summed = serial.sums()
@@ -350,7 +394,7 @@ def assert_steps_of_the_cpu(drives, many, precision):
     # looks at each link at step 111, then at multiples; round-off may take a tension over the edge of its bin
     mine, theirs_ = (each.reshape(-1, BINS) for each in (sums["tension_counts"], summed["tension_counts"]))
     seen = sum(step == 111 or step % looks == 0 for step in range(111, 291))
-    assert mine.sum() == theirs_.sum() == seen * sum(drive.chain.links for drive in variants)
+    assert mine.sum() == theirs_.sum() == seen * sum(chain.chain.links for chain in each)
     np.testing.assert_array_equal(mine.sum(axis=1), theirs_.sum(axis=1))
     moved = np.abs(np.cumsum(mine - theirs_, axis=1)).sum()
     assert moved <= (2 if precision == "float64" else 0.05 * mine.sum()), moved

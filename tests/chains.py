@@ -1,8 +1,9 @@
 """Drives of several chains that tests share."""
 
 import math
+import tomllib
 
-from warpchain import loads_drive
+from warpchain import Drive, dumps_drive, loads_drive
 
 
 def span(first, second, links, pitch, strain=2e-4):
@@ -107,3 +108,19 @@ def side_by_side(count, **settings):
         own = "inertia = 2.0\nload = { torque = 600.0 }" if k == 0 else ""
         text += sprocket(f"b{k}", z[1], (a, 0.0), f"c{k}", "B", own)
     return loads_drive(text + CONTACT.replace("2e8", f"{2e8 * twice}") + run(**settings))
+
+
+def twice(drive):
+    """A drive of one chain, and the same again in another plane, joined by nothing."""
+    whole = tomllib.loads(dumps_drive(drive))
+    chain, sprockets, arms = (whole.pop(kind) for kind in ("chain", "sprockets", "arms"))
+    of = {"chains": [], "sprockets": [], "arms": []}
+    for name in "ab":
+        of["chains"].append(chain | {"name": name, "plane": f"of {name}"})
+        of["arms"] += [arm | {"name": f"{name} {arm['name']}"} for arm in arms]
+        for sprocket in sprockets:
+            more = {"name": f"{name} {sprocket['name']}", "chain": name}
+            if "arm" in sprocket["mount"]:
+                more["mount"] = {"kind": "arm", "arm": f"{name} {sprocket['mount']['arm']}"}
+            of["sprockets"].append(sprocket | more)
+    return Drive(**whole, **of)

@@ -25,6 +25,7 @@ from .kind import WARP, BlockKind, Mine, mine_of
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import block_observing, block_strands
+from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .stepping import advancing, warp_steps
@@ -122,10 +123,11 @@ def launching(kind: BlockKind) -> SimpleNamespace:
         if wp.static(measuring):
             observe.end_extremes(ensemble, out.sums, shared, mine)
         if mine.thread == 0:
-            progress = state.progress[mine.variant]
-            progress.step = now.step
-            progress.diverged = now.diverged
-            state.progress[mine.variant] = progress
+            for r in range(wp.static(kind.parts.rings)):
+                progress = state.progress[mine.variant + r]
+                progress.step = now.step
+                progress.diverged = now.diverged
+                state.progress[mine.variant + r] = progress
 
     return SimpleNamespace(**locals())
 
@@ -145,6 +147,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     on_event, sample_links = block_sampling(kind, frame).on_event, block_sampling(kind, frame).sample_links
     threads_of, barrier, body_of = sync(kind), sync(kind).barrier, wrench_parts(kind).body_of
     shared_of, lengths_of, remembered = shared_arrays(kind), view(Real), near_partners(kind).remembered
+    among = block_rings(kind).among
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     loop, do, on_warp = launching(kind), advancing(kind, frame), warp_steps(kind, frame)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
@@ -179,6 +182,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
         mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_of(state, number)
+        mine = among(ensemble, shared, mine)
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
@@ -192,7 +196,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if wp.static(ahead):
             tension, rate = pull(state, shared, mine, now, lengths)
         touch = forces.Touch()
-        touch.near = remembered(state, mine)
+        touch.near = remembered(state, shared, mine)
         if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
             touch = on_warp.look(ensemble, state, shared, mine, now, touch)
         while now.step < end and now.diverged == 0:

@@ -32,6 +32,7 @@ from ..structs import GROUND, Drive
 from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
 from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
+from .rings import block_rings
 from .shared_memory import COURSE
 from .sync import lanes, sync
 
@@ -39,17 +40,17 @@ from .sync import lanes, sync
 @cache
 def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     """The functions of one variant's tensioners on a block."""
-    tensioners = kind.parts.tensioners
+    tensioners_of = block_rings(kind).tensioners_of
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
     @wp.func
     def pushed(ensemble: Ensemble, state: State, mine: Mine, pose: Pose, wrench: kinds.Wrench):
         """The wrench on the thread's body, at `pose`, with what its tensioners do to it."""
-        first = ensemble.drives[mine.variant].first_tensioner
-        for t in range(first, first + wp.static(tensioners)):
+        drive = ensemble.drives[mine.row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.body:
+            if tensioner.body == mine.number:
                 push = push_by(pose, state.tensioners[t], tensioner)
                 state.pushes[t] = push
                 wrench.force = wrench.force + push.wrench.force
@@ -70,10 +71,10 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
 
         `before` is where the body was, `seen` has its rates at the step's instant.
         """
-        drive = ensemble.drives[mine.variant]
-        for t in range(drive.first_tensioner, drive.first_tensioner + wp.static(tensioners)):
+        drive = ensemble.drives[mine.row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.body:
+            if tensioner.body == mine.number:
                 push = state.pushes[t]
                 rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
                 power = lost_power(push, rate, state.tensioners[t], tensioner)
@@ -81,17 +82,17 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
                 if now.flags & ENDS != 0:
                     energy = wp.float64(tensioner_energy(push.extension, state.tensioners[t], tensioner))
-                    at = drive.first_body + mine.body
+                    at = drive.first_body + mine.number
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
         """Takes the tensioners of the thread's body a step of `h` [s] on, once it has moved."""
         if now.going != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
-            first = ensemble.drives[mine.variant].first_tensioner
-            for t in range(first, first + wp.static(tensioners)):
+            drive = ensemble.drives[mine.row]
+            for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
                 tensioner = ensemble.tensioners[t]
-                if tensioner.body == mine.body:
+                if tensioner.body == mine.number:
                     x, rate = stroke_of(shared.poses[mine.body], tensioner)
                     after, flows = tensioner_step(x, rate, h, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
@@ -169,7 +170,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
-    of, led_at = contact_geometry(kind), prescribed_motion(kind).led_at
+    of, led_at, body_of = contact_geometry(kind), prescribed_motion(kind).led_at, block_rings(kind).body_of
 
     @wp.func
     def state_of(pose: Pose):
@@ -190,21 +191,23 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def pose_from(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """Body b where the state has it."""
+        """Body b of a chain where the state has it."""
         pose = Pose()
         if wp.static(kind.paired):
-            if b < wp.static(sprockets):
+            if b < drive.sprockets:
                 pose.radius = ensemble.sprockets[drive.first_sprocket + b].exact_radius
                 pose.inverse_radius = 1.0 / pose.radius.high
                 pose.grid = grid_of(pose.radius.high)
         return aligned(posed(pose, state.bodies[drive.first_body + b]))
 
     @wp.func
-    def share_hub(ensemble: Ensemble, shared: Shared, drive: Drive, b: int):
-        """Shares what body b's hub is on, if it is a sprocket."""
+    def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
+        """Shares what body b's hub is on, if it is a sprocket, of a chain in a row of the drives."""
         if wp.static(kind.parts.hubs > 0):
             if b < wp.static(sprockets):
-                shared.hubs[b] = ensemble.hubs[drive.first_sprocket + b]
+                hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
+                hub.arm = body_of(ensemble, shared, row, row - variant, hub.arm)
+                shared.hubs[b] = hub
 
     @wp.func
     def carry(shared: Shared, b: int):
@@ -219,17 +222,18 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
     def start_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
         drive = ensemble.drives[mine.variant]
+        own = ensemble.drives[mine.row]
         b = mine.body
         if b == 0:
             of.share_chain(ensemble, shared, drive, mine.variant)
-        pose = pose_from(ensemble, state, drive, b)
-        shared.motions[b] = ensemble.motions[drive.first_body + b]
+        pose = pose_from(ensemble, state, own, mine.number)
+        shared.motions[b] = ensemble.motions[own.first_body + mine.number]
         if b < wp.static(mounted):
             angle, speed = led_at(ensemble, shared, mine, b, step)
             pose.exact_speed = speed
             if wp.static(moving):
-                shared.mounts[b] = ensemble.mounts[drive.first_body + b]
-        share_hub(ensemble, shared, drive, b)
+                shared.mounts[b] = ensemble.mounts[own.first_body + mine.number]
+        share_hub(ensemble, shared, mine.variant, mine.row, b)
         if b < wp.static(sprockets):
             at = drive.first_sprocket + b
             of.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
@@ -249,7 +253,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         body.speed = trimmed(body.speed)
         body.center = trimmed(body.center)
         body.velocity = trimmed(body.velocity)
-        state.bodies[drive.first_body + b] = body
+        state.bodies[ensemble.drives[mine.row].first_body + mine.number] = body
         if wp.static(measuring):
             if b < wp.static(sprockets):
                 at = drive.first_sprocket + b
@@ -258,12 +262,12 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
                     sums.mount[at] = shared.mount_sums[b]
 
     @wp.func
-    def body_gone(shared: Shared, b: int):
-        """1 where body b does not turn soundly, or its center has left the drive's box."""
-        pose = shared.poses[b]
+    def body_gone(shared: Shared, mine: Mine):
+        """1 where the thread's body does not turn soundly, or its center has left the drive's box."""
+        pose, box = shared.poses[mine.body], 2 * (mine.row - mine.variant)
         gone = int(not turns_soundly(pose.angle, pose.speed))
         if wp.static(moving):
-            gone = wp.max(gone, int(not in_box(shared.box[0], shared.box[1], leading(pose.center))))
+            gone = wp.max(gone, int(not in_box(shared.box[box], shared.box[box + 1], leading(pose.center))))
         return gone
 
     @wp.func
@@ -282,7 +286,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
     of, access, motions = contact_geometry(kind), body_access(kind), prescribed_motion(kind)
-    vec2 = kinds.vec2
+    vec2, place_of = kinds.vec2, block_rings(kind).place_of
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
     # a load is found ahead by threads that else would wait for the contacts of others
     loading_ahead = (
@@ -339,13 +343,24 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
         first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[first + b]
+        own = ensemble.ties[place_of(shared, first, b)]
         total = Real(0.0)
         for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[first + other]
+            tie = ensemble.ties[place_of(shared, first, other)]
             if tie.train == own.train:
                 total = total + tie.ratio * shared.passed[other]
         return total / own.ratio
+
+    @wp.func
+    def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """How the contacts of all bodies that turn with the thread's, of any chain, answer an acceleration [kg m^2]."""
+        first = ensemble.drives[mine.variant].first_body
+        train = ensemble.ties[place_of(shared, first, mine.body)].train
+        total = Real(0.0)
+        for b in range(wp.static(kind.parts.bodies)):
+            if ensemble.ties[place_of(shared, first, b)].train == train:
+                total = total + shared.passed[wp.static(kind.parts.bodies) + b]
+        return total
 
     @wp.func
     def turning(ensemble: Ensemble, shared: Shared, mine: Mine, wrench: Wrench):
@@ -371,6 +386,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
             moving = turning(ensemble, shared, mine, with_bearing(wrench))
+            if wp.static(kind.parts.rings > 1):
+                wrench.yielding = yielding_together(ensemble, shared, mine)
             acceleration = (moving.moment + moving.load) * motion.inverse_inertia
             shared.poses[mine.body].angular = solved(pose.angular, acceleration, wrench, motion)
 
@@ -422,7 +439,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
-            place = ensemble.drives[mine.variant].first_body + b
+            place = ensemble.drives[mine.row].first_body + mine.number
             by, to = turning(ensemble, shared, mine, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)

@@ -14,6 +14,7 @@ from ..physics.impact import elastic_force, force_by_growth
 from ..structs import GROUND, PREDICTING, Tallies
 from .kind import EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
+from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import parts_of_a_body, yielding_row
 from .sync import add_to, group, lanes, raise_to, sync, widened
@@ -27,7 +28,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     State, Shared, Sliding = kinds.State, kinds.Shared, kinds.Sliding
     vec2, Bits, Direction = kinds.vec2, near_mask(kind).Bits, kinds.Ensemble.vars["seats"].type.dtype
     row, load_row, store_row = roller_rows(kind), accessors(Real).load_row, accessors(Real).store_row
-    Pose = kinds.Pose
+    Pose, memory_of, chain_at = kinds.Pose, block_rings(kind).memory_of, block_rings(kind).chain_at
 
     @wp.struct
     class Touch:
@@ -142,7 +143,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         Returns it [N] and, where accelerations are predicted, by what it answers a closing one of 1 m/s^2 [N].
         """
         p, before, normal, relative, more = touch.partner, touch.before, touch.normal, touch.relative, touch.gaining
-        at = mine.memory + j + p * mine.rollers
+        at = memory_of(shared, mine, j, p)
         force, size, first, damper, energy = respond(touch.penetration, normal, relative, more, before, as_known(law))
         if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
             extra = mine.first + j
@@ -160,7 +161,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         row.set_force(shared, j, row.force_on(shared, j) + force)
         keep(state, now, at, before, first)
         if now.measured != 0:
-            after = more - shared.chain[0].inverse_mass * force
+            after = more - chain_at(shared, j).inverse_mass * force
             damped, rubbed = powers(mine, damper * normal, drag, relative, after)
             measure_powers(tallies, now, at, damped, rubbed)
             measure_force(tallies, now, at, before, size, p < wp.static(sprockets))

@@ -14,6 +14,7 @@ from .bodies import body_access, prescribed_motion
 from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine
 from .links import block_joints, link_forces
 from .observe import block_observing, block_strands
+from .rings import block_rings
 from .rollers import roller_rows
 from .statistics import block_statistics
 from .sync import sync
@@ -72,6 +73,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     link_of, length_of = link_forces(kind).link_of, link_forces(kind).length_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     step_of, find_strands = row.step_of, block_strands(kind).find_strands
+    rings = block_rings(kind)
+    ring_of, row_of, span_of, own_span = rings.ring_of, rings.row_of, rings.span_of, rings.own_span
+    tensioners_of = rings.tensioners_of
     body_gone, align, plan = body_access(kind).body_gone, body_access(kind).align, prescribed_motion(kind).plan
 
     @wp.func
@@ -88,8 +92,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if now.flags & START == 0:
             statistics.note(ensemble, out, shared, mine, now.step)
         if mine.sprocket >= 0:
-            first = ensemble.drives[mine.variant].first_sprocket
-            observe.update_strand(state, shared, mine.rollers, first + mine.sprocket)
+            begin, count = own_span(shared, mine)
+            at = ensemble.drives[mine.variant].first_sprocket + mine.sprocket
+            observe.update_strand(state, shared, begin, count, at)
         barrier()
         find_strands(ensemble, state, shared, mine)
         statistics.look(ensemble, state, out, shared, mine)
@@ -107,10 +112,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         gone = int(0)
         j = int(mine.thread)
         while j < mine.rollers:
-            gone = wp.max(gone, int(not in_box(shared.box[0], shared.box[1], position(shared.rows, j))))
+            box = 2 * ring_of(shared, j)
+            gone = wp.max(gone, int(not in_box(shared.box[box], shared.box[box + 1], position(shared.rows, j))))
             j = j + wp.static(threads)
         if mine.body >= 0:
-            gone = wp.max(gone, body_gone(shared, mine.body))
+            gone = wp.max(gone, body_gone(shared, mine))
         return gone
 
     @wp.func
@@ -172,7 +178,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.friction.joints and frame.holds("joint_friction_power")):
             if now.flags & FRAME != 0:
                 sample_joints(ensemble, state, shared, mine, now)
-        drive = ensemble.drives[mine.variant]
         j = int(mine.thread)
         while j < mine.rollers:
             a = acceleration(shared, j)
@@ -185,10 +190,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
-                    at = frame_at(drive, state, mine, now)
-                    write.write_roller(out.frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
+                    at = frame_at(ensemble.drives[row_of(shared, mine, j)], state, mine, now)
+                    first, n = span_of(shared, j, mine.rollers)
+                    write.write_roller(out.frames, at, n, j - first, position(shared.rows, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
-                    energy = observe.energy_of_roller(shared, j, v, extra)
+                    energy = observe.energy_of_roller(shared, j, mine.rollers, v, extra)
                     tally = out.tallies.roller[mine.first + j]
                     out.tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)
@@ -205,15 +211,15 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     ):
         """Writes the thread's body and its tensioners to the frame, where due; `moment` [N m] is the chain's."""
         if now.flags & FRAME != 0:
-            drive = ensemble.drives[mine.variant]
+            drive = ensemble.drives[mine.row]
             at = frame_at(drive, state, mine, now)
             if mine.sprocket >= 0:
-                write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, moment)
+                write.write_sprocket(frames, at, drive.rollers, mine.number, body, moment)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
-                    write.write_arm(frames, at, drive, mine.arm, body, moment)
-            for t in range(wp.static(kind.parts.tensioners)):
-                if ensemble.tensioners[drive.first_tensioner + t].body == mine.body:
+                    write.write_arm(frames, at, drive, mine.number - (drive.bodies - drive.arms), body, moment)
+            for t in range(tensioners_of(drive)):
+                if ensemble.tensioners[drive.first_tensioner + t].body == mine.number:
                     write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
             if wp.static(kind.parts.tied > 0):
                 if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.mounted):

@@ -10,6 +10,7 @@ from ..number import difference, leading, number_of
 from ..physics.guide import carried, in_frame
 from ..structs import GROUND, Drive
 from .kind import BlockKind
+from .rings import block_rings
 from .rollers import roller_rows
 
 
@@ -20,7 +21,8 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
     profiles = kind.profiles
     kinds, moving = kind.types, kind.moving
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
-    vec2, point = kinds.vec2, roller_rows(kind).point
+    vec2, point, rings = kinds.vec2, roller_rows(kind).point, block_rings(kind)
+    ring_of_guide, body_of = rings.ring_of_guide, rings.body_of
 
     @wp.func
     def put_pose(shared: Shared, b: int, pose: Pose):
@@ -32,15 +34,21 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
 
     @wp.func
-    def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
-        """The chain and the guides."""
-        shared.box[0] = vec2(Real(drive.low[0]), Real(drive.low[1]))
-        shared.box[1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
-        shared.chain[0] = ensemble.chains[variant]
+    def share_links(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
+        """What the links of chain r are, `drive`."""
+        shared.box[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
+        shared.box[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
+        shared.chain[r] = ensemble.chains[variant + r]
         if wp.static(kind.friction.joints):
-            shared.joint[0] = ensemble.joints[variant]
+            shared.joint[r] = ensemble.joints[variant + r]
         if wp.static(kind.links == "varied"):
-            shared.links[0] = ensemble.links[variant]
+            shared.links[r] = ensemble.links[variant + r]
+
+    @wp.func
+    def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
+        """The chain and the guides, of all chains; `drive` is the first of them."""
+        for r in range(wp.static(kind.parts.rings)):
+            share_links(ensemble, shared, ensemble.drives[variant + r], variant, r)
         if wp.static(profiles):
             ground = Pose()
             ground.cosine = number_of(Real(1.0))
@@ -48,8 +56,10 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         for g in range(wp.static(guides)):
             bar = ensemble.guides[drive.first_guide + g]
             if wp.static(profiles):
-                bar.body = wp.where(bar.body == GROUND, wp.static(bodies), bar.body)
-                bar.first_piece = drive.first_piece + bar.first_piece
+                ring = ring_of_guide(shared, g)
+                body = body_of(ensemble, shared, variant + ring, ring, bar.body)
+                bar.body = wp.where(body == GROUND, wp.static(bodies), body)
+                bar.first_piece = ensemble.drives[variant + ring].first_piece + bar.first_piece
             shared.bars[g] = bar
             if wp.static(kind.friction.contacts):
                 shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]

@@ -14,6 +14,7 @@ from .contacts import contact_sums, wrench_parts
 from .geometry import contact_geometry
 from .kind import START, BlockKind, Mine
 from .near import near_mask
+from .rings import block_rings
 from .rollers import roller_rows
 from .sync import add_to
 
@@ -31,14 +32,14 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
     Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
     add_wrench, add_yielding = wrench_parts(kind).add_wrench, wrench_parts(kind).add_yielding
-    point, velocity = row.point, row.velocity
+    point, velocity, memory_of = row.point, row.velocity, block_rings(kind).memory_of
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
 
     @wp.func
     def at_profile(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
-        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        at = memory_of(shared, mine, j, wp.static(sprockets) + g)
         kept = load_whole(state.seat, at)
         arm, q = in_carrier(shared, j, bar.body)
         pieces = rows_of_pieces(ensemble.pieces)
@@ -82,7 +83,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         bar = guide_at(shared, g)
         touch = Touch()
         touch.partner = wp.static(sprockets) + g
-        at = mine.memory + j + touch.partner * mine.rollers
+        at = memory_of(shared, mine, j, touch.partner)
         touch.before = load_row(state.impact_speed, at)
         before = touch.before
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)

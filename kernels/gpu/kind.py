@@ -28,8 +28,19 @@ CHECK = wp.constant(32)  # whether the variant diverged
 
 @cache
 def block_types(Real: type) -> SimpleNamespace:
-    """The structs of block kernels whose quantities are `Real`: those of `structs`, `Shared`, `Now` and `Out`."""
+    """The structs of block kernels whose quantities are `Real`: those of `structs`, `Ring`, `Shared`, `Now`, `Out`."""
     kinds = types(Real, blocks=True)
+
+    @wp.struct
+    class Ring:
+        """One of several chains: where its parts begin among those of the variant."""
+
+        first: wp.int32  # roller
+        end: wp.int32  # of its rollers
+        sprocket: wp.int32
+        guide: wp.int32
+        arm: wp.int32
+        partners: wp.int32  # its sprockets and guides, as bits
 
     @wp.struct
     class Shared:
@@ -41,6 +52,7 @@ def block_types(Real: type) -> SimpleNamespace:
         poses: wp.array[kinds.Pose]  # (B,), and with profiles the ground
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
+        # after them, of several chains with light bodies: how contacts answer accelerations [kg m^2]
         mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
@@ -55,6 +67,9 @@ def block_types(Real: type) -> SimpleNamespace:
         box: wp.array[kinds.vec2]  # (2,): low and high corner beyond which a roller has left the drive [m]
         joint: wp.array[kinds.Joint]  # (1,)
         links: wp.array[kinds.Links]  # (1,)
+        rings: wp.array[Ring]  # of several chains, each of which has one, or two, of the four before
+        memories: wp.array[wp.int32]  # (S + G,) of those: where contact memories with each begin (`rings`)
+        places: wp.array[wp.int32]  # (B,) of those: of each body among all of the ensemble
         parts: wp.array[Real]  # (3, B, `parts_of_a_body`): of moment [N m], force (x, y) [N] on each
         sprocket_sums: wp.array[kinds.SprocketSums]  # (S,)
         mount_sums: wp.array[kinds.MountSums]  # (S,) where centers move
@@ -87,7 +102,7 @@ def block_types(Real: type) -> SimpleNamespace:
         tallies: Tallies
         frames: wp.array[Real]
 
-    return SimpleNamespace(**vars(kinds) | {"Shared": Shared, "Now": Now, "Out": Out})
+    return SimpleNamespace(**vars(kinds) | {"Ring": Ring, "Shared": Shared, "Now": Now, "Out": Out})
 
 
 @dataclass(frozen=True, order=True)
@@ -131,7 +146,7 @@ class BlockShape:
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
     bodies light, bodies tied by shafts, gears and couplings, and arms carry sprockets or bearings rub
-    (`structs.Drive.light`, `tied`, `hubs`).
+    (`structs.Drive.light`, `tied`, `hubs`). Of several chains, `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -144,6 +159,7 @@ class Parts:
     light: int = 0
     tied: int = 0
     hubs: int = 0
+    rings: int = 1
 
     @property
     def mounted(self) -> int:
@@ -229,7 +245,7 @@ class BlockKind:
 class Mine:
     """Which variant a thread is at, and what of it is its own."""
 
-    variant: wp.int32
+    variant: wp.int32  # of several chains, the row of the first
     rollers: wp.int32  # of the variant
     first: wp.int32  # of its rollers among all
     memory: wp.int32  # first of its contact memories
@@ -237,6 +253,8 @@ class Mine:
     body: wp.int32  # that the thread moves, negative for most
     sprocket: wp.int32  # the same, if it is one, else negative
     arm: wp.int32  # its number among the arms, if it is one
+    row: wp.int32  # of the chain that the body is of, among the drives
+    number: wp.int32  # of the body among those of that chain
     course: wp.int32  # place of its prescribed motion among those of the drive (`bodies.plan_at`)
     h: wp.float64  # time step [s]
     step: Pair  # the same, for kernels at float32
@@ -254,6 +272,8 @@ def mine_of(drive: Drive, variant: int, thread: int, body: int):
     mine.body = body
     mine.sprocket = wp.where(body < drive.sprockets, body, -1)
     mine.arm = wp.max(body - (drive.bodies - drive.arms), -1)
+    mine.row = variant
+    mine.number = body
     mine.h = drive.step
     mine.step = pair_of(drive.step)
     return mine

@@ -9,8 +9,8 @@ from ..integrate import stretching
 from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
-from ..sums import after, before
 from .kind import WARP, BlockKind, Mine
+from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import seen_rows, shared_rows
 from .sync import sync
@@ -27,6 +27,14 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     subtract = "__fsub_rn" if compensated else "__dsub_rn"
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
+    rings = block_rings(kind)
+    ring_of, span_of, chain_at, next_to, last_to = (
+        rings.ring_of,
+        rings.span_of,
+        rings.chain_at,
+        rings.next_to,
+        rings.last_to,
+    )
     X, Y, VX, VY, X_LOW, Y_LOW = row.X, row.Y, row.VX, row.VY, row.X_LOW, row.Y_LOW
     force_on, set_force = row.force_on, row.set_force
 
@@ -34,7 +42,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def across(shared: Shared, j: int, n: int):
         """From roller j to the next: vector [m], exact at float32 too, and relative velocity [m/s]."""
         rows = shared.rows
-        next = after(j, n)
+        next = next_to(shared, j, n)
         d = vec2(load_row(rows, X + next) - load_row(rows, X + j), load_row(rows, Y + next) - load_row(rows, Y + j))
         if wp.static(compensated):
             d = d + vec2(
@@ -45,17 +53,26 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         return d, v
 
     @wp.func
-    def link_between(shared: Shared, j: int, d: vec2, v: vec2, length: Real):
+    def chain_of(shared: Shared, j: int, n: int):
+        """The chain, of n rollers in all, with the stiffness and damping of its link j."""
+        if wp.static(kind.links == "varied"):
+            first, count = span_of(shared, j, n)
+            return link_chain(j - first, chain_at(shared, j), shared.links[ring_of(shared, j)])
+        else:
+            return chain_at(shared, j)
+
+    @wp.func
+    def link_between(shared: Shared, j: int, n: int, d: vec2, v: vec2, length: Real):
         """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3).
 
         `d` and `v` are from `across`.
         """
-        chain = shared.chain[0]
         if wp.static(kind.links == "varied"):
-            links = shared.links[0]
-            tension, rate, u = played_force(d, v, length, links.play, link_chain(j, chain, links))
+            play = shared.links[ring_of(shared, j)].play
+            tension, rate, u = played_force(d, v, length, play, chain_of(shared, j, n))
             return tension, rate, tension * u
         else:
+            chain = chain_at(shared, j)
             tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
             return tension, rate, tension * u
 
@@ -63,7 +80,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def length_of(shared: Shared, lengths: wp.array[Real], j: int):
         """Unloaded length of link j [m], the first of `lengths` being that of link 0."""
         if wp.static(kind.links == "alike"):
-            return shared.chain[0].length
+            return chain_at(shared, j).length
         else:
             return load_row(lengths, j)
 
@@ -71,7 +88,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def link_of(shared: Shared, j: int, n: int, length: Real):
         """The same, of where the rollers are."""
         d, v = across(shared, j, n)
-        return link_between(shared, j, d, v, length)
+        return link_between(shared, j, n, d, v, length)
 
     @wp.func_native(by_device(f"return {subtract}(value, other);", "return value - other;"))
     def less(value: Real, other: Real) -> Real:
@@ -91,7 +108,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         if wp.static(rollers_per_thread == 1):
             if i < n:
                 tension_i, rate_i, force = link_of(shared, i, n, length_of(shared, lengths, i))
-                h = before(i, n)
+                h = last_to(shared, i, n)
                 tension_h, rate_h, force_h = link_of(shared, h, n, length_of(shared, lengths, h))
                 set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
                 tension[0] = tension_i
@@ -109,7 +126,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
                 pull_y[k] = force[1]
             barrier()
             for k in range(wp.static(rollers_per_thread)):
-                force = force_on(shared, before(k * wp.static(threads) + i, n))
+                force = force_on(shared, last_to(shared, k * wp.static(threads) + i, n))
                 pull_x[k] = less(pull_x[k], force[0])
                 pull_y[k] = less(pull_y[k], force[1])
             barrier()
@@ -139,12 +156,13 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Shared, Joint = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Joint
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
-    row, links = roller_rows(kind), link_forces(kind)
+    row, links, rings = roller_rows(kind), link_forces(kind), block_rings(kind)
+    ring_of, next_to, last_to = rings.ring_of, rings.next_to, rings.last_to
     barrier, link_of, across = sync(kind).barrier, links.link_of, links.across
     link_between, length_of = links.link_between, links.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    alone = threads == WARP
+    alone, several = threads == WARP, kind.parts.rings > 1
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
     TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (FIRST, SECOND)
     FRICTION = wp.constant(seen_rows(kind)[1])
@@ -165,12 +183,12 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         return vec2(load_row(rows, TENSION + j), load_row(rows, TURN + j))
 
     @wp.func
-    def moment_at(state: State, rows: wp.array[Real], mine: Mine, now: Now, j: int, joint: Joint):
+    def moment_at(state: State, shared: Shared, mine: Mine, now: Now, j: int):
         """Moment [N m] of joint j, and what its bristle holds, from the rows."""
-        n = mine.rollers
+        n, rows, joint = mine.rollers, shared.rows, shared.joint[ring_of(shared, j)]
         held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
         stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
-        return moment_between(bent(rows, before(j, n)), bent(rows, j), held, joint, stretched)
+        return moment_between(bent(rows, last_to(shared, j, n)), bent(rows, j), held, joint, stretched)
 
     @wp.func
     def keep_hold(state: State, mine: Mine, now: Now, j: int, holds: Real):
@@ -179,28 +197,28 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             store_row(state.joint_hold, mine.first + j, holds)
 
     @wp.func
-    def share_moments(state: State, rows: wp.array[Real], mine: Mine, now: Now, joint: Joint):
+    def share_moments(state: State, shared: Shared, mine: Mine, now: Now):
         """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
         moment = of_each()
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + mine.thread
-            moment_k, holds = moment_at(state, rows, mine, now, j, joint)
+            moment_k, holds = moment_at(state, shared, mine, now, j)
             keep_hold(state, mine, now, j, holds)
             moment[k] = moment_k
         barrier()
         for k in range(wp.static(rollers_per_thread)):
-            store_row(rows, TURN + k * wp.static(threads) + mine.thread, moment[k])
+            store_row(shared.rows, TURN + k * wp.static(threads) + mine.thread, moment[k])
         barrier()
 
     @wp.func
-    def couple_on(state: State, rows: wp.array[Real], mine: Mine, now: Now, j: int, lever: vec2, joint: Joint):
+    def couple_on(state: State, shared: Shared, mine: Mine, now: Now, j: int, lever: vec2):
         """Force [N] of the couple of link j's joints, and what the bristle of joint j holds if it is not shared yet."""
-        next = after(j, mine.rollers)
+        next, rows = next_to(shared, j, mine.rollers), shared.rows
         if wp.static(alone):
             return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever), Real(0.0)
         else:
-            moment, holds = moment_at(state, rows, mine, now, j, joint)
-            next_moment, of_next = moment_at(state, rows, mine, now, next, joint)
+            moment, holds = moment_at(state, shared, mine, now, j)
+            next_moment, of_next = moment_at(state, shared, mine, now, next)
             return couple_force(moment, next_moment, lever), holds
 
     @wp.func
@@ -234,7 +252,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
             d, w = across(shared, j, n)
-            tension_k, rate_k, force = link_between(shared, j, d, w, length_of(shared, lengths, j))
+            tension_k, rate_k, force = link_between(shared, j, n, d, w, length_of(shared, lengths, j))
             lever, turn = turning(d, w)
             store_row(rows, TENSION + j, tension_k)
             store_row(rows, TURN + j, turn)
@@ -246,10 +264,10 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             pull_y[k] = force[1]
         barrier()
         if wp.static(alone):
-            share_moments(state, rows, mine, now, shared.joint[0])
+            share_moments(state, shared, mine, now)
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            couple, holds = couple_on(state, rows, mine, now, j, vec2(lever_x[k], lever_y[k]), shared.joint[0])
+            couple, holds = couple_on(state, shared, mine, now, j, vec2(lever_x[k], lever_y[k]))
             hold[k] = holds
             lever_x[k] = couple[0]
             lever_y[k] = couple[1]
@@ -266,13 +284,18 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
                 store_couple(rows, j, lever_x[k], lever_y[k])
             if wp.static(not alone):  # neighbors have read it
                 keep_hold(state, mine, now, j, hold[k])
-            force = force_on(shared, before(j, n))
+            force = force_on(shared, last_to(shared, j, n))
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]
         barrier()
         for k in range(wp.static(rollers_per_thread)):
             set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
         return tension, rate
+
+    @wp.func
+    def take(shared: Shared, at: int, work: Real):
+        """Counts what friction takes [J] at `at`."""
+        store_row(shared.seen, FRICTION + at, load_row(shared.seen, FRICTION + at) - work)
 
     @wp.func
     def add_friction(shared: Shared, mine: Mine, now: Now):
@@ -282,14 +305,18 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + mine.thread
             couple = load_couple(rows, j)
-            couple_before = load_couple(rows, before(j, mine.rollers))
+            couple_before = load_couple(rows, last_to(shared, j, mine.rollers))
             v = velocity(rows, j)
             if wp.static(not kind.staged):
                 v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
             of_roller = Real(couple[0] - couple_before[0]) * v[0] + Real(couple[1] - couple_before[1]) * v[1]
-            power = power + wp.where(j < mine.rollers, of_roller, Real(0.0))
-        at = FRICTION + mine.thread
-        store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * power)
+            if wp.static(several):
+                if j < mine.rollers:
+                    take(shared, j, now.weight * of_roller)
+            else:
+                power = power + wp.where(j < mine.rollers, of_roller, Real(0.0))
+        if wp.static(not several):
+            take(shared, mine.thread, now.weight * power)
 
     @wp.func
     def pulled(ensemble: Ensemble, shared: Shared, mine: Mine, j: int, lag: Real):
@@ -297,7 +324,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         n = mine.rollers
         tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
         d, w = across(shared, j, n)
-        next = after(j, n)
+        next = next_to(shared, j, n)
         lever, turn = turning(d, w)
         later = turn + lag * wp.dot(lever, acceleration(shared, next) - acceleration(shared, j))
         return tension, turn, later
@@ -305,11 +332,12 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def joint_power(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, lag: Real):
         """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
-        tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
+        last = last_to(shared, j, mine.rollers)
+        tension_before, turn_before, later_before = pulled(ensemble, shared, mine, last, lag)
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
         held = load_row(state.joint_hold, mine.first + j)
         first, second = vec2(tension_before, turn_before), vec2(tension, turn)
-        moment, holds = moment_between(first, second, held, shared.joint[0], Real(0.0))
+        moment, holds = moment_between(first, second, held, shared.joint[ring_of(shared, j)], Real(0.0))
         return joint_friction_power(moment, later_before, later)
 
     return SimpleNamespace(**locals())

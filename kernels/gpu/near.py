@@ -9,6 +9,7 @@ from ..native import accessors, inside
 from ..physics.guide import near_bar, near_profile
 from .geometry import contact_geometry
 from .kind import BlockKind, Mine
+from .rings import block_rings
 from .rollers import roller_rows
 from .sync import lowest_bit
 
@@ -101,6 +102,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
     bits = near_mask(kind)
     Bits, with_slot, any_of, of_bars = bits.Bits, bits.with_slot, bits.any_of, bits.of_bars
     first, rest = bits.first, bits.rest
+    memory_of, partners_of = block_rings(kind).memory_of, block_rings(kind).partners_of
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
@@ -135,10 +137,10 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                 mask = mask | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
             else:
                 mask = mask | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
-        return wp.where(j < n, mask, 0)
+        return wp.where(j < n, partners_of(shared, j, mask), 0)
 
     @wp.func
-    def remembered(state: State, mine: Mine):
+    def remembered(state: State, shared: Shared, mine: Mine):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = Bits()
         for k in range(wp.static(rollers_per_thread)):
@@ -146,19 +148,19 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             if j < mine.rollers:
                 found = int(0)
                 for p in range(wp.static(partners)):
-                    at = mine.memory + j + p * mine.rollers
+                    at = memory_of(shared, mine, j, p)
                     if state.seat[at] >= 0 or state.impact_speed[at] != Real(0.0):
                         found = found | (1 << p)
-                held = with_slot(held, k, found)
+                held = with_slot(held, k, partners_of(shared, j, found))
         return held
 
     @wp.func
-    def leave(state: State, mine: Mine, left: Bits):
+    def leave(state: State, shared: Shared, mine: Mine, left: Bits):
         """The thread's rollers are no longer near the partners `left`."""
         while any_of(left):
             j, p = first(left, mine.thread)
             left = rest(left)
-            at = mine.memory + j + p * mine.rollers
+            at = memory_of(shared, mine, j, p)
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
 
@@ -175,7 +177,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             if now.stage != 0:
                 found = found | of_bars(held)
         if not (found == held):
-            leave(state, mine, held & ~found)
+            leave(state, shared, mine, held & ~found)
         return found
 
     return SimpleNamespace(**locals())

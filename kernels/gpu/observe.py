@@ -13,7 +13,7 @@ import warp as wp
 from ..native import accessors, by_device
 from ..number import leading
 from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by
-from ..physics.link import link_chain, roller_energy
+from ..physics.link import roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
@@ -31,8 +31,10 @@ from ..sums import (
 )
 from .bodies import body_access, body_steps
 from .kind import START, WARP, BlockKind, Mine
+from .links import link_forces
+from .rings import block_rings
 from .rollers import roller_rows
-from .shared_memory import STRAND_WORD, extremes, seen_rows, strand_bits, strand_words
+from .shared_memory import STRAND_WORD, extremes, rubbed, seen_rows, strand_bits, strand_words
 from .sync import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
 
@@ -44,18 +46,24 @@ def block_strands(kind: BlockKind) -> SimpleNamespace:
     Shared = kinds.Shared
     bits = strand_bits(kind)
     together = STRAND_WORD // bits
+    rings, several = block_rings(kind), kind.parts.rings > 1
+    ring_of, span_of, partners_of = rings.ring_of, rings.span_of, rings.partners_of
 
     @wp.func
-    def strand_under(strands: wp.array[Strand], first: int, j: int, n: int):
-        """Strand that link j is on, S where it is on none, S + 1 where there is no such link; `first` is strand 0."""
-        found = int(wp.static(sprockets))
+    def strand_under(shared: Shared, strands: wp.array[Strand], first: int, j: int, n: int):
+        """Strand that link j is on; S where it is on none, or S + r of chain r, and beyond these where there is no such
+        link. `first` is strand 0.
+        """
+        found = int(wp.static(sprockets) + ring_of(shared, j))
+        begin, count = span_of(shared, j, n)
         for s in range(wp.static(sprockets)):
-            place = j - strands[first + s].first_link
+            place = j - begin - strands[first + s].first_link
             if place < 0:
-                place = place + n
+                place = place + count
             if place < strands[first + s].links:
-                found = s
-        return wp.where(j < n, found, wp.static(sprockets + 1))
+                if wp.static(not several) or partners_of(shared, j, 1 << s) != 0:
+                    found = s
+        return wp.where(j < n, found, wp.static(sprockets + kind.parts.rings))
 
     @wp.func
     def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: Shared, mine: Mine):
@@ -66,7 +74,7 @@ def block_strands(kind: BlockKind) -> SimpleNamespace:
             word = wp.uint32(0)
             shift = int(0)
             while shift < wp.static(together * bits) and k < wp.static(rollers_per_thread):
-                of = strand_under(state.strands, first, k * wp.static(threads) + mine.thread, mine.rollers)
+                of = strand_under(shared, state.strands, first, k * wp.static(threads) + mine.thread, mine.rollers)
                 word = word | (wp.uint32(of) << wp.uint32(shift))
                 shift = shift + wp.static(bits)
                 k = k + 1
@@ -86,9 +94,10 @@ def block_strands(kind: BlockKind) -> SimpleNamespace:
 def block_observing(kind: BlockKind) -> SimpleNamespace:
     """The functions that observe one variant on a block."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    sprockets = kind.parts.sprockets
+    sprockets, rings = kind.parts.sprockets, kind.parts.rings
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
+    chain_of, span_of, strand_in = link_forces(kind).chain_of, block_rings(kind).span_of, block_rings(kind).strand_in
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     row = roller_rows(kind)
     X, Y = row.X, row.Y
@@ -122,11 +131,12 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             for s in range(wp.static(sprockets)):
                 strand = sums.strand[first + s]
                 set_extremes(shared, extremes_at(i, s), strand.tension_min, strand.tension_max)
-            chain = sums.chain[mine.variant]
-            set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
-            set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
+            for r in range(wp.static(rings)):
+                chain = sums.chain[mine.variant + r]
+                set_extremes(shared, extremes_at(i, none + r), chain.tension_min, chain.tension_max)
+            set_extremes(shared, extremes_at(i, none + wp.static(rings)), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static(kind.shape.slots + kind.friction.joints * threads):
+        while j < wp.static(kind.shape.slots + rubbed(kind)):
             store_row(shared.seen, RATES + j, Real(0.0))
             j = j + wp.static(threads)
 
@@ -150,8 +160,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             lowest, highest = extremes_of(shared, s)
             sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
         if mine.thread == 0:
-            lowest, highest = extremes_of(shared, wp.static(sprockets))
-            sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
+            for r in range(wp.static(rings)):
+                lowest, highest = extremes_of(shared, wp.static(sprockets) + r)
+                sums.chain[mine.variant + r] = merge_extremes(sums.chain[mine.variant + r], lowest, highest)
 
     @wp.func
     def widen(shared: Shared, i: int, tension: of_each):
@@ -182,14 +193,6 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             after_turn()
 
     @wp.func
-    def chain_of(shared: Shared, j: int):
-        """The chain, with the stiffness and damping of its link j."""
-        if wp.static(kind.links == "varied"):
-            return link_chain(j, shared.chain[0], shared.links[0])
-        else:
-            return shared.chain[0]
-
-    @wp.func
     def add_rates(shared: Shared, i: int, rate: of_each, weight: Real):
         """Adds one step's squared rates of thread i's links to their sums; `weight` is the time it stands for [s].
 
@@ -205,44 +208,48 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         j = int(mine.thread)
         while j < mine.rollers:
             taken = RollerTally()
-            taken.dissipated = wp.float64(chain_of(shared, j).damping * load_row(shared.seen, RATES + j))
+            taken.dissipated = wp.float64(chain_of(shared, j, mine.rollers).damping * load_row(shared.seen, RATES + j))
             store_row(shared.seen, RATES + j, Real(0.0))
             if wp.static(kind.friction.joints):
-                if j < wp.static(threads):  # with its first roller goes what a thread has of all
+                if j < wp.static(rubbed(kind)):  # with its first roller goes what a thread has of all
                     taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
                     store_row(shared.seen, FRICTION + j, Real(0.0))
             add_to_roller(tallies.roller, mine.first + j, taken)
             j = j + wp.static(threads)
 
     @wp.func
-    def add_link(tallies: Tallies, drive: Drive, shared: Shared, j: int, tension: Real):
-        """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
-        of = strand_at(shared, j % wp.static(threads), j // wp.static(threads))
+    def add_link(tallies: Tallies, drive: Drive, shared: Shared, j: int, n: int, tension: Real):
+        """A look at link j, of n in all, whose tension goes to its tally of the strand it is on; returns that strand of
+        its chain `drive`.
+        """
+        of = strand_in(shared, drive, j, strand_at(shared, j % wp.static(threads), j // wp.static(threads)))
+        first, count = span_of(shared, j, n)
         seen = add_tension(LinkTally(), tension)
         seen.samples = wp.int64(1)
-        add_to_link(tallies.link, drive.first_tally + of * drive.rollers + j, seen)
+        add_to_link(tallies.link, drive.first_tally + of * count + j - first, seen)
         return of
 
     @wp.func
-    def update_strand(state: kinds.State, shared: Shared, n: int, at: int):
-        """Strand `at` of all brought up to date."""
-        state.strands[at] = follow(shared.rows, X, Y, n, state.strands[at])
+    def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int):
+        """Strand `at` of all brought up to date, of a chain of n rollers from `first` on."""
+        state.strands[at] = follow(shared.rows, X + first, Y + first, n, state.strands[at])
 
     @wp.func
-    def add_middle(sums: Sums, shared: Shared, n: int, at: int, strand: Strand):
-        """A look at the mid-strand displacement of `strand`, whose sums are at `at`."""
+    def add_middle(sums: Sums, shared: Shared, first: int, n: int, at: int, strand: Strand):
+        """A look at the mid-strand displacement of `strand`, whose sums are at `at`, of such a chain."""
         rows = shared.rows
-        a = strand.middle
-        b = after(a, n)
+        a = first + strand.middle
+        b = first + after(strand.middle, n)
         ax = wp.float64(load_row(rows, X + a))
         ay = wp.float64(load_row(rows, Y + a))
         value = displacement(ax, ay, wp.float64(load_row(rows, X + b)), wp.float64(load_row(rows, Y + b)), strand)
         sums.strand[at] = add_displacement(sums.strand[at], value)
 
     @wp.func
-    def energy_of_roller(shared: Shared, j: int, v: vec2, extra: kinds.Extra):
-        """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
-        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain_of(shared, j))
+    def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
+        """Energy of roller j, of n, and elastic energy of the link after it and of its contacts [J]."""
+        chain = chain_of(shared, j, n)
+        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain)
         return held - weight + wp.float64(extra.energy)
 
     return SimpleNamespace(**locals())
@@ -310,15 +317,14 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         """Adds the energy of the thread's body to its tally, at the window's ends."""
         drive = ensemble.drives[mine.variant]
         motion, mount = shared.motions[mine.body], steps.mount_of(shared, mine.body)
-        to = heading_seen(before, seen)
+        to, at = heading_seen(before, seen), ensemble.drives[mine.row].first_body + mine.number
         energy = body_energy(steps.off(before, mount), seen, to, motion, mount)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                energy = own_energy(energy, seen.speed, ensemble.ties[drive.first_body + mine.body], motion)
-        at = drive.first_body + mine.body
+                energy = own_energy(energy, seen.speed, ensemble.ties[at], motion)
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 
     return SimpleNamespace(**locals())

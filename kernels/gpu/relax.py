@@ -53,7 +53,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             if i < wp.static(sprockets):
                 of.share_sprocket(ensemble, shared, drive, i, pose.center)
             of.put_pose(shared, i, pose)
-            bodies.share_hub(ensemble, shared, drive, i)
+            bodies.share_hub(ensemble, shared, variant, variant, i)
             shared.motions[i] = ensemble.motions[drive.first_body + i]
         return mine
 
@@ -168,7 +168,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
         barrier()
-        near = partners.remembered(state, mine)
+        near = partners.remembered(state, shared, mine)
         still = Now()
         while now.steps < end and now.settled == 0:
             tension, rate = pull(state, shared, mine, Now(), lengths)

@@ -10,6 +10,7 @@ from ..native import STATE_ROWS, accessors
 from ..number import pair_vector
 from ..physics.link import roller_acceleration, two_sum
 from .kind import BlockKind, Mine
+from .rings import block_rings
 from .shared_memory import room
 
 
@@ -23,6 +24,7 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
     compensated = Real == wp.float32
     parts = room(kind).parts
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    chain_at, span_of = block_rings(kind).chain_at, block_rings(kind).span_of
     X, Y, VX, VY, FORCE_X, FORCE_Y, X_LOW, Y_LOW = (wp.constant(k * slots) for k in range(8))
 
     @wp.func
@@ -64,15 +66,10 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
         store_row(shared.rows, FORCE_Y + j, force[1])
 
     @wp.func
-    def acceleration_under(shared: Shared, force: vec2):
-        """Acceleration of a roller under a force [m/s^2], and gravity."""
-        chain = shared.chain[0]
-        return roller_acceleration(force, chain.inverse_mass, chain.gravity)
-
-    @wp.func
     def acceleration(shared: Shared, j: int):
         """Acceleration of roller j [m/s^2], from its force and gravity."""
-        return acceleration_under(shared, force_on(shared, j))
+        chain = chain_at(shared, j)
+        return roller_acceleration(force_on(shared, j), chain.inverse_mass, chain.gravity)
 
     @wp.func
     def set_velocity(shared: Shared, j: int, v: vec2):
@@ -100,10 +97,10 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def fetch(state: State, shared: Shared, mine: Mine):
         """The thread's rollers into the shared rows; its parts begin at zero."""
-        n = mine.rollers
         j = int(mine.thread)
         while j < wp.static(slots):
-            row = STATE_ROWS * mine.first + wp.min(j, n - 1)
+            first, n = span_of(shared, j, mine.rollers)
+            row = STATE_ROWS * (mine.first + first) + wp.min(j - first, n - 1)
             store_row(shared.rows, X + j, state.rollers[row])
             store_row(shared.rows, Y + j, state.rollers[row + n])
             store_row(shared.rows, VX + j, state.rollers[row + 2 * n])
@@ -121,10 +118,10 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def put_back(state: State, shared: Shared, mine: Mine):
         """The thread's rollers back into the state."""
-        n = mine.rollers
         j = int(mine.thread)
-        while j < n:
-            row = STATE_ROWS * mine.first + j
+        while j < mine.rollers:
+            first, n = span_of(shared, j, mine.rollers)
+            row = STATE_ROWS * (mine.first + first) + j - first
             state.rollers[row] = load_row(shared.rows, X + j)
             state.rollers[row + n] = load_row(shared.rows, Y + j)
             state.rollers[row + 2 * n] = load_row(shared.rows, VX + j)

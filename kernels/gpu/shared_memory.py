@@ -49,15 +49,15 @@ def joint_rows(kind: BlockKind) -> int:
 
 
 def extremes(kind: BlockKind) -> int:
-    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
-    and what threads without a link are held against.
+    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none
+    of each chain, and what threads without a link are held against.
     """
-    return 2 * (kind.parts.sprockets + 2)
+    return 2 * (kind.parts.sprockets + kind.parts.rings + 1)
 
 
 def strand_bits(kind: BlockKind) -> int:
-    """Bits of the strand that a link is on: of a sprocket each, on none, or that there is no such link."""
-    return (kind.parts.sprockets + 1).bit_length()
+    """Bits of the strand that a link is on: of a sprocket each, on none of a chain, or that there is no such link."""
+    return (kind.parts.sprockets + kind.parts.rings).bit_length()
 
 
 def strand_words(kind: BlockKind) -> int:
@@ -65,10 +65,15 @@ def strand_words(kind: BlockKind) -> int:
     return -(-kind.shape.rollers_per_thread // (STRAND_WORD // strand_bits(kind)))
 
 
+def rubbed(kind: BlockKind) -> int:
+    """Values of what joints' friction takes: one a thread, or, as its rollers may be of several chains, a roller."""
+    return kind.friction.joints * (kind.shape.threads if kind.parts.rings == 1 else kind.shape.slots)
+
+
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
+    """Where, after the extremes, each link's squared rates and the joints' friction begin, and where they end."""
     first = kind.shape.threads // WARP * extremes(kind)
-    return first, first + kind.shape.slots, first + kind.shape.slots + kind.friction.joints * kind.shape.threads
+    return first, first + kind.shape.slots, first + kind.shape.slots + rubbed(kind)
 
 
 def parts_of_a_body(kind: BlockKind) -> int:
@@ -87,13 +92,14 @@ def yielding_row(kind: BlockKind) -> int:
 
 def _small(kind: BlockKind) -> dict[str, int]:
     """Values of each array but the rows of rollers, and of their parts in sums."""
-    sprockets, guides, measuring = kind.parts.sprockets, kind.parts.guides, kind.measuring
+    sprockets, guides, rings, measuring = kind.parts.sprockets, kind.parts.guides, kind.parts.rings, kind.measuring
+    several = rings > 1
     counts = {
         "motions": kind.parts.bodies,
         "led_angle": COURSE * kind.parts.prescribed,
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
-        "passed": kind.parts.bodies * kind.parts.tied,
+        "passed": kind.parts.bodies * (kind.parts.tied + several * kind.parts.light),
         "mounts": kind.parts.mounted * kind.moving,
         "hubs": sprockets * kind.parts.hubs,
         "bearings": sprockets * kind.parts.hubs,
@@ -103,11 +109,14 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "teeth": sprockets,
         "bands": sprockets,
         "bars": guides,
-        "chain": 1,
-        "box": 2,
+        "chain": rings,
+        "box": 2 * rings,
         "sliding": (sprockets + guides) * kind.friction.contacts,
-        "joint": int(kind.friction.joints),
-        "links": int(kind.links == "varied"),
+        "joint": rings * kind.friction.joints,
+        "links": rings * (kind.links == "varied"),
+        "rings": rings * several,
+        "memories": (sprockets + guides) * several,
+        "places": kind.parts.bodies * several,
         "strand_of": kind.shape.threads * strand_words(kind) * measuring,
     }
     return {name: count for name, count in counts.items() if count > 0}
@@ -264,6 +273,9 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.box = found.box(shared, place)
         shared.joint = found.joint(shared, place)
         shared.links = found.links(shared, place)
+        shared.rings = found.rings(shared, place)
+        shared.memories = found.memories(shared, place)
+        shared.places = found.places(shared, place)
         shared.parts = found.parts(shared, place)
         shared.sprocket_sums = found.sprocket_sums(shared, place)
         shared.mount_sums = found.mount_sums(shared, place)

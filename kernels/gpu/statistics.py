@@ -13,6 +13,7 @@ from ..sums import merge_contact, merge_extremes, merge_roller, merge_tension, n
 from .kind import BlockKind, Mine
 from .links import link_forces
 from .observe import block_observing
+from .rings import block_rings
 from .shared_memory import view
 
 
@@ -30,37 +31,39 @@ def seen_on(drive: Drive, tallies: Tallies, category: int):
 @cache
 def block_statistics(kind: BlockKind) -> SimpleNamespace:
     """The functions that take one variant's statistics on a block."""
-    Real, threads, sprockets, moving = kind.Real, kind.shape.threads, kind.parts.sprockets, kind.moving
+    Real, threads, moving = kind.Real, kind.shape.threads, kind.moving
     kinds, observe = kind.types, block_observing(kind)
     Ensemble, Shared, Out = kinds.Ensemble, kinds.Shared, kinds.Out
     SprocketNote, MountNote = kinds.SprocketNote, kinds.MountNote
-    links, lengths_of = link_forces(kind), view(Real)
+    links, lengths_of, rings = link_forces(kind), view(Real), block_rings(kind)
+    row_of, own_span, memory_of = rings.row_of, rings.own_span, rings.memory_of
     link_of, length_of = links.link_of, links.length_of
 
     @wp.func
     def look(ensemble: Ensemble, state: kinds.State, out: Out, shared: Shared, mine: Mine):
         """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
-        drive = ensemble.drives[mine.variant]
-        per_force = bins_per_force(drive.tension_scale)
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
         j = int(mine.thread)
         while j < n:
             tension, rate, force = link_of(shared, j, n, length_of(shared, lengths, j))
-            strand = observe.add_link(out.tallies, drive, shared, j, tension)
-            at = (drive.first_sprocket + mine.variant + strand) * BINS
-            count_tension(out.sums.tension_counts, at, tension, per_force)
+            row = row_of(shared, mine, j)
+            drive = ensemble.drives[row]
+            strand = observe.add_link(out.tallies, drive, shared, j, n, tension)
+            at = (drive.first_sprocket + row + strand) * BINS
+            count_tension(out.sums.tension_counts, at, tension, bins_per_force(drive.tension_scale))
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
-            first = drive.first_sprocket
-            observe.add_middle(out.sums, shared, n, first + s, state.strands[first + s])
-            before = state.strands[first + wp.where(s > 0, s, wp.static(sprockets)) - 1]
-            roller = mid_wrap(before, state.strands[first + s], n)
-            seat = state.seat[mine.memory + s * n + roller]
+            own = ensemble.drives[mine.row]
+            at = own.first_sprocket + mine.number
+            begin, count = own_span(shared, mine)
+            observe.add_middle(out.sums, shared, begin, count, at, state.strands[at])
+            last = wp.where(mine.number > 0, mine.number, own.sprockets) - 1
+            roller = mid_wrap(state.strands[own.first_sprocket + last], state.strands[at], count)
+            seat = state.seat[memory_of(shared, mine, begin + roller, s)]
             sign = wp.float64(shared.motions[s].sign)
-            slip = out.sums.slip[first + s]
-            out.sums.slip[first + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
+            out.sums.slip[at] = follow_slip(out.sums.slip[at], roller, seat, shared.teeth[s].teeth, sign, count)
 
     @wp.func
     def note(ensemble: Ensemble, out: Out, shared: Shared, mine: Mine, step: int):
@@ -72,12 +75,13 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
         first, end = notes_due(drive, step)
         if end > first:
             if mine.thread == 0:
-                loose = seen_on(drive, out.tallies, wp.static(sprockets))
-                for k in range(first, end):
-                    out.sums.chain_notes[mine.variant * NOTES + k] = loose
+                for row in range(mine.variant, mine.variant + wp.static(kind.parts.rings)):
+                    loose = seen_on(ensemble.drives[row], out.tallies, ensemble.drives[row].sprockets)
+                    for k in range(first, end):
+                        out.sums.chain_notes[row * NOTES + k] = loose
             s = mine.sprocket
             if s >= 0:
-                of_strand = seen_on(drive, out.tallies, s)
+                of_strand = seen_on(ensemble.drives[mine.row], out.tallies, mine.number)
                 of_strand.samples = out.sums.strand[drive.first_sprocket + s].samples
                 of_strand.displacement = out.sums.strand[drive.first_sprocket + s].displacement
                 for k in range(first, end):

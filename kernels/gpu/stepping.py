@@ -87,6 +87,8 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.tied > 0):
                 trains.pass_on(ensemble, state, shared, mine, now, wrench)
+            if wp.static(kind.parts.rings > 1):
+                shared.passed[wp.static(kind.parts.bodies) + mine.body] = wrench.yielding
         if wp.static(kind.parts.tied > 0):
             barrier()
         if mine.body >= 0:

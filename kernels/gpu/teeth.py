@@ -13,6 +13,7 @@ from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
 from .kind import BlockKind, Mine
 from .near import near_mask
+from .rings import block_rings
 from .rollers import roller_rows
 from .sync import lowest_bit
 
@@ -25,7 +26,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     Bits, of_teeth, Touch, vec2 = bits.Bits, bits.of_teeth, contact_sums(kind).Touch, kinds.vec2
     row, placed = roller_rows(kind), contact_sums(kind).placed
     point, velocity = row.point, row.velocity
-    load_row = accessors(Real).load_row
+    load_row, memory_of = accessors(Real).load_row, block_rings(kind).memory_of
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
 
     @wp.func
@@ -36,7 +37,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def looked_up(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, touch: Touch, j: int, s: int):
         """`touch` with what roller j keeps of sprocket s."""
-        at = mine.memory + j + s * mine.rollers
+        at = memory_of(shared, mine, j, s)
         touch.partner = s
         touch.seat = load_whole(state.seat, at)
         touch.before = load_row(state.impact_speed, at)
@@ -114,6 +115,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
     Touch, in_gap_of, in_straight_flank_gap = sums.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
     force_on, set_force = row.force_on, row.set_force
+    memory_of, chain_at = block_rings(kind).memory_of, block_rings(kind).chain_at
 
     @wp.func
     def is_summed(now: Now, s: int):
@@ -136,7 +138,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     ):
         """Adds the force of the teeth of a sprocket to roller j's, and its reaction to the sprocket if it is summed."""
         s = touch.partner
-        at = mine.memory + j + s * mine.rollers
+        at = memory_of(shared, mine, j, s)
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
         if closer.penetration > Real(0.0):
             closer.gaining = gaining(shared, shared.poses[s], arm, j)
@@ -156,7 +158,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         With few branches: at each a warp's threads part.
         """
         s, before = touch.partner, touch.before
-        at = mine.memory + j + s * mine.rollers
+        at = memory_of(shared, mine, j, s)
         teeth = shared.teeth[s]
         closer, arm, applies = in_straight_flank_gap(shared, teeth, j, touch)
         penetration, normal, relative = closer.penetration, closer.normal, closer.relative
@@ -182,7 +184,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
             keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
             if wp.static(kind.measuring) and now.measured != 0:
-                after = more - shared.chain[0].inverse_mass * force
+                after = more - chain_at(shared, j).inverse_mass * force
                 damped, rubbed = powers(mine, damper * normal, drag, relative, after)
                 if closed:
                     measure_powers(tallies, now, at, damped, rubbed)

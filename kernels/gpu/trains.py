@@ -108,7 +108,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             power = coupling_loss(twist, rate, coupling)
             out.sums.coupling[c] = add_coupling(out.sums.coupling[c], twist, moment, power, led, now.weight)
             if now.flags & ENDS != 0:
-                at = drive.first_body + mine.body
+                at = drive.first_body + mine.number
                 energy = wp.float64(coupling_energy(twist, coupling))
                 out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
@@ -117,7 +117,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a pair of gears, whose second body is the thread's, for the sums of the window."""
         drive = ensemble.drives[mine.variant]
         gear = ensemble.gears[g]
-        motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.body]
+        motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
         angular = steps.gathered(ensemble, shared, mine, mine.body) * motion.inverse_inertia
         if motion.prescribed == 1:
             angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)

@@ -1,19 +1,23 @@
 """Runs of drives with several chains, against closed forms and against drives of one chain."""
 
 import math
-import tomllib
+from types import SimpleNamespace
 
 import chains
 import numpy as np
 import pytest
-from blocks import LIGHT
+from blocks import LIGHT, pack_for
 from drives import two_sprockets
 
-from warpchain import Drive, Limits, Record, dumps_drive, load_drive, loads_drive, simulate
+from warpchain import Limits, Record, load_drive, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
+from warpchain.engine import buckets
+from warpchain.engine.devices import _cut
+from warpchain.engine.gpu import refusal
 from warpchain.errors import DriveError, SuspectWarning
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.schedule import Schedule
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 BALANCE = ("input_work", "output_work", "energy_change", "links.dissipated", "efficiency")
@@ -42,13 +46,12 @@ def test_shares_of_a_shaft_count_once_in_the_step_limit():
     assert step_limit(chains.side_by_side(2)) == pytest.approx(step_limit(chains.side_by_side(0)), rel=1e-14)
 
 
-@pytest.fixture(scope="module")
-def turning():
+@pytest.fixture(scope="module", params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def turning(request):
     """Two stages, braked in proportion to speed: at rest in itself after some 1 / 25 s."""
     drive = chains.two_stages(duration=1.0).with_values({"sprockets.out.load": {"viscous": 100.0}})
-    return drive, simulate(drive, device="cpu", window=(0.5, 1.0), record=Record(variants="none")).metrics.to_pylist()[
-        0
-    ]
+    run = simulate(drive, device=request.param, window=(0.5, 1.0), record=Record(variants="none"))
+    return drive, run.metrics.to_pylist()[0]
 
 
 def test_two_stages_turn_in_the_ratio_of_their_teeth(turning):
@@ -89,29 +92,13 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
             np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
 
 
-def twice(drive):
-    """A drive of one chain, and the same again in another plane, joined by nothing."""
-    whole = tomllib.loads(dumps_drive(drive))
-    chain, sprockets, arms = (whole.pop(kind) for kind in ("chain", "sprockets", "arms"))
-    of = {"chains": [], "sprockets": [], "arms": []}
-    for name in "ab":
-        of["chains"].append(chain | {"name": name, "plane": f"of {name}"})
-        of["arms"] += [arm | {"name": f"{name} {arm['name']}"} for arm in arms]
-        for sprocket in sprockets:
-            more = {"name": f"{name} {sprocket['name']}", "chain": name}
-            if "arm" in sprocket["mount"]:
-                more["mount"] = {"kind": "arm", "arm": f"{name} {sprocket['mount']['arm']}"}
-            of["sprockets"].append(sprocket | more)
-    return Drive(**whole, **of)
-
-
 @pytest.mark.parametrize("values", [{}, LIGHT], ids=["usual", "light"])
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 def test_unjoined_chains_with_sprockets_on_arms_are_each_as_alone(values):
     """Bitwise."""
     few = {"run.duration": 5e-3, "run.settle": False}
     drive = load_drive(drive_path("swing_idler")).with_values(few | values)
-    alone, both = (simulate(of, device="cpu", record=Record([0]))[0] for of in (drive, twice(drive)))
+    alone, both = (simulate(of, device="cpu", record=Record([0]))[0] for of in (drive, chains.twice(drive)))
     for part in chain_trajectories(both).values():
         for channel in ("position", "sprocket_speed", "sprocket_center", "arm_angle"):
             np.testing.assert_array_equal(getattr(part, channel), getattr(alone, channel))
@@ -156,17 +143,17 @@ def test_bodies_of_a_shaft_stay_together():
     np.testing.assert_allclose(turned[:, 1], turned[:, 2], atol=1e-13)
 
 
-def test_light_shafts_run_at_large_steps():
+def test_light_shafts_run_at_large_steps(device):
     """A shaft lighter than the rollers on it: contacts of both chains agree on its acceleration before forces."""
     light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 1e-3, "run.step": "auto"}
     drive = chains.two_stages(duration=0.2).with_values(light)
-    row = simulate(drive, device="cpu", record=Record(variants="none")).metrics.to_pylist()[0]
+    row = simulate(drive, device=device, record=Record(variants="none")).metrics.to_pylist()[0]
     assert not row["diverged"] and abs(row["energy_residual_relative"]) < 1e-2
 
 
-def test_settled_chains_begin_at_rest():
+def test_settled_chains_begin_at_rest(device):
     drive = chains.two_stages(duration=0.005, settle="true", gravity=-9.81)
-    row = simulate(drive, device="cpu", record=Record(variants="none")).metrics.to_pylist()[0]
+    row = simulate(drive, device=device, record=Record(variants="none")).metrics.to_pylist()[0]
     for name in ("first", "second"):
         assert row[f"{name}.settle_steps"] > 0 and row[f"{name}.settle_residual"] < 1e-3
 
@@ -222,15 +209,72 @@ def test_a_chain_that_does_not_fit_names_its_variant():
         simulate([good, bad], device="cpu")
 
 
-def test_a_gpu_is_refused():
-    from warpchain.drive.batch import stacks_of
-    from warpchain.engine.chains import Rows
-    from warpchain.engine.gpu import refusal
-    from warpchain.engine.pack import pack
-    from warpchain.engine.simulation import schedules_of
+def packed_for(drives, steps=100):
+    return pack_for(drives, [Schedule(1e-6, steps, 0, steps, 0) for _ in drives], "float64")
 
-    drives = [chains.two_stages(duration=0.001)]
-    rows = Rows(drives, stacks_of(drives))
-    packed = pack(rows.drives, rows.spread(schedules_of(drives, None, None, Record(), None)))
-    rows.couple(packed)
-    assert refusal(packed) == 'drives of several chains are stepped on the CPU only; use device="cpu"'
+
+def test_a_gpu_takes_as_much_of_all_chains_as_of_one():
+    packed = packed_for([two_sprockets(), chains.two_stages()])
+    assert refusal(packed) is None
+    packed.drives["sprockets"][1:] = 16
+    assert refusal(packed, 3) == 'variant 4: 32 sprockets and guide-bars: a GPU takes up to 31; use device="cpu"'
+    packed.drives["rollers"][1:] = 9000
+    assert refusal(packed) == 'variant 1: links of all chains: 18000: a GPU takes up to 16384; use device="cpu"'
+
+
+def test_on_a_gpu_chains_are_stepped_together_and_settle_each_by_itself(monkeypatch):
+    """Two stages and a drive of one chain: a kernel each for the steps; all three chains have two sprockets."""
+    gpu = SimpleNamespace(sm_count=132, max_shared_memory_per_block=232_448)
+    array = lambda values, **_: values  # noqa: E731
+    monkeypatch.setattr(buckets, "wp", SimpleNamespace(get_device=lambda _: gpu, array=array, int32=None))
+    kernels = buckets.GpuKernels(packed_for([two_sprockets(), chains.two_stages(), chains.two_stages()]), "cuda:0")
+    steps = {bucket.kind.parts.rings: bucket for bucket in kernels.buckets_of("advance")}
+    assert steps.keys() == {1, 2}
+    assert steps[1].order.tolist() == [0] and steps[2].order.tolist() == [1, 3]
+    assert steps[2].kind.shape.room >= 66 + 68 and steps[2].kind.parts.sprockets == 4
+    alone = kernels.buckets_of("relax")
+    assert sorted(row for bucket in alone for row in bucket.order.tolist()) == [0, 1, 2, 3, 4]
+    assert {bucket.kind.parts.sprockets for bucket in alone} == {2}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_gpus_take_whole_variants(count):
+    """Four variants of two chains, rows 0 to 7."""
+    parts = _cut([f"cuda:{k}" for k in range(count)], packed_for([chains.two_stages()] * 4))
+    assert {place % 2 for _, *ends in parts for place in ends} == {0}
+    assert [a for _, a, _ in parts[1:]] == [b for _, _, b in parts[:-1]]
+    assert parts[0][1] == 0 and parts[-1][2] == 8 and len(parts) == count
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(("precision", "within"), [("float64", 1e-9), ("float32", 3e-4)])
+def test_a_gpu_takes_the_steps_of_the_cpu(precision, within):
+    """As long as round-off, which contacts amplify, has not come far: 400 steps and 200."""
+    few = {"run.duration": 4e-4, "run.step": 1e-6, "run.settle": False}
+    drives = [load_drive(drive_path("v6")).with_values(few), chains.two_stages(duration=1e-3)]
+    cpu, gpu = (simulate(drives, device=device, precision=precision) for device in ("cpu", "cuda:0"))
+    for v in range(len(drives)):
+        np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=within)
+        np.testing.assert_allclose(gpu[v].sprocket_angle, cpu[v].sprocket_angle, atol=within)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_variant_alone_on_a_gpu_is_the_same_in_a_crowd(precision):
+    """Bitwise, with as many of a kind on a multiprocessor."""
+    v6 = load_drive(drive_path("v6")).with_values({"run.duration": 0.002})
+    drives = [chains.two_stages(duration=0.005), two_sprockets(duration=0.005), v6]
+    crowd = simulate(drives, device="cuda:0", precision=precision)
+    for v, drive in enumerate(drives):
+        alone = simulate(drive, device="cuda:0", precision=precision)[0]
+        for name, values in alone.channels().items():
+            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+
+
+@pytest.mark.gpu
+def test_two_equal_chains_on_a_gpu_are_one_of_twice_the_mass_stiffness_and_contact():
+    """To round-off, which contacts amplify: moments of two chains are added up in another order."""
+    drives = [chains.side_by_side(count, duration=0.002, step=2.5e-6) for count in (0, 2)]
+    one, two = simulate(drives, device="cuda:0").values()
+    for half in (slice(0, 60), slice(60, 120)):
+        np.testing.assert_allclose(two.position[:, half], one.position, atol=1e-9)

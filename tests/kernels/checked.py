@@ -9,7 +9,6 @@ A process of its own: the build is chosen where kernels are made.
 import sys
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,22 +65,19 @@ def on_the_cpu(drives, precision: str) -> None:
     finished(engine, engine.settle(STEPS))
     engine = CpuEngine(packed.at_precision(precision), 1)
     finished(engine, engine.advance(STEPS + 1, engine.frame_buffer(values)))
-    ended(engine.progress(), drives)
+    ended(engine.progress()[packed.begins], drives)
 
 
 def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
     """Steps with frames of every channel by the block kernel, its blocks' threads as fibers."""
     import blocks
 
-    from warpchain.engine.buckets import block_shape, room_for
-
     packed, values = ensemble_of(drives)
     packed = packed.at_precision(precision)
-    rooms = room_for(np.array([drive.chain.links for drive in drives]))
     frames = wp.empty(values, dtype=packed.real, device="cpu")
-    shape = shape or block_shape(int(rooms.max()), 100 if many else 1)
+    shape = shape or blocks.shape_of(drives, 100 if many else 1)
     state, _ = blocks.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
-    ended(state.progress.numpy(), drives)
+    ended(state.progress.numpy()[packed.begins], drives)
 
 
 def settle_on_blocks() -> None:
@@ -141,13 +137,16 @@ def moving_and_diverging():
 
 def ensemble_of(drives):
     """Drives packed for `STEPS` steps, and how many values their frames take; not one more is there."""
-    from warpchain.engine.pack import pack
-    from warpchain.results.channels import NAMES, frame_of, frame_width
+    from blocks import pack_for
+
+    from warpchain.drive.rings import rings_of
+    from warpchain.results.channels import frame_width
     from warpchain.results.schedule import Schedule
 
-    packed = pack(drives, [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives])
-    packed = replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
-    widths = [frame_width(drive, packed.frame) * (STEPS // 8 + 1) for drive in drives]
+    schedules = [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives]
+    packed = pack_for(drives, schedules, "float64")
+    chains = [ring.drive for drive in drives for ring in rings_of(drive)]
+    widths = [frame_width(chain, packed.frame) * (STEPS // 8 + 1) for chain in chains]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     return packed, sum(widths)
 
@@ -169,6 +168,8 @@ def cases():
         (of.uneven, True, "float64"),
         (of.rubbing_on_moving_sprockets, True, "float32"),
         (of.bending, False, "float32"),
+        (of.v6, False, "float64"),
+        (of.v6, True, "float32"),
     ]
     for drives, many, precision in blocks:
         name = f"blocks {drives.__name__} {'many' if many else 'few'} {precision}"

@@ -60,10 +60,19 @@ FORMS = {
         8,
         frame_of(NAMES),
     ),
+    "several chains": lambda real: block_kernel(
+        BlockKind(real, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, rings=2), measuring=True), 8, FRAME
+    ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, BlockShape(160, 1), Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
-USUAL = [(75, "few", "float32"), (75, "moving", "float64"), (90, "rk4, bending", "float64"), (90, "relax", "float64")]
+USUAL = [
+    (75, "few", "float32"),
+    (75, "moving", "float64"),
+    (90, "rk4, bending", "float64"),
+    (90, "several chains", "float32"),
+    (90, "relax", "float64"),
+]
 """What the oldest takes newer ones take; each takes up to a minute, and `test_pairs` compiles more at float32."""
 
 

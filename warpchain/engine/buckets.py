@@ -98,7 +98,7 @@ class Bucket:
 
     Attributes:
         kind: of the kernel that takes steps without metrics.
-        variants: their numbers.
+        variants: their numbers, of several chains the rows of the first.
         order: the same, on the device.
         most_shared: bytes of shared memory that a block may have on the device.
     """
@@ -132,7 +132,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
@@ -140,8 +140,29 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared)
 
 
+TOGETHER = {
+    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others"),
+    np.minimum: ("linear_hysteretic",),
+}
+"""How columns of several chains become those of their variant; the others by `np.maximum`."""
+
+
 def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
-    """The properties of variants that decide their kernels, (variants,) each."""
+    """The properties that decide the kernels which take variants on, (variants,) each."""
+    rings, begins, columns = packed.drives["rings"], packed.begins, chain_columns(packed)
+    if len(begins) == packed.variants:
+        return columns
+    several = rings[begins] > 1
+    ways = {name: way for way, names in TOGETHER.items() for name in names}
+    whole = {name: ways.get(name, np.maximum).reduceat(values, begins) for name, values in columns.items()}
+    whole["room"] = room_for(np.add.reduceat(packed.drives["rollers"], begins))
+    prescribed = np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"][begins])
+    whole |= {"prescribed": np.maximum(prescribed, 1), "tied": whole["tied"] | several, "rings": rings[begins]}
+    return whole
+
+
+def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
+    """The same of each chain by itself, (rows,): of kernels that settle it, or that take on a variant with no other."""
     drives = packed.drives
     varied = packed.links["varied_links"] > 0
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
@@ -157,6 +178,7 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
         "hubs": drives["hubs"],
+        "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
         "profiles": packed.carried_guides,
@@ -216,6 +238,10 @@ class GpuKernels:
     Args:
         packed: the ensemble.
         device: such as "cuda:0".
+
+    Attributes:
+        buckets: the variants by the kernels that take them on.
+        chains: their chains by the kernels that settle them, each by itself.
     """
 
     def __init__(self, packed: Packed, device: str) -> None:
@@ -226,15 +252,17 @@ class GpuKernels:
         drives = packed.drives
         measuring = bool((drives["window_start"] < drives["steps"]).any())
         self._names = ("measure", "advance") if measuring else ("advance",)  # what takes longest to compile first
-        self.buckets = self._bucketed()
+        self.buckets = self._bucketed(kind_columns(packed), packed.begins)
+        alone = len(packed.begins) == packed.variants
+        self.chains = self.buckets if alone else self._bucketed(chain_columns(packed), np.arange(packed.variants))
 
-    def _bucketed(self) -> list[Bucket]:
-        """The variants by kernel, the longest first."""
-        packed, columns = self.packed, kind_columns(self.packed)
+    def _bucketed(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
+        """The variants, or chains, that begin at these rows, by kernel, the longest first."""
+        packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []
         for key in _distinct(keys):
-            order = np.flatnonzero((keys == key).all(axis=1))
+            order = rows[(keys == key).all(axis=1)]
             recorded = packed.drives["sample_every"][order] > 0
             order = order[np.argsort(~recorded, kind="stable")]  # which take longer
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
@@ -255,10 +283,15 @@ class GpuKernels:
             self._kernels[key] = Made(factory(*form), kind, held, Wanted(factory, form, kind.shape.block_threads))
         return self._kernels[key]
 
+    def buckets_of(self, name: str) -> list[Bucket]:
+        """What a kernel of this name is launched for."""
+        return self.chains if name == "relax" else self.buckets
+
     def wanted(self, *names: str) -> list[Wanted]:
         """The kernels of these names, by default of those that take steps, with which goes what adds up their sums.
 
         They are made by the calling thread, as they share functions.
         """
-        blocks = [self._made(name, bucket).wanted for name in names or self._names for bucket in self.buckets]
+        made = [self._made(name, of) for name in names or self._names for of in self.buckets_of(name)]
+        blocks = [of.wanted for of in made]
         return blocks if names else [*blocks, Wanted(collect_kernel, (self.packed.real,), COLLECTING)]

@@ -89,7 +89,7 @@ def work_of(packed: Packed, kind: str) -> Work:
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS[kind] - 1.0) * np.maximum(window, 0.0)
-    each = steps * drives["rollers"]
+    each = np.add.reduceat(steps * drives["rollers"], packed.begins)
     return Work(float(each.sum()), float(each.max()), float(steps.max()))
 
 

@@ -86,7 +86,7 @@ def devices_for(device: str | None, packed: Packed, precision: str, cores: int, 
     Raises:
         SimulationError: as `chosen_devices`.
     """
-    devices = chosen_devices(device, packed)[: packed.variants]
+    devices = chosen_devices(device, packed)[: len(packed.begins)]
     if device is not None or devices == ("cpu",):
         return Choice(devices, None)
     return quickest(devices, packed, precision, cores, times)
@@ -123,8 +123,9 @@ def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
 
 
 def _cut(devices: Sequence[str], packed: Packed) -> list[tuple[str, int, int]]:
-    """GPUs, each with the first of its variants and the one after the last, of about the same work."""
-    cuts = cuts_of(packed.drives["rollers"] * (packed.drives["steps"] + 1.0), len(devices))
+    """GPUs, each with the first row of its variants and the one after the last, of about the same work."""
+    work = np.add.reduceat(packed.drives["rollers"] * (packed.drives["steps"] + 1.0), packed.begins)
+    cuts = np.append(packed.begins, packed.variants)[cuts_of(work, len(devices))].tolist()
     return [(name, a, b) for name, a, b in zip(devices, cuts[:-1], cuts[1:], strict=True) if b > a]
 
 

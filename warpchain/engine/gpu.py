@@ -105,15 +105,15 @@ def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
 
 def refusal(packed: Packed, first: int = 0) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
-    drives = packed.drives
-    if (drives["rings"] > 1).any():
-        return 'drives of several chains are stepped on the CPU only; use device="cpu"'
+    drives, begins = packed.drives, packed.begins
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
         (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),
     ):
-        for v in np.flatnonzero(count > most):
-            return f'variant {first + v}: {words.format(count[v])}: a GPU takes up to {most}; use device="cpu"'
+        whole = np.add.reduceat(count, begins)
+        for v in np.flatnonzero(whole > most):
+            words = words if drives["rings"][begins[v]] == 1 else words.replace("chain.links =", "links of all chains:")
+            return f'variant {first + v}: {words.format(whole[v])}: a GPU takes up to {most}; use device="cpu"'
     return None
 
 
@@ -188,7 +188,7 @@ class GpuEngine(GpuKernels, Engine):
             with wp.ScopedStream(self.stream):
                 super().__init__(packed, device)
                 self.ensemble = upload_ensemble(packed, device, blocks=True)
-                self.state = upload_state(packed, device, rows_apart(self.buckets))
+                self.state = upload_state(packed, device, rows_apart([*self.buckets, *self.chains]))
                 self.gpu_sums = empty_sums(packed, device, blocks=True)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
@@ -282,7 +282,7 @@ class GpuEngine(GpuKernels, Engine):
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
-                for bucket in self.buckets:
+                for bucket in self.buckets_of("relax"):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
                     self._launch("relax", bucket, bucket.order, inputs, self.stream)
                 with wp.ScopedStream(self.stream, sync_enter=False):

@@ -133,6 +133,11 @@ class Packed(Arrays):
         """Number of variants."""
         return len(self.assemblies)
 
+    @property
+    def begins(self) -> NDArray[np.intp]:
+        """The rows at which variants begin, each with its first chain; all rows but where there are several chains."""
+        return np.flatnonzero(self.drives["rings"] > 0)
+
     def having(self, sprockets: NDArray[np.bool_], guides: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(variants,) whether a variant has one of these sprockets or guides."""
         found = np.zeros(self.variants, dtype=bool)

@@ -1,0 +1,107 @@
+"""The block kernel on cooperative fibers: drives of several chains, all on one block."""
+
+import chains
+import numpy as np
+import pytest
+import warp as wp
+from blocks import (
+    assert_steps_of_the_cpu,
+    light_stages,
+    pack_for,
+    run_blocks,
+    shape_of,
+    some_of,
+    stages_of_two_chains,
+    stages_rk4,
+    unjoined,
+    v6,
+    ways,
+)
+
+from warpchain.drive.rings import rings_of
+from warpchain.engine.arrays import starts
+from warpchain.results.channels import frame_width
+from warpchain.results.schedule import Schedule
+
+KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined
+USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
+
+
+@pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+    assert_steps_of_the_cpu(drives, many, precision)
+
+
+def run(packed, variants, blocks, order, measuring=True, each=100):
+    """State, sums and frames of variants on blocks, by name; launches of so many steps."""
+    chains_of = [ring.drive for drive in variants for ring in rings_of(drive)]
+    widths = [frame_width(chain, packed.frame) * 16 for chain in chains_of]
+    packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
+    frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
+    state, sums = run_blocks(packed, shape_of(variants, each), blocks, order, frames, measuring)
+    names = ("rollers", "bodies", "seat", "impact_speed", "joint_hold", "tensioners", "progress")
+    return {name: getattr(state, name).numpy() for name in names} | sums | {"frames": frames.numpy()}
+
+
+def assert_same(ours, theirs):
+    for name in ours:
+        np.testing.assert_array_equal(ours[name], theirs[name], err_msg=name)
+
+
+def ensemble(drives, precision):
+    schedules = [Schedule(drive.run.step, 300, 111, 290, 20, 64) for drive in drives]
+    return pack_for(drives, schedules, precision)
+
+
+PRECISIONS = some_of([("float64",), ("float32",)], [("float64",)], [("float32",)])
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_where_launches_end_does_not_matter(fibers, precision):
+    variants = v6()
+    packed = ensemble(variants, precision)
+    whole = run(packed, variants, [301], [0, 1])
+    assert_same(whole, run(packed, variants, [64, 96, 141], [1, 0]))
+    assert np.isfinite(whole["frames"]).all()
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_variant_alone_is_the_same_in_a_crowd(fibers, precision):
+    first, second = v6()
+    crowd, alone = (
+        run(ensemble(variants, precision), variants, [301], [*range(len(variants))][::-1])
+        for variants in ([first, second, first], [second])
+    )
+    whole = ensemble([first, second, first], precision)
+    middle = whole.part(4, 8)
+    for name, kind in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
+        begin, end = (int(starts(of.drives)[kind][-1]) for of in (whole.part(0, 4), whole.part(0, 8)))
+        width = len(alone[name]) // int(starts(middle.drives)[kind][-1])
+        np.testing.assert_array_equal(crowd[name][width * begin : width * end], alone[name], err_msg=name)
+    count = len(alone["frames"])
+    np.testing.assert_array_equal(crowd["frames"][count : 2 * count], alone["frames"])
+
+
+def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers):
+    """To round-off, which contacts amplify: the moments of two chains are added up in another order than one's."""
+    one, two = ([chains.side_by_side(count, step=2.5e-6)] for count in (0, 2))
+    once, twice = (run(ensemble(variants, "float64"), variants, [301], [0]) for variants in (one, two))
+    n = 60
+    rows, each = once["rollers"].reshape(6, n), twice["rollers"].reshape(2, 6, n)
+    np.testing.assert_allclose(each, [rows, rows], atol=1e-10)
+    assert np.abs(each[0, :2] - pack_for(two, [Schedule(2.5e-6, 1, 0, 1, 0)], "float64").rows(0)[:2]).max() > 1e-3
+    for name in ("tension", "dissipated"):
+        np.testing.assert_allclose(2.0 * twice["chain"][name], [once["chain"][name][0]] * 2, rtol=1e-9, err_msg=name)
+    for name in ("energy_start", "energy_end"):  # of the shafts, too, whose inertia the first sprocket on each has
+        np.testing.assert_allclose(twice["chain"][name].sum(), once["chain"][name][0], rtol=1e-9, err_msg=name)
+    np.testing.assert_allclose(twice["bodies"]["angle"], np.tile(once["bodies"]["angle"], 2), atol=1e-10)
+    turned = twice["bodies"]["speed"].reshape(2, 2)
+    np.testing.assert_array_equal(turned[0], turned[1])
+
+
+@pytest.mark.long
+def test_how_many_there_are_does_not_matter(fibers):
+    """A roller a thread, or all on one warp: moments are added up in the same order, so that bits are the same."""
+    variants = v6()[:1]
+    few, many = (run(ensemble(variants, "float64"), variants, [301], [0], each=each) for each in (1, 100))
+    assert_same({name: few[name] for name in ("rollers", "bodies", "seat")}, many)
