@@ -169,10 +169,10 @@ def test_where_no_equilibrium_is_found_it_says_why_and_what_to_do():
     assert 'N are left on a roller of strand "cam->crank"' in failure and "(warpchain fit)" in failure
     still = two_sprockets()
     assembly, potential = assemble(still), Potential(still, 0.0, np.zeros(2))
-    solver = _Solver(potential, assembly, np.zeros(2))
+    solver = _Solver([potential], [assembly])
     x = _assembled(potential, assembly)
     x[potential.first_arm - 1] += 2.0 * math.pi / 20
-    assert solver.failure(x, math.inf, assembly) == (
+    assert solver.failure(x, math.inf) == (
         'the chain does not stay on the teeth of "driven": take more preload or wrap (warpchain fit), or less load'
     )
     parts = {_coordinate(potential, assembly, i) for i in range(potential.size)}

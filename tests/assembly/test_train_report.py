@@ -1,10 +1,12 @@
 """Figures of `check` on shafts, gears, couplings and motors."""
 
 import math
+import tomllib
 
 import pytest
+from drives import two_sprockets
 
-from warpchain import load_drive
+from warpchain import Drive, load_drive
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
 
@@ -47,3 +49,74 @@ def test_a_motor_too_weak_to_start_is_named(conveyor):
         "shafts.motor.motor: pulls 150 N m at rest, as this shaft sees it, where loads ask for 200 N m"
     )
     assert not [line for line in derive(conveyor)["advice"] if line.startswith("shafts")]
+
+
+def test_a_coupling_is_twisted_by_what_it_passes_on(conveyor):
+    # M = 550 + 15 w at the drum, from the coupling, e = M / k + b; both as the equilibrium leaves them, 1e-4 of the
+    # largest force at work
+    (coupling,) = derive(conveyor)["couplings"]
+    load = 550.0 + 15.0 * derive(conveyor)["shafts"][2]["speed"]
+    sign = conveyor.sprockets[1].sign
+    assert sign * coupling["working_torque"] == pytest.approx(load, rel=1e-3)
+    assert sign * coupling["working_twist"] == pytest.approx(load / 2.5e4 + 0.003, rel=1e-3)
+    cells = next(line for line in report(derive(conveyor)).splitlines() if line.split()[:1] == ["coupling"])
+    assert cells.endswith("torque at work")
+
+
+GEARED = """
+[[shafts]]
+name = "second shaft"
+inertia = 0.1
+[[shafts]]
+name = "third shaft"
+inertia = 0.1
+load = { torque = 300.0 }
+[[gears]]
+name = "pair"
+between = ["second shaft", "third shaft"]
+teeth = [30, 30]
+internal = true
+module = 0.004
+"""
+COUPLED = GEARED.partition("[[gears]]")[0] + (
+    '[[couplings]]\nname = "pair"\nbetween = ["second shaft", "third shaft"]\nstiffness = STIFF\n'
+)
+
+
+def triangle(text):
+    """A taut chain around three equal sprockets, 20 links a strand; the first drives, the others are on shafts."""
+    values = two_sprockets(links=80, span=20.02).model_dump(exclude_none=True)
+    side = 20.02 * 0.05
+    driver, driven = values["sprockets"]
+    del driven["load"]
+    values["sprockets"] = [
+        driver,
+        {**driven, "name": "second", "shaft": "second shaft"},
+        {**driven, "name": "third", "center": [0.5 * side, math.sqrt(0.75) * side], "shaft": "third shaft"},
+    ]
+    return Drive(**(values | tomllib.loads(text)))
+
+
+def test_geared_sprockets_share_what_the_chain_passes_on():
+    # the two turn alike, so that the strand between them keeps its length and tension; chain and elongation are as at
+    # rest, so that the tight one gains what the slack one loses, M / 2R: each passes on half. What seats give is 2 %
+    drive = triangle(GEARED)
+    found = derive(drive)
+    assert found["tensions_estimated"] is None
+    pull = 300.0 / found["sprockets"][1]["pitch_radius"]
+    slack, between, tight = (strand["working_tension"] for strand in found["strands"])
+    assert tight - slack == pytest.approx(pull, rel=5e-3)
+    assert (between - slack) / pull == pytest.approx(0.5, abs=0.02)
+    assert between - found["strands"][1]["standing_tension"] == pytest.approx(0.0, abs=0.02 * pull)
+
+
+def test_coupled_sprockets_share_by_how_stiff_the_coupling_is():
+    # a soft one leaves all to the sprocket that is loaded, a stiff one makes them share as gears do
+    soft, stiff = (derive(triangle(COUPLED.replace("STIFF", str(k)))) for k in (1.0, 1e10))
+    assert abs(soft["couplings"][0]["working_torque"]) < 0.01
+    assert abs(stiff["couplings"][0]["working_torque"]) == pytest.approx(150.0, rel=0.05)
+    geared = derive(triangle(GEARED))
+    for one, other in zip(stiff["strands"], geared["strands"], strict=True):
+        assert one["working_tension"] == pytest.approx(other["working_tension"], rel=1e-4)
+    lost = [strand["working_tension"] for strand in soft["strands"]]
+    assert lost[1] == pytest.approx(lost[0], rel=1e-2)

@@ -135,11 +135,11 @@ def test_statics_settling_and_assembly_agree():
 def test_derivatives_by_an_arm_that_carries_a_sprocket():
     # gradient and Hessian by the arm's angle, its sprocket's center on the circle; and the kernels' stiffness about it
     drive = swing()
-    found = system(drive)
+    (found,) = system(drive).parts
     potential = Potential(drive, 0.0, load_moments(drive, 0.0), hanging=True)
     angles = found.state.bodies[0, :, 2]
     x = np.concatenate([found.state.position[0].ravel(), found.state.bodies[0, :3, :2].ravel(), angles])
-    solver = _Solver(potential, assemble(drive), load_moments(drive, 0.0))
+    solver = _Solver([potential], [assemble(drive)])
     solver._move_levers(x)
     reach, d = drive.arm_lever(0), 1e-7
 

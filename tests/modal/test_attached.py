@@ -134,10 +134,10 @@ def test_oil_shows_in_the_table():
     own share, m h^2 of I. 1 %: the oil that the plunger drags along, 0.6 %."""
     drive = apart([OIL]).with_values({"tensioners.pusher.oil.viscosity": 2e-4})
     found = system(drive)
-    result = modes_of(found, 80)
+    result, (part,) = modes_of(found, 80), found.parts
     k = of(result, "lever")
     tensioner, pressure = drive.tensioners[0], static_pressure(drive.tensioners[0])
-    volume = 1e-6 + AREA * found.extension[0]
+    volume = 1e-6 + AREA * found.parts[0].extension[0]
     modulus, gap = bulk_modulus(tensioner, pressure), AREA**2 / tensioner.leak_conductance
     late = gap * result.eigenvalue[k] / (gap * result.eigenvalue[k] + modulus * AREA**2 / volume)
     expected = -modulus * AREA / volume * late * result.stroke[k, 0]
@@ -146,7 +146,7 @@ def test_oil_shows_in_the_table():
     assert result.lost[k, 0] > 0.5
     share = result.participation[k, result.parts.index("pusher")]
     assert share == pytest.approx(0.5 * drive.tensioner_lever(0) ** 2 / drive.arm_inertia(0), rel=1e-6)
-    assert elements(found).force[0] == pytest.approx(static_force(tensioner, found.extension[0]), rel=1e-9)
+    assert elements(part).force[0] == pytest.approx(static_force(tensioner, part.extension[0]), rel=1e-9)
     assert "check valve shut" in result.standing[1]
 
 
@@ -183,7 +183,7 @@ def test_a_sprocket_on_a_slider_with_a_tensioner():
         return base.with_values({"tensioners": [{**push, "spring": spring}]})
 
     found = system(pushed(0.0, 9000.0))
-    x = found.extension[0]
+    x = found.parts[0].extension[0]
     soft = modes_of(found, 12)
     stiff = modes(pushed(4e6, 9000.0 + 4e6 * x), 12)
     square = [(2 * np.pi * m.frequency[of(m, "driven.mount")]) ** 2 for m in (soft, stiff)]
@@ -227,8 +227,8 @@ def test_an_arm_pressed_on_a_strand():
     found = system(drive)
     result = modes_of(found, 4)
     k = of(result, "lever")
-    probe = Probe(found.packed)
-    on = np.flatnonzero(probe.contacts(found.state)[2])
+    probe = Probe(found.parts[0].packed)
+    on = np.flatnonzero(probe.contacts(found.parts[0].state)[2])
     probe.close()
     assert 1 <= len(on) <= 4
     place = result.position[on]
@@ -254,7 +254,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     result = modes_of(found, 26)
     k = of(result, "arm")
     assert result.damping_ratio[k] > 0.05
-    out, back = (moved_lines(car, swing(result, k, phase)[1]) for phase in (0.0, np.pi))
+    out, back = (moved_lines(car, swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
     assert len(out) == 5  # three lines of the arm, its blade, the plunger
     assert all(np.abs(one - other).max() > 1e-4 for one, other in zip(out, back, strict=True))
     one = result.chosen(np.array([k]))

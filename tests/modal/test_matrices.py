@@ -119,7 +119,7 @@ def test_structure_changes_nothing(mount):
             "sprockets.driven.balance_wheel": {"mass": 0.5, "radius": 0.1, "phase": 0.4},
         }
     )
-    packed, _ = standing(drive)
+    ((_, _, packed, _),) = standing(drive)
     probe = Probe(packed)
     try:
         base = probe.start()
@@ -153,7 +153,7 @@ def test_contacts_damp_along_their_normals(values, damper):
     """C = sum of c g g': g the closing speed of a contact for a unit of each coordinate, c = d F / v_min or the law's
     own. A roller is pressed by F along the normal n against what its two links pull."""
     drive = two_sprockets(links=58, span=19.03, torque=100.0, damping=0.0)
-    found = system(drive.with_values({f"contact.sprocket.{name}": value for name, value in values.items()}))
+    (found,) = system(drive.with_values({f"contact.sprocket.{name}": value for name, value in values.items()})).parts
     place = found.state.position[0]
     along = np.roll(place, -1, axis=0) - place
     pull = found.tension[:, None] * along / np.hypot(*along.T)[:, None]
@@ -174,7 +174,7 @@ def test_structure_changes_nothing_for_arms_and_oil():
     """As above, of the example `car`: an arm that carries a curved guide, and a chamber
     of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
     drive = load_drive(drive_path("car"))
-    found = system(drive)
+    (found,) = system(drive).parts
     probe = Probe(found.packed)
     try:
         base, at = probe.start(), found.at

@@ -25,7 +25,8 @@ def swung(found, result, chosen, cycles=2.5, fed=True):
     What the drive does without a kick (it stands to 1e-6 of its tension, no better) is taken off.
     """
     step = 0.5 * step_limit(found.drive)
-    packed = found.packed.taken([0] * (len(chosen) + 1))
+    (part,) = found.parts
+    packed = part.packed.taken([0] * (len(chosen) + 1))
     if fed:
         steadily_fed(packed)
     packed.drives["step"], packed.drives["steps"] = step, 2**30
@@ -42,9 +43,9 @@ def swung(found, result, chosen, cycles=2.5, fed=True):
         mine["angle"] += size * bodies[:, 2].real
         mine["velocity"], mine["speed"] = size * (s * bodies[:, :2]).real, size * (s * bodies[:, 2]).real
         if found.drive.tensioners:
-            wet, every = found.at.chambers, len(found.drive.tensioners)
-            leaked = -result.pressure[k, wet] * found.at.area / elements(found).oil[wet] - result.stroke[k, wet]
-            packed.oil["content"][v * every + wet] += size * (found.at.content_rate * leaked).real
+            wet, every = part.at.chambers, len(found.drive.tensioners)
+            leaked = -result.pressure[k, wet] * part.at.area / elements(part).oil[wet] - result.stroke[k, wet]
+            packed.oil["content"][v * every + wet] += size * (part.at.content_rate * leaked).real
         weights.append(shape.T.real / np.abs(shape).max() / KICK)
     engine = CpuEngine(packed, 1)
     frames = engine.frame_buffer(1)
@@ -222,7 +223,7 @@ def test_a_strand_with_a_moving_end_runs_away_within_its_tongue():
     frequency = result.frequency[0]
     share = swing_of_tension(amplitude, 0)
     detuned = np.array([0.0, 0.15, -0.15, 0.4]) * share
-    packed = found.packed.taken([0] * len(detuned))
+    packed = found.parts[0].packed.taken([0] * len(detuned))
     packed.mounts["amplitude"][1::2] = amplitude
     packed.mounts["frequency"][1::2] = 4.0 * np.pi * frequency * (1.0 + detuned)
     size, growth = grown(packed, found, result, 0)
@@ -262,7 +263,7 @@ def grown(packed, found, result, k, halves=100):
     engine = CpuEngine(packed, 1)
     frames = engine.frame_buffer(1)
     rows = engine.state.rollers.numpy().reshape(packed.variants, 6, -1)
-    still = found.state.position[0].T
+    still = found.parts[0].state.position[0].T
     size, every = [], int(0.5 / (frequency * step))
     for _ in range(halves):
         for future in engine.advance(every, frames):
@@ -290,7 +291,7 @@ def test_a_damped_strand_runs_away_beyond_four_zeta():
         found = system(swaying(0.0, **held))
         result = modes_of(found, 1)
         zeta, tried = result.damping_ratio[0], 1e-4
-        packed = found.packed.taken([0] * len(near))
+        packed = found.parts[0].packed.taken([0] * len(near))
         packed.mounts["amplitude"][1::2] = near * 4.0 * zeta * tried / swing_of_tension(tried, 0, **held)
         packed.mounts["frequency"][1::2] = 4.0 * np.pi * result.frequency[0]
         _, growth = grown(packed, found, result, 0, 60)

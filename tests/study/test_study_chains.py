@@ -3,10 +3,15 @@
 import chains
 import pytest
 
-from warpchain import Limits, Record, run_study, simulate
+from warpchain import Limits, Record, assemble, run_study, simulate
 from warpchain.drive import load_drive, save_drive
+from warpchain.drive.rings import rings_of
+from warpchain.errors import StudyError
+from warpchain.study.report.scatters import view_study
 from warpchain.study.results import read_results
-from warpchain.study.run.recordings import with_recorded_objectives
+from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
+from warpchain.study.run.row_drives import adjusted_all, placed
+from warpchain.study.spec import load_study
 
 STUDY = """
 [study]
@@ -48,3 +53,69 @@ def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     assert judged[0]["out.transmission_error_rms"] is not None
     assert [row["status"] for row in rows] == ["ok", "infeasible", "ok", "infeasible"], [row["reason"] for row in rows]
     assert rows[1]["reason"].startswith('chain "second": ')
+
+
+ADJUSTED = """
+[study]
+drive = "two.toml"
+[design]
+kind = "factorial"
+[[factors]]
+name = "teeth"
+path = "sprockets.out.teeth"
+levels = [34, 36, 40]
+[adjust]
+sprocket = "out"
+direction = [1.0, 0.0]
+links = "even"
+preload = 4000.0
+[limits]
+energy_residual = inf
+energy_change = inf
+[record]
+variants = [0]
+[run]
+device = "cpu"
+duration = 0.002
+"""
+
+
+@pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
+    """Each row's second chain has the wanted preload, with links for its teeth; the first stays as it is."""
+    save_drive(chains.two_stages(), tmp_path / "two.toml")
+    (tmp_path / "study.toml").write_text(ADJUSTED)
+    study = load_study(tmp_path / "study.toml")
+    base = load_drive(tmp_path / "two.toml")
+    outcome = run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
+    rows = read_results(outcome.table).table.to_pylist()
+    assert [row["status"] for row in rows] == ["ok", "ok", "ok"], [row["reason"] for row in rows]
+    assert len({row["adjusted_links"] for row in rows}) == 3
+    made = adjusted_all([placed(study, base, row) for row in rows], study.adjust, rows)
+    for (drive, _), row in zip(made, rows, strict=True):
+        first, second = rings_of(drive)
+        assert first.drive.chain.links == base.chains[0].links
+        assert second.drive.chain.links == row["adjusted_links"]
+        strain = 4000.0 / (second.drive.chain.mean_stiffness * second.drive.chain.pitch)
+        assert assemble(second.drive).strain == pytest.approx(strain, abs=1e-7)
+    results = read_results(outcome.table)
+    view_study(results, recorded_variants(results, tmp_path / "out", [0]), save=tmp_path / "study.rrd")
+    assert (tmp_path / "study.rrd").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("adjust", "line"),
+    [
+        ('links = "even"', "adjust.chain: missing; must be a chain of the drive: first, second"),
+        ('links = "even"\nchain = "third"', 'adjust.chain = "third": must be a chain of the drive: first, second'),
+        ('sprocket = "out"\ndirection = [1.0, 0.0]\nchain = "first"',
+         'adjust.chain = "first": must be that of the sprocket, "second"'),
+    ],
+)  # fmt: skip
+def test_adjust_names_a_chain(adjust, line, tmp_path):
+    save_drive(chains.two_stages(), tmp_path / "two.toml")
+    head, tail = ADJUSTED.split("[adjust]")
+    (tmp_path / "study.toml").write_text(f"{head}[adjust]\n{adjust}\npreload{tail.partition('preload')[2]}")
+    with pytest.raises(StudyError) as caught:
+        run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
+    assert str(caught.value).endswith(line)

@@ -6,11 +6,9 @@ import chains
 import numpy as np
 import pytest
 
-from warpchain import Record, read_archive, simulate
+from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
-from warpchain.drive import save_drive
-from warpchain.errors import DriveError
 from warpchain.results.objectives import from_trajectory
 from warpchain.view.figures.plot import plot_figures
 from warpchain.view.report import report
@@ -75,14 +73,3 @@ def test_notebooks_show_each_chain(recorded):
 def test_objectives_of_chains_begin_with_their_names(recorded):
     found = from_trajectory(recorded[1][0], 0.01, 0.02)
     assert {"mid in.transmission_error_rms", "out.transmission_error_rms"} <= found.keys()
-
-
-def test_what_takes_one_chain_says_so_in_a_line(tmp_path):
-    from warpchain.modal.eigenmodes import modes
-
-    drive = chains.two_stages()
-    line = "^chains: there are several, first, second; this takes drives of one chain, \\[chain\\]$"
-    with pytest.raises(DriveError, match=line):
-        modes(drive)
-    save_drive(drive, tmp_path / "two.toml")
-    assert simulate(drive, device="cpu", duration=1e-4, record=Record(variants="none")).metrics.num_rows == 1

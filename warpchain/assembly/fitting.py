@@ -11,6 +11,8 @@ C / (n p) - 1, is to first order
 It falls as h grows: every sag has one strain. Measured on settled strands, end rollers give way by 0.8 to 1.1 c.
 A preload T0, at assembly, has the strain T0 / (k p).
 
+Of several chains each is fitted as a drive of its own; a sprocket takes along those that are on its shaft.
+
 Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
 least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
 moved until an arm stands there.
@@ -32,6 +34,7 @@ from warpchain.assembly.place_search import Goal, Search, search_all
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.replace import with_numbers
+from warpchain.drive.rings import Ring, rings_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -63,7 +66,8 @@ def fit_position(
         strain: of the strands at assembly [-], within 0.05; what `warpchain check` calls strain.
         preload: tension of all strands at assembly [N], >= 0.
         sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
-        strand: which strand's sag, "FROM->TO"; None is the longest, as the drive stands, that lies on no guide.
+        strand: which strand's sag, "FROM->TO", of the sprocket's chain; None is the longest, as the drive stands, that
+            lies on no guide.
         travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
 
     Returns:
@@ -73,8 +77,9 @@ def fit_position(
         DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
             reached.
     """
-    index, line = _sprocket_index(drive, sprocket), _unit(direction)
-    return _one(_moved([Search(drive, index, line, _goal(drive, strain, preload, sag, strand), travel)]))
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
+    goal = _goal(own, strain, preload, sag, strand)
+    return _one(_moved([drive], [Search(own, _sprocket_index(own, sprocket), line, goal, travel)]))
 
 
 def fit_positions(
@@ -92,12 +97,13 @@ def fit_positions(
     Raises:
         DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
     """
-    line = _unit(direction)
+    line, chains = _unit(direction), [fitted_chain(drive, sprocket=sprocket).drive for drive in drives]
     return _moved(
+        drives,
         [
-            Search(drive, _sprocket_index(drive, sprocket), line, _goal(drive, strain, None, None, None), travel)
-            for drive, strain, travel in zip(drives, strains, travels, strict=True)
-        ]
+            Search(own, _sprocket_index(own, sprocket), line, _goal(own, strain, None, None, None), travel)
+            for own, strain, travel in zip(chains, strains, travels, strict=True)
+        ],
     )
 
 
@@ -121,20 +127,49 @@ def fit_angle(
     Raises:
         DriveError: as `fit_position`; an angle beyond the arm's stops.
     """
-    index, line = _sprocket_index(drive, sprocket), _unit(direction)
-    return _one(_moved([Search(drive, index, line, _angle_goal(drive, angle), travel)]))
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
+    search = Search(own, _sprocket_index(own, sprocket), line, _angle_goal(own, angle), travel)
+    return _one(_moved([drive], [search]))
 
 
-def _moved(searches: Sequence[Search]) -> list[Drive | DriveError]:
+def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> Ring:
+    """The chain that is fitted: that of a name, or of a sprocket; of one chain, that.
+
+    Raises:
+        DriveError: a name that there is not, or none where there are several chains.
+    """
+    rings = rings_of(drive)
+    names = [ring.name for ring in rings] if drive.chains else []
+    if chain is None and sprocket is not None and names:
+        chain = drive.sprockets[_sprocket_index(drive, sprocket)].chain
+    if chain is None and names:
+        raise DriveError(f"chain: must be named, as there are several; allowed are {', '.join(names)}")
+    if chain is not None and chain not in names:
+        known = f"allowed are {', '.join(names)}" if names else "the drive has one, without a name"
+        raise DriveError(f'chain "{chain}": there is none of that name; {known}')
+    return next(ring for ring in rings if ring.name == (chain or ""))
+
+
+def links_place(drive: Drive, ring: Ring) -> tuple[str | int, ...]:
+    """Where a drive has the number of links of one of its chains."""
+    if not drive.chains:
+        return "chain", "links"
+    return "chains", [chain.name for chain in drive.chains].index(ring.name), "links"
+
+
+def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | DriveError]:
     """The drives with their sprockets at the places found, rounded; or what is said where there is none."""
     found: list[Drive | DriveError] = []
-    for search, place in zip(searches, search_all(searches), strict=True):
+    for drive, search, place in zip(drives, searches, search_all(searches), strict=True):
         if place is None:
             found.append(DriveError(search.failure()))
             continue
         x, y = (round(part, _DIGITS) for part in search.center(place))
-        center = ("sprockets", search.index, "center")
-        found.append(with_numbers(search.drive, {(*center, 0): x, (*center, 1): y}))
+        mine = search.drive.sprockets[search.index]
+        shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
+        together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]
+        values = {("sprockets", s, "center", k): value for s in together for k, value in enumerate((x, y))}
+        found.append(with_numbers(drive, values))
     return found
 
 
@@ -147,7 +182,9 @@ def _one(found: Sequence[Drive | DriveError]) -> Drive:
 
 
 @checked(DriveError)
-def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
+def fit_links(
+    drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None, chain: str | None = None
+) -> Drive:
     """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
 
     With arms, the smallest strain with the arms in balance, if it can be with the chain on all arms, none on a stop or
@@ -157,10 +194,18 @@ def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None
         drive: its chain need not fit as it stands.
         odd: whether an odd number, which needs an offset link, will do.
         angle: wanted angles of arms by name [degrees]; None wants none.
+        chain: name of the chain, where there are several.
 
     Raises:
-        DriveError: no such number gives a strain within 0.05, or none assembles; an unknown arm.
+        DriveError: no such number gives a strain within 0.05, or none assembles; an unknown arm or chain.
     """
+    ring = fitted_chain(drive, chain)
+    place = f"chains.{ring.name}.links" if drive.chains else "chain.links"
+    return drive.with_values({place: _best_links(ring.drive, odd, angle, place)})
+
+
+def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
+    """The number of links for a chain; see `fit_links`."""
     wanted = _wanted_angles(drive, angle or {})
     path, found = path_at(drive, wanted), []
     for links in nearest_links(path, 0.0, odd):
@@ -178,13 +223,13 @@ def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None
         if not wanted:
             break
     if found:
-        return drive.with_values({"chain.links": min(found)[-1]})
+        return min(found)[-1]
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
     strains = ", ".join(f"{n}: {100.0 * path.strain(n):+.2f} %" for n in around if math.isfinite(path.strain(n)))
     kind = "" if odd else "even "
     raise DriveError(
-        f"chain.links: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
+        f"{place}: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
         f"{strains}); allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %"
     )
 

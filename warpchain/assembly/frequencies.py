@@ -13,6 +13,7 @@ rollers between fixed ends, (b).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
 from warpchain.drive.motion_table import Table
+from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import names_of, speed_ratio
@@ -65,19 +67,46 @@ class Order:
     cause: str
 
 
+def tooth_orders(drive: Drive) -> dict[str, float]:
+    """Orders of the driver's revolution with which teeth pass, by the name of the chain; "" where there is one."""
+    return {
+        ring.name: ratio * ring.drive.sprockets[ring.drive.driver].teeth
+        for ring, ratio in zip(rings_of(drive), driver_ratios(drive), strict=True)
+    }
+
+
 def orders(drive: Drive) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
     Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
     each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, balance wheels.
     """
+    return _together([*_of_chains(drive, _passing), *_of_chains(drive, _driven)])
+
+
+def excited_orders(drive: Drive) -> tuple[Order, ...]:
+    """The orders that harmonics and tables of prescribed motions and loads excite alone, ascending."""
+    return _together(_of_chains(drive, _driven))
+
+
+def _of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]]]) -> list[tuple[float, str]]:
+    """Orders of the driver's revolution, from those of each chain's own driver; `part` takes what chains are called."""
+    return [
+        (ratio * order, cause)
+        for ring, ratio in zip(rings_of(drive), driver_ratios(drive), strict=True)
+        for order, cause in part(ring.drive, f" of {ring.name}" if ring.name else "")
+    ]
+
+
+def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
+    """Orders of what turns and passes."""
     driver = drive.sprockets[drive.driver]
-    found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]
+    found = [(float(driver.teeth), f"tooth passing{named}"), (2.0 * driver.teeth, f"twice tooth passing{named}")]
     lengths = np.asarray(drive.chain.link_lengths)
     even = len(lengths) % 2 == 0
     if drive.chain.outer is not None or (even and abs(lengths[0::2].mean() / lengths[1::2].mean() - 1.0) > SAME):
-        found.append((0.5 * driver.teeth, "links of two kinds"))
-    found.append((driver.teeth / drive.chain.links, "revolution of the chain"))
+        found.append((0.5 * driver.teeth, f"links of two kinds{named}"))
+    found.append((driver.teeth / drive.chain.links, f"revolution of the chain{named.removeprefix(' of')}"))
     for sprocket in drive.sprockets:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
@@ -87,15 +116,10 @@ def orders(drive: Drive) -> tuple[Order, ...]:
     for gear in drive.gears:
         first = names_of(drive).index(gear.between[0])
         found.append((gear.teeth[0] * speed_ratio(drive, first, drive.driver), f"teeth of {gear.name}"))
-    return _together(found + _driven(drive))
+    return found
 
 
-def excited_orders(drive: Drive) -> tuple[Order, ...]:
-    """The orders that harmonics and tables of prescribed motions and loads excite alone, ascending."""
-    return _together(_driven(drive))
-
-
-def _driven(drive: Drive) -> list[tuple[float, str]]:
+def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
     """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
     found = []
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]

@@ -8,12 +8,13 @@ is left out. The energy is
 
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
         + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 + P_s - q_s(theta_s) . g ]
-        + sum over arms A,                                                                                     (a)
+        + sum over couplings k_c d_c^2 / 2  +  sum over arms A,                                                (a)
 
 A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), P_s that of
 tensioners on a slider, with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a
-mount's preload, q_s the arm of a balance wheel that hangs still. Links with a play s store nothing within it. Contacts
-are those of `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+mount's preload, q_s the arm of a balance wheel that hangs still, d_c what a coupling is twisted beyond its play. Shafts
+are angles more. Links with a play s store nothing within it. Contacts are those of `kernels/physics/tooth.py` and
+`guide.py`. First and second derivatives are exact.
 
 Stretching by m f^2 L is what links of no length and of stiffness -m f^2 would do beside the chain's own, so that a
 running chain stands as one of
@@ -26,6 +27,7 @@ does at rest: its strands keep their tension, of which m f^2 p bends it around t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,6 +39,7 @@ from warpchain.assembly.guided import profile_at, turned_about
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
+from warpchain.drive.trains import nearest_sprocket, stands, turning_sign, untwisted
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -102,21 +105,48 @@ class Terms:
         return coo_matrix((values[free], where), shape=(count, count)).tocsc()
 
 
+def together(terms: Sequence[Terms]) -> Terms:
+    """Those of several sets of coordinates, one after the other."""
+    found = Terms(0, 0.0, np.concatenate([of.gradient for of in terms]), [], [], [])
+    for of in terms:
+        found.energy += of.energy
+        found.rows += [rows + found.size for rows in of.rows]
+        found.columns += [columns + found.size for columns in of.columns]
+        found.values += of.values
+        found.size += of.size
+    return found
+
+
 class Potential:
-    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles (S), arms' angles (A).
+    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles of sprockets and shafts
+    (S + H), arms' angles (A).
 
     Args:
         drive: the drive.
         frequency: f, links a second [Hz].
-        moments: (S,) load moments M_s, against forward rotation [N m].
+        moments: (S + H,) load moments M_s, against forward rotation [N m].
         hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
+        laid: (S,) angles of the sprockets as the chain has been laid [rad], for couplings.
+        held: (S + H,) whether an angle is; None as `stands`, and of a shaft that no sprocket is near to.
+
+    Attributes:
+        lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
     """
 
-    def __init__(self, drive: Drive, frequency: float, moments: Array, hanging: bool = False) -> None:
+    def __init__(
+        self,
+        drive: Drive,
+        frequency: float,
+        moments: Array,
+        hanging: bool = False,
+        laid: Array | None = None,
+        held: Sequence[bool] | None = None,
+    ) -> None:
         chain, sprockets = drive.chain, drive.sprockets
         self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
+        self.turning = self.sprockets + len(drive.shafts)
         self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
-        self.first_arm = 2 * self.rollers + 3 * self.sprockets
+        self.first_arm = 2 * self.rollers + 2 * self.sprockets + self.turning
         self.size = self.first_arm + len(self.arms)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
@@ -126,7 +156,12 @@ class Potential:
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.carrier = [(s, a) for s in range(self.sprockets) if (a := drive.carrier(s)) is not None]
-        self.moments = np.array([w.sign for w in sprockets]) * moments
+        near = [nearest_sprocket(drive, b) for b in range(self.turning)]
+        self.held = held or [near[b] is None or stands(drive, b) for b in range(self.turning)]
+        self.lever = self.radius[[s or 0 for s in near]]
+        self.couplings = [] if laid is None else [untwisted(drive, c, laid) for c in range(len(drive.couplings))]
+        self.moments = np.array([turning_sign(drive, b) for b in range(self.turning)]) * moments
+        self.moments[np.array(self.held)] = 0.0
         self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
         self.home, self.spring, self.pull = _mounts(drive, self.gravity)
@@ -135,7 +170,7 @@ class Potential:
             for t, tensioner in enumerate(drive.tensioners)
             if (s := drive.tensioner_body(t)) < self.sprockets
         ]
-        self.wheels = np.zeros((self.sprockets, 2))  # the arms q of balance wheels at angle 0 [kg m]
+        self.wheels = np.zeros((self.turning, 2))  # the arms q of balance wheels at angle 0 [kg m]
         for s, sprocket in enumerate(sprockets):
             if hanging and sprocket.balance_wheel is not None:
                 wheel = sprocket.balance_wheel
@@ -152,7 +187,7 @@ class Potential:
         return own - self.push, chain.link_lengths * ratio, play
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Rollers (N, 2), centers (S, 2), angles (S,), as views of x."""
+        """Rollers (N, 2), centers (S, 2), angles (S + H,), as views of x."""
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
@@ -191,6 +226,7 @@ class Potential:
         for g in range(len(self.drive.guides)):
             self._guide(x, g, terms)
         self._constant(x, terms)
+        self._couplings(x, terms)
         for a, arm in enumerate(self.arms):
             at = self.first_arm + a
             angle = float(x[at])
@@ -202,6 +238,24 @@ class Potential:
             bent = -float(slope @ (self.split(x)[1][s] - self.drive.arms[a].pivot))
             terms.add_blocks(np.array([[self.first_arm + a]]), np.array([[[bent]]]))
         return terms
+
+    def torques(self, x: Array) -> tuple[Array, Array]:
+        """(C,) twists of the couplings [rad], and the moments that they pass on to their second bodies [N m]."""
+        angles, couplings = self.split(x)[2], self.drive.couplings
+        twist = np.array([angles[a] - angles[b] - rest for a, b, rest in self.couplings])
+        lash = np.array([coupling.lash for coupling in couplings])[: len(twist)]
+        stiffness = np.array([coupling.stiffness for coupling in couplings])[: len(twist)]
+        return twist, stiffness * (twist - np.clip(twist, -lash, lash))
+
+    def _couplings(self, x: Array, terms: Terms) -> None:
+        """Adds the couplings, whose springs do nothing within their play."""
+        pair = np.array([1.0, -1.0])
+        for (a, b, _), coupling, moment in zip(self.couplings, self.drive.couplings, self.torques(x)[1], strict=False):
+            at = self.first_arm - self.turning + np.array([a, b])
+            terms.energy += 0.5 * float(moment) ** 2 / coupling.stiffness
+            terms.gradient[at] += moment * pair
+            holds = coupling.stiffness if moment != 0.0 or coupling.lash == 0.0 else 0.0
+            terms.add_blocks(at[None], holds * np.outer(pair, pair)[None])
 
     def _links(self, x: Array, terms: Terms) -> None:
         r, _, _ = self.split(x)

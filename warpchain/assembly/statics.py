@@ -10,18 +10,20 @@ where the energy would rise (Levenberg, Marquardt). Modes are those of small mot
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.potential import Potential, Terms
+from warpchain.assembly.potential import Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
-from warpchain.drive.sprocket import ElasticMount, SliderMount
-from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.sprocket import ElasticMount, Led, SliderMount
+from warpchain.drive.trains import is_free, loads_of, names_of, rigid, signed_turns, speed_ratio
 from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ class Steady:
         displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
         center: (S, 2) sprocket centers [m].
         arm_angle: (A,) angles of the arms [rad].
+        twist, torque: (C,) of the couplings [rad], and what they pass on to their second bodies [N m].
         failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
     """
 
@@ -69,27 +72,29 @@ class Steady:
     displacement: Array
     center: Array
     arm_angle: Array
+    twist: Array
+    torque: Array
     failure: str | None
 
 
 def load_moments(drive: Drive, speed: float) -> Array:
-    """(S,) mean load moments against forward rotation [N m] at the driver's angular speed [rad/s].
+    """(S + H,) mean load moments against forward rotation [N m] of sprockets and shafts, at the driver's angular speed
+    [rad/s], less those of motors beside the one that drives.
 
-    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on sprockets that are held. Loads of
-    shafts are on the sprocket that is nearest to each.
+    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on what is prescribed.
     """
-    found = np.zeros(len(drive.sprockets))
+    found = np.zeros(len(drive.sprockets) + len(drive.shafts))
     for b, load in loads_of(drive):
-        s = nearest_sprocket(drive, b)
-        if s is None or stands(drive, s):
-            continue
-        own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
-        beside = 1.0 if b == s else speed_ratio(drive, b, s)
-        moment = load.steady(own * beside)
+        own = speed * speed_ratio(drive, b, drive.driver)
+        if b < len(drive.sprockets):
+            own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
+        found[b] = load.steady(own)
         if load.table is not None:
             cells = cells_of(load.table, shaft_ratio(drive, b, load.table.shaft))
-            moment += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
-        found[s] += beside * moment
+            found[b] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
+    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+        if shaft.motor is not None and is_free(drive, b):
+            found[b] -= shaft.motor.at(speed * speed_ratio(drive, b, drive.driver))
     return found
 
 
@@ -116,41 +121,45 @@ def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     Raises:
         DriveError: a chain that does not fit.
     """
-    return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets)))
+    return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
 
 
 def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
     nothing = np.full(len(drive.sprockets), math.nan)
     centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, failure)
+    slack = np.full(len(drive.couplings), math.nan)
+    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
 
 
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     if drive.chain.links > MOST:
         return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
-    potential = Potential(drive, frequency, moments)
-    solver, x = _Solver(potential, assembly, moments), _assembled(potential, assembly)
+    potential = Potential(drive, frequency, moments, laid=assembly.sprocket_angle)
+    solver, x = _Solver([potential], [assembly]), _assembled(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
     for phase in range(PHASES):
         if phase:
             x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
         else:
-            x, residual = solver.begin(x, assembly)
-        means.append((*_strands(potential, assembly, x), potential.split(x)[1], x[potential.first_arm :]))
-        failure = solver.failure(x, residual, assembly)
+            x, residual = solver.begin(x)
+        seen = potential.split(x)[1], x[potential.first_arm :], *potential.torques(x)
+        means.append((*_strands(potential, assembly, x), *seen))
+        failure = solver.failure(x, residual)
         if failure is not None:
             when = "at work" if frequency or moments.any() else "at rest"
             failure = f"{when} {failure}"
             break
-    tension, displacement, center, arm_angle = (np.mean(values, axis=0) for values in zip(*means, strict=True))
-    return Steady(tension, potential.push * drive.chain.pitch, displacement, center, arm_angle, failure)
+    tension, *others = (np.asarray(np.mean(values, axis=0)) for values in zip(*means, strict=True))
+    displacement, center, arm_angle, twist, torque = others
+    centrifugal = potential.push * drive.chain.pitch
+    return Steady(tension, centrifugal, displacement, center, arm_angle, twist, torque, failure)
 
 
 def _assembled(potential: Potential, assembly: Assembly) -> Array:
     """The coordinates of a chain as it was laid around its sprockets."""
-    parts = assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle, assembly.arm_angle
-    x = np.concatenate(parts)
+    angles = assembly.sprocket_angle, np.zeros(len(potential.drive.shafts)), assembly.arm_angle
+    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles])
     potential.carry(x)
     return x
 
@@ -160,29 +169,45 @@ def passing_rate(drive: Drive, speed: float) -> float:
     return speed * drive.sprockets[drive.driver].teeth / math.tau
 
 
-def equilibrium(drive: Drive, speed: float, assembly: Assembly, near: Array | None = None) -> tuple[Potential, Array]:
-    """The potential of a drive whose balance wheels hang still, and the coordinates at which it is least.
+Joined = Sequence[Sequence[tuple[int, int]]]
+"""Shafts that several chains have in common: of each its sprockets, as (chain, sprocket)."""
+
+
+def equilibrium(
+    drives: Sequence[Drive],
+    speeds: Sequence[float],
+    assemblies: Sequence[Assembly],
+    near: Sequence[Array] | None = None,
+    shafts: Joined = (),
+) -> tuple[list[Potential], list[Array]]:
+    """The potentials of a drive's chains whose balance wheels hang still, and the coordinates at which their sum is
+    least.
 
     Args:
-        speed: of the driver [rad/s], at which loads are taken and the chain runs.
-        assembly: of the drive.
-        near: where the drive stands at a speed nearby.
+        drives: each chain as a drive of its own.
+        speeds: of their drivers [rad/s], at which loads are taken and the chains run.
+        assemblies: of the drives.
+        near: where the chains stand at a speed nearby.
+        shafts: that they have in common.
 
     Raises:
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
     """
-    moments = load_moments(drive, speed)
-    potential = Potential(drive, passing_rate(drive, speed), moments, hanging=True)
-    if (potential.push >= 0.1 * (potential.stiffness + potential.push)).any():
-        raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
-    solver = _Solver(potential, assembly, moments)
-    found, residual = _assembled(potential, assembly), math.inf
+    potentials = []
+    for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
+        moments, laid = load_moments(drive, speed), assembly.sprocket_angle
+        led = [s.prescribed is not None and not isinstance(s, Led) for s in drive.sprockets] if shafts else None
+        potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=led))
+        if (potentials[-1].push >= 0.1 * (potentials[-1].stiffness + potentials[-1].push)).any():
+            raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
+    solver = _Solver(potentials, assemblies, shafts)
+    found, residual = np.concatenate([_assembled(*of) for of in zip(potentials, assemblies, strict=True)]), math.inf
     if near is not None:
-        near, residual = solver.settle(near, _FINEST)
+        begun, residual = solver.settle(np.concatenate(near), _FINEST)
     if near is not None and residual <= _ENOUGH:
-        found = near
+        found = begun
     else:
-        found, residual = solver.begin(found, assembly)
+        found, residual = solver.begin(found)
         if residual <= _ACCURACY:
             found, residual = solver.settle(found, _FINEST)
     if math.isinf(residual):
@@ -192,7 +217,7 @@ def equilibrium(drive: Drive, speed: float, assembly: Assembly, near: Array | No
             f"the drive does not settle under its loads: after {_ITERATIONS} steps the largest net force is still "
             f"{residual:.1e} of the largest force at work (wanted {_ACCURACY:g})"
         )
-    return potential, found
+    return potentials, solver.split(found)
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:
@@ -211,6 +236,10 @@ def _advanced(potential: Potential, x: Array, part: float) -> Array:
         on = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - potential.radius[s]) < _ON * potential.drive.chain.pitch
         cosine, sine = math.cos(turn), math.sin(turn)
         r[on] = centers[s] + arm[on] @ np.array([[cosine, sine], [-sine, cosine]])
+    if potential.drive.shafts:
+        angles[potential.sprockets :] += (
+            part * math.tau * np.array(signed_turns(potential.drive)[potential.sprockets :])
+        )
     return x
 
 
@@ -237,58 +266,68 @@ def _strands(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array,
 
 
 class _Solver:
-    """Minimizes a drive's energy over the coordinates that are free."""
+    """Minimizes the energy of a drive's chains over the coordinates that are free, those of one after the other's."""
 
-    def __init__(self, potential: Potential, assembly: Assembly, moments: Array) -> None:
-        drive = potential.drive
-        self.potential = potential
-        self.column, self.weight, self.count = _free(potential)
-        chain = drive.chain
-        self.force = max(
-            chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
-            float(np.max(np.abs(moments) / potential.radius)),
-            float(np.abs(potential.pull).max()),
-            *(tensioner.push for arm in potential.arms for tensioner in arm.tensioners),
-            *(tensioner.push for _, tensioner in potential.tensioners),
-            chain.mass * float(np.hypot(*potential.gravity)) * 10.0,
-            1e-9 * chain.stiffness * chain.pitch,
-        )
-        self.stiffest = 4.0 * chain.stiffness + max(potential.tooth_stiffness)
+    def __init__(self, parts: Sequence[Potential], assemblies: Sequence[Assembly], shafts: Joined = ()) -> None:
+        self.parts, self.assemblies = parts, assemblies
+        self.ends = np.cumsum([0, *(potential.size for potential in parts)]).tolist()
+        self.column, self.weight, self.count = _free_together(parts, shafts)
+        self.force = max(_force(*of) for of in zip(parts, assemblies, strict=True))
+        self.stiffest = max(4.0 * of.drive.chain.stiffness + max(of.tooth_stiffness) for of in parts)
+        self.pitch = min(of.drive.chain.pitch for of in parts)
 
-    def begin(self, x: Array, assembly: Assembly) -> tuple[Array, float]:
-        """The equilibrium of the assembled state x, its chain on the teeth on which it was laid; see `settle`."""
+    def split(self, x: Array) -> list[Array]:
+        """The chains' own parts of x, as views."""
+        return [x[a:b] for a, b in pairwise(self.ends)]
+
+    def begin(self, x: Array) -> tuple[Array, float]:
+        """The equilibrium of the assembled state x, its chains on the teeth on which they were laid; see `settle`."""
         found, residual = x, math.inf
         for softer in (_SOFTER, ()):
             found = x
-            if self.potential.play.any():
-                self.potential.pulled = True
+            if any(of.play.any() for of in self.parts):
+                self._set("pulled", True)
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
-                self.potential.pulled = False
+                self._set("pulled", False)
             for softness in softer:
-                self.potential.softness = softness
+                self._set("softness", softness)
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
-            self.potential.softness = 1.0
+            self._set("softness", 1.0)
             found, residual = self.settle(found)
-            if _slipped(self.potential, assembly, found) is not None:
+            if any(_slipped(*of) is not None for of in self._each(found)):
                 residual = math.inf
             if residual <= _ACCURACY:
                 break
         return found, residual
 
+    def _set(self, name: str, value: Any) -> None:
+        """Sets an attribute of the potentials."""
+        for potential in self.parts:
+            setattr(potential, name, value)
+
+    def _each(self, x: Array) -> Iterator[tuple[Potential, Assembly, Array]]:
+        """The chains with their own parts of x."""
+        return zip(self.parts, self.assemblies, self.split(x), strict=True)
+
+    def _terms(self, x: Array) -> Terms:
+        found = [potential.terms(own) for potential, own in zip(self.parts, self.split(x), strict=True)]
+        return found[0] if len(found) == 1 else together(found)
+
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
-        terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
+        terms = self._terms(x)
         self._move_levers(x)
         slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
             change = self._solve(curvature, slope, shift)
-            change *= min(1.0, _FARTHEST * pitch / float(np.abs(change).max()))
+            change *= min(1.0, _FARTHEST * self.pitch / float(np.abs(change).max()))
             moved = x + self.weight * change[self.column]
-            self.potential.carry(moved)
-            after = self.potential.terms(moved)
+            for potential, own in zip(self.parts, self.split(moved), strict=True):
+                potential.carry(own)
+            after = self._terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
@@ -298,32 +337,34 @@ class _Solver:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
 
-    def failure(self, x: Array, residual: float, assembly: Assembly) -> str | None:
+    def failure(self, x: Array, residual: float) -> str | None:
         """Why x is no equilibrium, and what to do; None where it is one, by what `begin` and `settle` say of it."""
-        drive = self.potential.drive
-        slipped = _slipped(self.potential, assembly, x) if math.isinf(residual) else None
-        if slipped is not None:
-            return (
-                f'the chain does not stay on the teeth of "{drive.sprockets[slipped].name}": take more preload or wrap '
-                "(warpchain fit), or less load"
-            )
+        for potential, assembly, own in self._each(x) if math.isinf(residual) else ():
+            slipped = _slipped(potential, assembly, own)
+            if slipped is not None:
+                return (
+                    f'the chain does not stay on the teeth of "{potential.drive.sprockets[slipped].name}": take more '
+                    "preload or wrap (warpchain fit), or less load"
+                )
         if residual <= _ACCURACY:
             return None
-        force = np.abs(self._slope(self.potential.terms(x)))
+        force = np.abs(self._slope(self._terms(x)))
         worst = int(np.flatnonzero((self.column == force.argmax()) & (self.weight != 0.0))[0])
+        part = int(np.searchsorted(self.ends, worst, side="right")) - 1
+        name = _coordinate(self.parts[part], self.assemblies[part], worst - self.ends[part])
         return (
-            f"no equilibrium was found: after {_ITERATIONS} steps {force.max():.3g} N are left on "
-            f"{_coordinate(self.potential, assembly, worst)}, {residual:.2g} of the largest force that acts (wanted "
-            f"{_ACCURACY:g}); look at what holds it there, at the layout and how the chain fits (warpchain fit), or "
-            "take tensions from a run"
+            f"no equilibrium was found: after {_ITERATIONS} steps {force.max():.3g} N are left on {name}, "
+            f"{residual:.2g} of the largest force that acts (wanted {_ACCURACY:g}); look at what holds it there, at "
+            "the layout and how the chain fits (warpchain fit), or take tensions from a run"
         )
 
     def _move_levers(self, x: Array) -> None:
         """Brings up to date by how much the centers of sprockets on arms move."""
-        levers, first = self.potential.levers(x), 2 * self.potential.rollers
-        for s, a in self.potential.carrier:
-            at = first + 2 * s + np.arange(2)
-            self.weight[at] = levers[s] * self.weight[self.potential.first_arm + a]
+        for potential, own, weight in zip(self.parts, self.split(x), self.split(self.weight), strict=True):
+            levers, first = potential.levers(own), 2 * potential.rollers
+            for s, a in potential.carrier:
+                at = first + 2 * s + np.arange(2)
+                weight[at] = levers[s] * weight[potential.first_arm + a]
 
     def _slope(self, terms: Terms) -> Array:
         """Gradient by the free coordinates."""
@@ -337,6 +378,20 @@ class _Solver:
         return np.asarray(splu(shifted, permc_spec="MMD_AT_PLUS_A").solve(-slope))
 
 
+def _force(potential: Potential, assembly: Assembly) -> float:
+    """Largest force at work on a chain and on what moves with it [N]."""
+    chain = potential.drive.chain
+    return max(
+        chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
+        float(np.max(np.abs(potential.moments) / potential.lever)),
+        float(np.abs(potential.pull).max()),
+        *(tensioner.push for arm in potential.arms for tensioner in arm.tensioners),
+        *(tensioner.push for _, tensioner in potential.tensioners),
+        chain.mass * float(np.hypot(*potential.gravity)) * 10.0,
+        1e-9 * chain.stiffness * chain.pitch,
+    )
+
+
 def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
     """The part of the drive that coordinate i belongs to."""
     drive, rollers, sprockets = potential.drive, potential.rollers, potential.sprockets
@@ -344,7 +399,8 @@ def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
         return f'arm "{drive.arms[i - potential.first_arm].name}"'
     if i >= 2 * rollers:
         within = i - 2 * rollers
-        return f'sprocket "{drive.sprockets[within // 2 if within < 2 * sprockets else within - 2 * sprockets].name}"'
+        b = within // 2 if within < 2 * sprockets else within - 2 * sprockets
+        return f'{"sprocket" if b < sprockets else "shaft"} "{names_of(drive)[b]}"'
     roller = i // 2
     s = int(assembly.seat_sprocket[roller])
     if s >= 0:
@@ -368,8 +424,28 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     return None
 
 
+def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[NDArray[np.int64], Array, int]:
+    """`_free` of several chains: shafts that they have in common are one coordinate, that of their first sprocket."""
+    columns, weights, count = [], [], 0
+    for potential in parts:
+        column, weight, own = _free(potential)
+        columns.append(column + count)
+        weights.append(weight)
+        count += own
+    angles = [potential.first_arm - potential.turning for potential in parts]
+    kept = np.ones(count, dtype=np.bool_)
+    for (r, s), *others in shafts:
+        for other, t in others if weights[r][angles[r] + s] else ():
+            kept[columns[other][angles[other] + t]] = False
+            columns[other][angles[other] + t] = columns[r][angles[r] + s]
+            weights[other][angles[other] + t] = weights[r][angles[r] + s]
+    number = np.cumsum(kept) - 1
+    return number[np.concatenate(columns)], np.concatenate(weights), int(kept.sum())
+
+
 def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
     """Free coordinates y: rollers, moving centers, free angles, these as lengths at the pitch radius, arms' at theirs.
+    Of a train one, the first body's.
 
     Returns:
         column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
@@ -377,17 +453,21 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n
     column[:n], weight[:n] = np.arange(n), 1.0
-    for k, sprocket in enumerate(potential.drive.sprockets):
-        x, y, angle = n + 2 * k, n + 2 * k + 1, n + 2 * s + k
-        if isinstance(sprocket.mount, ElasticMount):
+    tied, begun = rigid(potential.drive), dict[int, tuple[int, int]]()
+    for b in range(potential.turning):
+        x, y, angle = n + 2 * b, n + 2 * b + 1, n + 2 * s + b
+        mount = potential.drive.sprockets[b].mount if b < s else None
+        if isinstance(mount, ElasticMount):
             column[x], column[y], weight[x : y + 1] = count, count + 1, 1.0
             count += 2
-        elif isinstance(sprocket.mount, SliderMount):
-            column[x : y + 1], weight[x : y + 1] = count, unit(sprocket.mount.direction)
+        elif isinstance(mount, SliderMount):
+            column[x : y + 1], weight[x : y + 1] = count, unit(mount.direction)
             count += 1
-        if not stands(potential.drive, k):
-            column[angle], weight[angle] = count, 1.0 / float(potential.radius[k])
-            count += 1
+        if not potential.held[b]:
+            first, place = begun.setdefault(tied.root[b], (b, count))
+            column[angle] = place
+            weight[angle] = float(tied.ratio[b] / tied.ratio[first]) / float(potential.lever[first])
+            count += first == b
     for a in range(len(potential.arms)):
         column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.drive.arm_lever(a)
         for s in potential.drive.sprockets_on(a):

@@ -130,11 +130,9 @@ def derive(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **{
-            part: getattr(train_report, part)(drive)
-            for part in ("shafts", "gears", "couplings")
-            if getattr(drive, part)
-        },
+        **({"shafts": train_report.shafts(drive)} if drive.shafts else {}),
+        **({"gears": train_report.gears(drive)} if drive.gears else {}),
+        **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -460,10 +458,13 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
                 f"{c['frequency']:.4g} Hz",
                 f"{c['damping_ratio']:.3g}",
                 f"{1e3 * c['lash']:.4g} mrad",
+                *_cells([_milli(c["working_twist"])], "{:+.4g} mrad"),
+                *_cells([c["working_torque"]], "{:+.4g} N m"),
             )
             for c in values["couplings"]
         ]
-        lines += ["", *_table(("coupling", "between", "own frequency", "damping ratio", "lash"), rows)]
+        head = ("coupling", "between", "own frequency", "damping ratio", "lash", "twist at work", "torque at work")
+        lines += ["", *_table(head, rows)]
     return lines
 
 

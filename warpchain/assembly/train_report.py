@@ -18,6 +18,7 @@ from warpchain.drive.trains import (
 )
 
 if TYPE_CHECKING:
+    from warpchain.assembly.statics import Steady
     from warpchain.drive import Drive
 
 
@@ -53,11 +54,12 @@ def gears(drive: Drive) -> list[dict[str, Any]]:
     ]
 
 
-def couplings(drive: Drive) -> list[dict[str, Any]]:
+def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
-    aside, and lash [rad]."""
+    aside, lash [rad], and at work twist [rad] and torque on the second [N m], counter-clockwise, None where no steady
+    state was found."""
     names, found = names_of(drive), []
-    for coupling in drive.couplings:
+    for coupling, twist, torque in zip(drive.couplings, running.twist, running.torque, strict=True):
         ends = [names.index(name) for name in coupling.between]
         omega = math.sqrt(coupling.stiffness * sum(1.0 / seen_inertia(drive, b) for b in ends if is_free(drive, b)))
         found.append(
@@ -67,6 +69,8 @@ def couplings(drive: Drive) -> list[dict[str, Any]]:
                 "frequency": omega / math.tau,
                 "damping_ratio": 0.5 * coupling.damping * omega / coupling.stiffness,
                 "lash": coupling.lash,
+                "working_twist": None if running.failure else float(twist),
+                "working_torque": None if running.failure else float(torque),
             }
         )
     return found

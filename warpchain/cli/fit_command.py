@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly import assemble
-from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, strand_sag
+from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitted_chain, strand_sag
 from warpchain.assembly.layout_checks import idle_arms
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.examples import drive_path, is_example
+from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ def fit_file(arguments: Namespace) -> list[str]:
     """Runs the command; returns the lines to print.
 
     Args:
-        arguments: drive, links, odd, sprocket, along, strain, preload, sag, strand, angle, arm and output, as the
-            parser has them.
+        arguments: drive, links, odd, chain, sprocket, along, strain, preload, sag, strand, angle, arm and output, as
+            the parser has them.
 
     Raises:
         DriveError: a drive that is wrong, a wish that cannot be met or a file that cannot be written.
@@ -46,7 +47,10 @@ def fit_file(arguments: Namespace) -> list[str]:
     text = read_drive_text(path)
     before = loads_drive(text, str(path), Path(path).parent)
     angle = _angle(before, arguments)
-    drive = fit_links(before, odd=arguments.odd, angle=angle) if arguments.links else before
+    chain = fitted_chain(before, arguments.chain, arguments.sprocket).name or None
+    if moving and chain not in (None, own := fitted_chain(before, sprocket=arguments.sprocket).name):
+        raise DriveError(f'--chain {chain}: "{arguments.sprocket}" is of the chain "{own}"')
+    drive = fit_links(before, odd=arguments.odd, angle=angle, chain=chain) if arguments.links else before
     if moving and angle is not None and not any(x is not None for x in wanted):
         drive = fit_angle(drive, arguments.sprocket, _direction(arguments.along), angle)
     elif moving:
@@ -84,8 +88,10 @@ def edited(text: str, drive: Drive) -> str:
     import tomlkit
 
     document: Any = tomlkit.parse(text)
-    if document["chain"]["links"] != drive.chain.links:
-        document["chain"]["links"] = drive.chain.links
+    tables = document["chains"] if "chains" in document else [document["chain"]]
+    for table, ring in zip(tables, rings_of(drive), strict=True):
+        if table["links"] != ring.drive.chain.links:
+            table["links"] = ring.drive.chain.links
     for table, sprocket in zip(document["sprockets"], drive.sprockets, strict=True):
         for axis, value in enumerate(sprocket.center):
             if table["center"][axis] != value:
@@ -105,8 +111,10 @@ def _direction(word: str) -> list[float]:
 
 def _changes(before: Drive, after: Drive) -> list[str]:
     lines = []
-    if before.chain.links != after.chain.links:
-        lines.append(f"chain.links = {after.chain.links} (was {before.chain.links})")
+    for old_ring, ring in zip(rings_of(before), rings_of(after), strict=True):
+        links, was = ring.drive.chain.links, old_ring.drive.chain.links
+        if links != was:
+            lines.append(f"{f'chains.{ring.name}' if ring.name else 'chain'}.links = {links} (was {was})")
     for old, new in zip(before.sprockets, after.sprockets, strict=True):
         if old.center != new.center:
             lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
@@ -114,7 +122,20 @@ def _changes(before: Drive, after: Drive) -> list[str]:
 
 
 def _state(drive: Drive) -> list[str]:
-    """Strain, preload and sags of the drive after the fit."""
+    """Strain, preload and sags of the drive's chains after the fit; of several also which one does not fit."""
+    if not drive.chains:
+        return _chain_state(drive)
+    lines = []
+    for ring in rings_of(drive):
+        try:
+            lines += [f"{ring.name}: {line}" for line in _chain_state(ring.drive)]
+        except DriveError as error:
+            lines.append(f"LOOK AT {ring.name}: {error}")
+    return lines
+
+
+def _chain_state(drive: Drive) -> list[str]:
+    """`_state` of a chain."""
     assembly = assemble(drive)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)

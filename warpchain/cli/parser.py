@@ -84,6 +84,7 @@ def _fit(commands: Any) -> None:
     add_options(parser, "drive")
     parser.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
     parser.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
+    parser.add_argument("--chain", metavar="NAME", help="with --links: which chain's, where there are several")
     parser.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
     parser.add_argument("--along", metavar="DX,DY", help="the line it moves along, either way, as in --along=-1,0")
     parser.add_argument("--strain", type=number, metavar="X", help="wanted strain of the strands")

@@ -205,6 +205,15 @@ def _ring(drive: Any, name: str, leader: int, transmission: Transmission, begins
     return Ring(name, drive.model_copy(update=changes), places)
 
 
+def driver_ratios(drive: Any) -> list[float]:
+    """Speed of the sprocket that drives each chain, over that of the drive's driver."""
+    if not drive.chains:
+        return [1.0]
+    speeds = transmission_of(with_shafts(drive)).speeds
+    drivers = [drive.sprockets[ring.places["sprockets"][ring.drive.driver]] for ring in rings_of(drive)]
+    return [float(speeds[shaft_of(driver)]) for driver in drivers]
+
+
 def loaded_rings(drive: Any) -> tuple[Ring, ...]:
     """The chains as `rings_of`, with the steady loads of the chains that each turns on its own sprockets.
 

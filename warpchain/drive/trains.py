@@ -249,6 +249,22 @@ def nearest_sprocket(drive: Any, body: int) -> int | None:
     return None
 
 
-def stands(drive: Any, s: int) -> bool:
-    """Whether sprocket s is held where moments are in balance: prescribed, or what drives all others."""
-    return not is_free(drive, s) or s == drive.driver
+def stands(drive: Any, b: int) -> bool:
+    """Whether body b is held where moments are in balance: prescribed, or in the train of what drives all others."""
+    driving = driving_body(drive)
+    held = drive.driver if nearest_sprocket(drive, driving) is None else driving
+    return not is_free(drive, b) or held in train_of(drive, b).bodies
+
+
+def untwisted(drive: Any, c: int, laid: Any) -> tuple[int, int, Any]:
+    """The bodies that coupling c couples, and the first's angle less the second's where it is not twisted [rad].
+
+    Args:
+        laid: (..., S) angles of the sprockets as the chain has been laid around them [rad].
+    """
+    first, second = (names_of(drive).index(name) for name in drive.couplings[c].between)
+    rest = 0.0
+    for b, sense in ((first, 1.0), (second, -1.0)):
+        if b < len(drive.sprockets):
+            rest = rest + sense * laid[..., b]
+    return first, second, rest

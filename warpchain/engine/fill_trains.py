@@ -16,6 +16,7 @@ from warpchain.drive.trains import (
     own_inertia,
     speed_ratio,
     train_of,
+    untwisted,
 )
 from warpchain.drive.turned import turned_on
 from warpchain.kernels.physics.train import OVER_SPEED
@@ -61,12 +62,8 @@ def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
 
 def fill_coupling(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
     """Fills coupling c, which is not twisted where the chain has been laid."""
-    coupling, names = drive.couplings[c], names_of(drive)
-    row["first"], row["second"] = (names.index(name) for name in coupling.between)
-    angle = assembly.sprocket_angle
-    for b, sense in ((names.index(coupling.between[0]), 1.0), (names.index(coupling.between[1]), -1.0)):
-        if b < len(drive.sprockets):
-            row["rest"] += sense * angle[..., b]
+    coupling = drive.couplings[c]
+    row["first"], row["second"], row["rest"] = untwisted(drive, c, assembly.sprocket_angle)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
 
 

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from warpchain.arguments import Count, NonNegativeNumber, checked
-from warpchain.assembly.frequencies import Order, orders
+from warpchain.assembly.frequencies import Order, orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.modal.eigenmodes import Modes, modes_of
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import System, system
+from warpchain.modal.system import Whole, system
 
 SPARE = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
@@ -85,10 +85,14 @@ class Campbell:
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[Tongue]:
-        """Where the tooth frequency is twice that of a mode, by speed."""
-        teeth = float(self.drive.sprockets[self.drive.driver].teeth)
-        found = self._crossings(teeth, 2.0)
-        return sorted((Tongue(self.names[k], s, f, 4.0 * r) for k, s, f, r in found), key=lambda tongue: tongue.speed)
+        """Where the tooth frequency is twice that of a mode, by speed; of several chains that of a strand's own."""
+        found = [
+            Tongue(self.names[k], s, f, 4.0 * r)
+            for chain, teeth in tooth_orders(self.drive).items()
+            for k, s, f, r in self._crossings(teeth, 2.0)
+            if not chain or self.names[k].startswith(f"{chain}.")
+        ]
+        return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
         """Modes whose frequency times `multiple` crosses an order: mode, speed, frequency, damping ratio."""
@@ -123,12 +127,12 @@ def campbell(
     """
     if len(speeds) < 2 or not (np.diff(speeds) > 0.0).all():
         raise SimulationError("speeds: must be at least two, ascending")
-    found: list[System] = []
+    found: list[Whole] = []
     shown: list[Modes] = []
     frequency, ratio = np.full((2, len(speeds), count), np.nan)
     which = np.arange(count)
     for p, speed in enumerate(speeds):
-        found = [*found[-1:], system(drive, float(speed), found[-1].packed if found else None)]
+        found = [*found[-1:], system(drive, float(speed), found[-1] if found else None)]
         shown.append(modes_of(found[-1], count + SPARE))
         if p > 0:
             which = followed(shown[-2], shown[-1], which, found[-1])
@@ -144,7 +148,7 @@ def campbell(
     )
 
 
-def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: System) -> NDArray[np.int64]:
+def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: Whole) -> NDArray[np.int64]:
     """The modes `after` that those of indices `which` (-1: lost) became; -1 where none is alike."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
@@ -152,7 +156,7 @@ def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: System) 
     return result
 
 
-def matched(these: Modes, those: Modes, at: System) -> NDArray[np.int64]:
+def matched(these: Modes, those: Modes, at: Whole) -> NDArray[np.int64]:
     """(K,) which of `those` modes each of `these` is, one to one, by the largest sum of assurance; -1 where none is
     alike."""
     alike = assurance(these, those, at)
@@ -163,12 +167,15 @@ def matched(these: Modes, those: Modes, at: System) -> NDArray[np.int64]:
     return result
 
 
-def assurance(a: Modes, b: Modes, at: System) -> Array:
+def assurance(a: Modes, b: Modes, at: Whole) -> Array:
     """(K, L) modal assurance between the modes of two states of one drive, with the masses of `at`."""
-    first, second = (at.at.vector(modes.shape, modes.bodies) for modes in (a, b))
-    weighted = (at.mass @ second.T).T
-    size = [np.einsum("ij,ij->i", v.conj(), (at.mass @ v.T).T).real for v in (first, second)]
-    return np.asarray(np.abs(first.conj() @ weighted.T) ** 2 / np.outer(*size))
+    product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
+    for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
+        first, second = (part.at.vector(modes.shape, modes.bodies) for modes in both)
+        product += first.conj() @ (part.mass @ second.T)
+        for v, own in zip((first, second), size, strict=True):
+            own += np.einsum("ij,ij->i", v.conj(), (part.mass @ v.T).T).real
+    return np.asarray(np.abs(product) ** 2 / np.outer(*size))
 
 
 PREFIX = "modes."

@@ -15,7 +15,7 @@ each and one at infinity, which is left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -27,11 +27,13 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.arguments import Count, Index, NonNegativeNumber, checked
 from warpchain.drive import Drive
+from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import System, system
-from warpchain.modal.tensioner_modes import plungers, stand
+from warpchain.modal.system import System, Whole, common_shafts, system
+from warpchain.modal.tensioner_modes import Plungers, plungers, stand
 
+Share = tuple[str, Array]
 WHOLE = 120
 """Coordinates up to which a pencil is solved whole."""
 SHIFT = 1e-2
@@ -93,7 +95,7 @@ RESISTED = 1e-7
 @dataclass(frozen=True)
 class Modes:
     """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, shafts, arms) and T tensioners about a standing
-    or steadily running state.
+    or steadily running state. Rollers are those of one chain after the other.
 
     Attributes:
         drive: the drive.
@@ -101,7 +103,8 @@ class Modes:
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
         names: (K,) the part that moves most, and the how manieth of its modes this is, such as "motor->conveyor 2".
         parts: (P,) strands, sprockets (turning, with the rollers on them and what turns as one with them), mounts
-            ("NAME.mount") that can move, other shafts, arms (without plungers), and tensioners (their plungers).
+            ("NAME.mount") that can move, other shafts, arms (without plungers), and tensioners (their plungers); of
+            several chains one after the other, "CHAIN.FROM->TO", with shafts that they share apart from sprockets.
         participation: (K, P) shares of the kinetic energy; they sum to 1.
         across: (K,) share of the rollers' kinetic energy that is transverse to the chain.
         shape: (K, N, 2) complex displacement of the rollers, of unit modal mass [m], the real part the larger.
@@ -172,6 +175,22 @@ class Modes:
         kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
+    def of_chains(self) -> tuple[Modes, ...]:
+        """The modes as each chain has them, for a drive of its own; of one chain, themselves."""
+        if not self.drive.chains:
+            return (self,)
+        found, first = [], 0
+        for ring in rings_of(self.drive):
+            rollers = slice(first, first + ring.drive.chain.links)
+            arms = [self.drive.first_arm_body + a for a in ring.places["arms"]]
+            bodies, pushed = [*ring.places["sprockets"], *arms], list(ring.places["tensioners"])
+            own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in PUSHED}
+            own |= {"position": self.position[rollers], "tension": self.tension[rollers], "placed": self.placed[bodies]}
+            own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": ring.drive}
+            found.append(replace(self, **own))
+            first = rollers.stop
+        return tuple(found)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All arrays by name, with `frequency` and `damping_ratio`."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
@@ -181,7 +200,8 @@ class Modes:
 
 
 MOVING = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
-PER_MODE = (*MOVING, "stroke", "pressure", "stored", "lost")
+PUSHED = ("stroke", "pressure", "stored", "lost")
+PER_MODE = (*MOVING, *PUSHED)
 """Fields of `Modes` that have a row for each mode."""
 
 
@@ -216,55 +236,79 @@ def _carry(found: System, bodies: NDArray[Any]) -> None:
             bodies[:, s, :2] = bodies[:, drive.first_arm_body + arm, 2, None] * np.array([-y, x])
 
 
-def modes_of(found: System, count: int) -> Modes:
+def modes_of(found: Whole, count: int) -> Modes:
     """The lowest modes of small motion."""
-    stiff = float(found.packed.chains["stiffness"][0]) / found.at.mass
-    unit, wanted = np.sqrt(stiff) / found.at.rollers, count
+    stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
+    unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
+    every = found.mass.shape[0]
     while True:
         value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
         real = np.abs(value.imag) < 1e-9 * np.abs(value)
         zero = np.abs(value) < ZERO * np.sqrt(stiff)
         zero[zero & real] &= ~_resisted(found, vector[:, zero & real])
         swings = np.flatnonzero(~zero & ~real)
-        if len(swings) >= count or wanted >= found.at.count:
+        if len(swings) >= count or wanted >= every:
             break
-        wanted = min(2 * wanted, found.at.count)
+        wanted = min(2 * wanted, every)
     swings = swings[:count]
     alone = value[~zero & real].real
     vector = _normal(vector[:, swings], found.mass)
-    shape, bodies = found.at.split(vector.T)
-    _carry(found, bodies)
-    parts, share, across = _participation(found, vector)
-    pushed = plungers(found, vector)
+    parts, energy, across = _participation(found, vector)
     return Modes(
         drive=found.drive,
         speed=found.speed,
         eigenvalue=value[swings],
-        names=_names(parts, share),
+        names=_names(parts, energy),
         parts=parts,
-        participation=share,
+        participation=energy,
         across=across,
-        shape=shape,
-        bodies=bodies,
-        stroke=pushed.stroke,
-        pressure=pushed.pressure,
-        stored=pushed.stored,
-        lost=pushed.lost,
-        position=found.state.position[0],
-        placed=found.state.bodies[0],
-        tension=found.tension,
+        **_moved(found, vector),
+        position=np.concatenate([part.state.position[0] for part in found.parts]),
+        tension=np.concatenate([part.tension for part in found.parts]),
         zeros=int(zero.sum() + 1) // 2,
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
-        standing=stand(found),
+        standing=sum((stand(part) for part in found.parts), ()),
     )
 
 
-def _resisted(found: System, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
+def _each(found: Whole, vector: NDArray[np.complex128]) -> list[tuple[System, NDArray[np.complex128], Plungers]]:
+    """The chains of a drive, each with its part of modes (n_c, K), and what these do to its tensioners."""
+    works = (found.stiffness, found.damping)
+    stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
+    own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
+    return [(part, v, plungers(part, v, stiff, drag)) for part, v in zip(found.parts, own, strict=True)]
+
+
+def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
+    """Of modes (n, K) the fields of `Modes` that have rollers, bodies or tensioners of all chains."""
+    drive, shapes = found.drive, []
+    placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
+    bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
+    kinds = zip(PUSHED, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
+    pushed: dict[str, Any] = {name: np.zeros((vector.shape[1], len(drive.tensioners)), kind) for name, kind in kinds}
+    for ring, (part, own, plunger) in zip(found.rings, _each(found, vector), strict=True):
+        shape, turned = part.at.split(own.T)
+        _carry(part, turned)
+        shapes.append(shape)
+        at = [*ring.places["sprockets"], *(drive.first_arm_body + a for a in ring.places["arms"])]
+        if not drive.chains:
+            at = list(range(len(placed)))
+        bodies[:, at], placed[at] = turned, part.state.bodies[0]
+        for name, values in pushed.items():
+            values[:, list(ring.places["tensioners"])] = getattr(plunger, name)
+    for b, shaft in enumerate(drive.shafts if drive.chains else (), len(drive.sprockets)):
+        on = next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.shaft == shaft.name)
+        bodies[:, b], placed[b] = bodies[:, on], placed[on]
+    return {"shape": np.concatenate(shapes, axis=1), "bodies": bodies, "placed": placed, **pushed}
+
+
+def _resisted(found: Whole, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """(K,) whether motions are slow because dampers hold them, not because nothing restores them: K does work on
     them."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
-    return np.asarray(held > RESISTED * float(found.packed.chains["stiffness"][0]) * (np.abs(vector) ** 2).sum(axis=0))
+    stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
+    return np.asarray(held > RESISTED * stiffest * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
@@ -274,43 +318,62 @@ def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.co
     return vector * np.exp(-0.5j * np.angle(square))
 
 
-def _participation(found: System, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
+def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
+    named: list[dict[int, str]] = [{} for _ in found.rings]
+    for r, s in (first for first, *_ in common_shafts(found.rings, found.drive)):
+        named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
+    parts, shares, off, roller = [], [], np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
+    for r, (part, own, plunger) in enumerate(_each(found, vector)):
+        energy = (own.conj() * (part.mass @ own)).real.T
+        before = f"{found.rings[r].name}." if found.drive.chains else ""
+        for name, share in _shares(part, energy, plunger.kinetic, before, named[r]):
+            parts.append(name)
+            shares.append(share)
+        place, count = part.state.position[0], part.at.rollers
+        along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
+        along /= np.hypot(*along.T)[:, None]
+        shape = own[: 2 * count].T.reshape(-1, count, 2)
+        turned = np.abs(shape[..., 0] * along[:, 1] - shape[..., 1] * along[:, 0]) ** 2
+        off += part.at.mass * turned.sum(axis=1)
+        roller += energy[:, : 2 * count].reshape(-1, count, 2).sum(axis=2).sum(axis=1)
+    return tuple(parts), np.stack(shares, axis=1), off / np.maximum(roller, 1e-300)
+
+
+def _shares(found: System, energy: Array, plunger: Array, before: str, shafts: Mapping[int, str]) -> Iterator[Share]:
+    """Names of a chain's parts, and their kinetic energies in the modes (K,).
+
+    Args:
+        energy: (K, n) kinetic energies of the coordinates.
+        plunger: (K, T) of the tensioners' plungers.
+        before: what strands' names begin with.
+        shafts: names of those that turn sprockets of several chains, by the sprocket that has their inertia.
+    """
     drive, at, places = found.drive, found.at, found.layout
-    own, plunger = 2 * at.rollers, plungers(found, vector).kinetic
-    energy = (vector.conj() * (found.mass @ vector)).real.T
+    own = 2 * at.rollers
     roller = energy[:, :own].reshape(-1, at.rollers, 2).sum(axis=2)
-    parts, shares = [], []
+    body = energy[:, own : at.solid]
     for k, name in enumerate(drive.strand_names):
-        parts.append(name)
-        shares.append(roller[:, places.strand == k].sum(axis=1))
+        yield before + name, roller[:, places.strand == k].sum(axis=1)
     carried = np.zeros((len(energy), drive.first_arm_body + len(drive.arms)))
     for t in range(len(drive.tensioners)):
         carried[:, drive.tensioner_body(t)] += plunger[:, t]
     for s, sprocket in enumerate(drive.sprockets):
-        parts.append(sprocket.name)
-        turns = (at.owner == s) & at.turning
-        shares.append(roller[:, places.arc == s].sum(axis=1) + energy[:, own : at.solid][:, turns].sum(axis=1))
+        turns = body[:, (at.owner == s) & at.turning].sum(axis=1)
+        on = roller[:, places.arc == s].sum(axis=1)
+        yield sprocket.name, on if s in shafts else on + turns
+        if s in shafts:
+            yield shafts[s], turns
         slides = (at.owner == s) & ~at.turning
         if slides.any():
-            parts.append(f"{sprocket.name}.mount")
-            shares.append(energy[:, own : at.solid][:, slides].sum(axis=1) - carried[:, s])
+            yield f"{sprocket.name}.mount", body[:, slides].sum(axis=1) - carried[:, s]
     for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
         if (at.owner == b).any():
-            parts.append(shaft.name)
-            shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1))
+            yield shaft.name, body[:, at.owner == b].sum(axis=1)
     for b, arm in enumerate(drive.arms, drive.first_arm_body):
-        parts.append(arm.name)
-        shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1) - carried[:, b])
-    parts += [tensioner.name for tensioner in drive.tensioners]
-    shares += list(plunger.T)
-    place = found.state.position[0]
-    along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
-    along /= np.hypot(*along.T)[:, None]
-    shape = vector[:own].T.reshape(-1, at.rollers, 2)
-    off = np.abs(shape[..., 0] * along[:, 1] - shape[..., 1] * along[:, 0]) ** 2
-    across = at.mass * off.sum(axis=1) / np.maximum(roller.sum(axis=1), 1e-300)
-    return tuple(parts), np.stack(shares, axis=1), across
+        yield arm.name, body[:, at.owner == b].sum(axis=1) - carried[:, b]
+    for t, tensioner in enumerate(drive.tensioners):
+        yield tensioner.name, plunger[:, t]
 
 
 def _names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:

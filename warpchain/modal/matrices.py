@@ -82,6 +82,11 @@ class Coordinates:
         """2 N + m: where the coordinates of oil begin."""
         return 2 * self.rollers + len(self.owner)
 
+    def turn_of(self, b: int) -> int | None:
+        """The coordinate that is the angle of body b; None where that is led."""
+        found = np.flatnonzero((self.owner == b) & self.turning)
+        return 2 * self.rollers + int(found[0]) if len(found) else None
+
     @property
     def masses(self) -> sp.csc_array:
         """(n, n) mass matrix: block diagonal, and zero for oil."""

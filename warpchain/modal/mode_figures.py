@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from warpchain.modal.matrices import Array
 
 
+def closed(rollers: Array) -> Array:
+    """Rollers (N, 2) of a chain, and the first again."""
+    return np.append(rollers, rollers[:1], axis=0)
+
+
 def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
     """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
     each time."""
@@ -43,15 +48,19 @@ COLUMNS, MOST = 4, 12
 """Panels of the figure of shapes in a row, and at most."""
 
 
-def swing(modes: Modes, k: int, phase: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], as large as drawings take it."""
+def swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
+    """Of each chain its modes, and rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], as large as drawings
+    take it."""
     size = SWING * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
     most = float(np.abs(modes.bodies[k, :, 2]).max(initial=0.0)) * scale
     if most > 0.5:  # rather turned by half a radian at most
         turn *= 0.5 / most
-    return modes.position + (turn * modes.shape[k]).real, modes.placed + (turn * modes.bodies[k]).real
+    return [
+        (own, own.position + (turn * own.shape[k]).real, own.placed + (turn * own.bodies[k]).real)
+        for own in modes.of_chains()
+    ]
 
 
 def shapes_figure(modes: Modes) -> Figure:
@@ -77,23 +86,22 @@ def shapes_figure(modes: Modes) -> Figure:
 
 
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
-    drive = modes.drive
-    for line in still_lines(modes.drive):
-        axis.plot(*line.T, color="peru", lw=1.2)
     ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
-    closed = np.append(np.arange(len(modes.position)), 0)
-    axis.plot(*modes.position[closed].T, color="0.75", lw=0.8)
+    for own in modes.of_chains():
+        for line in still_lines(own.drive):
+            axis.plot(*line.T, color="peru", lw=1.2)
+        axis.plot(*closed(own.position).T, color="0.75", lw=0.8)
     for phase, color in ((np.pi, LINES[0]), (0.0, LINES[1])):
-        rollers, bodies = swing(modes, k, phase)
-        axis.plot(*rollers[closed].T, color=color, lw=1.1)
-        for s in range(len(drive.sprockets)):
-            x, y, _ = bodies[s]
-            radius, angle = 0.82 * drive.pitch_radius(s), bodies[s, 2] - modes.placed[s, 2]
-            if phase == 0.0:
-                axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
-            axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
-        for line in moved_lines(modes.drive, bodies):
-            axis.plot(*line.T, color=color, lw=0.8)
+        for own, rollers, bodies in swing(modes, k, phase):
+            axis.plot(*closed(rollers).T, color=color, lw=1.1)
+            for s in range(len(own.drive.sprockets)):
+                x, y, _ = bodies[s]
+                radius, angle = 0.82 * own.drive.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]
+                if phase == 0.0:
+                    axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
+                axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
+            for line in moved_lines(own.drive, bodies):
+                axis.plot(*line.T, color=color, lw=0.8)
     ratio = 100.0 * modes.damping_ratio[k]
     axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{arrowed(modes.names[k])}", fontsize=8)
 

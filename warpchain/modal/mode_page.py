@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpchain.drive.rings import rings_of
 from warpchain.modal.mode_figures import campbell_figure, shapes_figure
 from warpchain.view import html
 from warpchain.view.figures.style import rpm
@@ -96,7 +97,8 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
     """The page's text."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm(modes.speed):.4g} rpm"
-    links = f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm"
+    rings = [ring.drive for ring in rings_of(drive)]
+    links = " and ".join(f"{own.chain.links} links of {1e3 * own.chain.pitch:g} mm" for own in rings)
     tension = f"link tension {modes.tension.min():.4g} to {modes.tension.max():.4g} N"
     shares = "Shares are of the mode's kinetic energy; across is what of the rollers' is transverse to the chain."
     sections = [

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError
 from warpchain.files import refusals, whole_file
 from warpchain.modal.eigenmodes import Modes
-from warpchain.modal.mode_figures import moved_lines, still_lines, swing
+from warpchain.modal.mode_figures import closed, moved_lines, still_lines, swing
 from warpchain.view.rerun.streams import flipped
 
 if TYPE_CHECKING:
@@ -82,28 +83,34 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
     """Logs the drive at rest, and each mode over some cycles."""
     import rerun as rr
 
-    drive = modes.drive
-    width = 0.08 * drive.chain.pitch
-    closed = np.append(np.arange(len(modes.position)), 0)
-    rest = rr.LineStrips2D([flipped(modes.position[closed])], colors=[REST], radii=[0.5 * width])
+    chains = modes.of_chains()
+    width = 0.08 * min(own.drive.chain.pitch for own in chains)
+    rest = rr.LineStrips2D([flipped(closed(own.position)) for own in chains], colors=[REST], radii=[0.5 * width])
     stream.log("drive/chain", rest, static=True)
-    still = [flipped(line) for line in still_lines(modes.drive)]
+    still = [flipped(line) for own in chains for line in still_lines(own.drive)]
     if still:
         stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
-    ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for frame in range(CYCLES * FRAMES + 1):
         stream.set_time("sim_time", duration=frame * SECONDS / FRAMES)
         for k in range(len(modes)):
-            rollers, bodies = swing(modes, k, 2.0 * np.pi * frame / FRAMES)
-            strips = [flipped(rollers[closed])]
-            for s in range(len(drive.sprockets)):
-                x, y, angle = bodies[s]
-                radius = 0.82 * drive.pitch_radius(s)
-                turned = ring * np.exp(1j * (angle - modes.placed[s, 2]))
-                rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
-                strips += [flipped(rim), flipped(np.array([[x, y], rim[0]]))]
-            colors = [CHAIN] + [STEEL] * (len(strips) - 1)
-            carried = [flipped(line) for line in moved_lines(modes.drive, bodies)]
-            strips, colors = strips + carried, colors + [RUBBER] * len(carried)
-            radii = [width] + [0.6 * width] * (len(strips) - 1)
+            strips: list[Any] = []
+            colors, radii = [], []
+            for own, rollers, bodies in swing(modes, k, 2.0 * np.pi * frame / FRAMES):
+                steel = _rims(own, bodies)
+                carried = [flipped(line) for line in moved_lines(own.drive, bodies)]
+                strips += [flipped(closed(rollers)), *steel, *carried]
+                colors += [CHAIN] + [STEEL] * len(steel) + [RUBBER] * len(carried)
+                radii += [width] + [0.6 * width] * (len(steel) + len(carried))
             stream.log(entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))
+
+
+def _rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
+    """Rims of a chain's sprockets, each with a spoke, where bodies (B, 3) stand."""
+    strips, ring = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
+    for s in range(len(modes.drive.sprockets)):
+        x, y, angle = bodies[s]
+        radius = 0.82 * modes.drive.pitch_radius(s)
+        turned = ring * np.exp(1j * (angle - modes.placed[s, 2]))
+        rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
+        strips += [flipped(rim), flipped(np.array([[x, y], rim[0]]))]
+    return strips

@@ -2,21 +2,27 @@
 
 The state is that of `warpchain.assembly.statics`, where the potential of all steady forces is least. It is packed
 without what hangs on time, and the kernels' forces about it give the matrices.
+
+Each chain of several is taken so, as a drive of its own about the state in which all rest together. With P_c the rows
+of chain c's coordinates by those of the whole drive, of which a shaft is one, M = sum P_c^T M_c P_c, and so C, G and K.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.statics import equilibrium, load_moments, passing_rate
+from warpchain.assembly.potential import Potential
+from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
 from warpchain.drive.oil import static_pressure, valve_flow
-from warpchain.drive.trains import is_free, loads_of, speed_ratio
+from warpchain.drive.rings import Ring, driver_ratios, rings_of, shaft_of
+from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
@@ -70,7 +76,7 @@ def layout(assembly: Assembly, touching: NDArray[np.bool_]) -> Layout:
 
 @dataclass(frozen=True)
 class System:
-    """Small motion of a drive about a state: its matrices, and that state.
+    """Small motion of a drive of one chain about a state: its matrices, and that state.
 
     Attributes:
         packed: the drive in that state.
@@ -98,6 +104,12 @@ class System:
     stiffness: sp.csc_array
     travel: sp.csc_array
 
+    def massless(self, place: int) -> System:
+        """The same without the inertia of a coordinate."""
+        mass = self.mass.tolil()
+        mass[place, place] = 0.0
+        return replace(self, mass=sp.csc_array(mass))
+
 
 NEAR = 1.0
 """Change of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
@@ -118,28 +130,80 @@ def conductances(drive: Drive, valve: str) -> Array:
     return np.array(found)
 
 
-def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> tuple[Packed, Array]:
-    """A drive in static equilibrium under the means of its loads, in float64, and the tensions of its links (N,) [N].
+@dataclass(frozen=True)
+class Whole:
+    """Small motion of a drive of any number of chains.
+
+    Attributes:
+        rings: the chains, each as a drive of its own.
+        parts: small motion of each; of what several have in common the first has the mass.
+        ties: of each, (n_c, n) P_c.
+        mass, damping, stiffness, travel: (n, n).
+    """
+
+    drive: Drive
+    speed: float
+    rings: tuple[Ring, ...]
+    parts: tuple[System, ...]
+    ties: tuple[sp.csc_array, ...]
+    mass: sp.csc_array
+    damping: sp.csc_array
+    stiffness: sp.csc_array
+    travel: sp.csc_array
+
+
+def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
+    """Sprockets of the chains, as (chain, sprocket), that turn as one; in order, without those that turn alone."""
+    groups: dict[str, list[tuple[int, int]]] = {}
+    for r, ring in enumerate(rings if drive.chains else ()):
+        for k, s in enumerate(ring.places["sprockets"]):
+            groups.setdefault(shaft_of(drive.sprockets[s]), []).append((r, k))
+    return [members for members in groups.values() if len(members) > 1]
+
+
+def standing(
+    drive: Drive, speed: float = 0.0, start: Sequence[Packed] | None = None
+) -> list[tuple[Ring, float, Packed, Array]]:
+    """Each chain of a drive in static equilibrium under the means of all loads, the speed of its driver [rad/s], as it
+    stands in float64, and the tensions of its links (N,) [N].
 
     Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash, motors are how
     their moments fall with the speed, and tensioners are at rest. Links are those of `warpchain.assembly.potential`,
     (b). A tension is what stretches a link, and of a running chain what bends it around the sprockets too.
 
     Args:
-        speed: of the driver [rad/s], at which loads are taken and by which the chain's steady running counts.
-        start: the drive as it stands at a speed nearby.
+        speed: of the driver [rad/s], at which loads are taken and by which the chains' steady running counts.
+        start: the chains as they stand at a speed nearby.
 
     Raises:
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
-    still = pack([drive], [Schedule(1.0, 1, 2, 2, 0)])
-    sprockets, near = len(drive.sprockets), None
-    shafts = slice(sprockets, drive.first_arm_body)
+    rings, speeds = rings_of(drive), [speed * ratio for ratio in driver_ratios(drive)]
+    drives = [ring.drive for ring in rings]
+    still = [pack([own], [Schedule(1.0, 1, 2, 2, 0)]) for own in drives]
+    near = None
     if start is not None:
-        centers, angles = start.bodies["center"][:sprockets], np.delete(start.bodies["angle"], shafts)
-        near = np.concatenate([start.rows(0)[0:2].T.ravel(), centers.ravel(), angles])
-    potential, x = equilibrium(drive, speed, still.assemblies[0], near)
+        near = [_standing_at(own, packed) for own, packed in zip(drives, start, strict=True)]
+    assemblies = [packed.assemblies[0] for packed in still]
+    states = zip(*equilibrium(drives, speeds, assemblies, near, common_shafts(rings, drive)), strict=True)
+    found = []
+    for ring, own, packed, (potential, x) in zip(rings, speeds, still, states, strict=True):
+        _lay(packed, potential, x, own)
+        found.append((ring, own, packed, potential.tensions(x)))
+    return found
+
+
+def _standing_at(drive: Drive, packed: Packed) -> Array:
+    """The coordinates of a chain that stands, as `warpchain.assembly.potential` counts them."""
+    centers = packed.bodies["center"][: len(drive.sprockets)]
+    return np.concatenate([packed.rows(0)[0:2].T.ravel(), centers.ravel(), packed.bodies["angle"]])
+
+
+def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
+    """Makes a chain as packed stand in an equilibrium; see `standing`."""
+    drive = potential.drive
+    sprockets = len(drive.sprockets)
     position, centers, _ = potential.split(x)
     for name in ("joints", "tooth_sliding", "guide_sliding"):
         setattr(still, name, np.zeros_like(getattr(still, name)))
@@ -148,8 +212,7 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     still.rows(0)[0:2] = position.T
     still.seat[:] = -1
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
-    still.bodies["angle"][: drive.first_arm_body] = 0.0
-    still.bodies["angle"][np.delete(np.arange(len(still.bodies)), shafts)] = x[2 * potential.rollers + 2 * sprockets :]
+    still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets :]
     still.bodies["center"][:sprockets] = centers
     still.lengths = potential.natural
     still.links["play"] = potential.play[0]
@@ -161,10 +224,10 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
     still.couplings["lash"], still.motors["present"] = 0.0, 0
-    moments = np.append(load_moments(drive, speed), np.zeros(len(drive.shafts)))
     for b, load in loads_of(drive):
         turning = speed * speed_ratio(drive, b, drive.driver)
-        still.motions[b]["load"] = (moments[b], load.viscous + 2.0 * load.quadratic * turning, 0.0)
+        moment = turning_sign(drive, b) * potential.moments[b]
+        still.motions[b]["load"] = (moment, load.viscous + 2.0 * load.quadratic * turning, 0.0)
     for b, shaft in enumerate(drive.shafts, sprockets):
         if shaft.motor is not None and is_free(drive, b):
             turning = speed * speed_ratio(drive, b, drive.driver)
@@ -172,21 +235,60 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
             fall = shaft.motor.at(turning - near_by) - shaft.motor.at(turning + near_by)
             still.motions[b]["load"][1] += float(fall) / (2.0 * near_by)
     lay_to_rest(still)
-    return still, potential.tensions(x)
 
 
-def system(drive: Drive, speed: float = 0.0, start: Packed | None = None, valve: str = "shut") -> System:
+def system(drive: Drive, speed: float = 0.0, start: Whole | None = None, valve: str = "shut") -> Whole:
     """Small motion of a drive at a speed of its driver [rad/s].
 
     Args:
-        start: the drive as it stands at a speed nearby.
+        start: that of the drive at a speed nearby.
         valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest (see `conductances`).
 
     Raises:
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
-    packed, tension = standing(drive, speed, start)
+    begun = None if start is None else [part.packed for part in start.parts]
+    found = standing(drive, speed, begun)
+    parts = [_system(ring.drive, own, packed, tension, valve) for ring, own, packed, tension in found]
+    shafts = common_shafts([ring for ring, *_ in found], drive)
+    parts, ties = _tied(parts, shafts)
+    joined = [
+        _sum(ties, [getattr(part, name) for part in parts]) for name in ("mass", "damping", "stiffness", "travel")
+    ]
+    return Whole(drive, speed, tuple(ring for ring, *_ in found), tuple(parts), tuple(ties), *joined)
+
+
+def _sum(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
+    """The matrix of a drive from those of its chains."""
+    if len(matrices) == 1:
+        return matrices[0]
+    return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
+
+
+def _tied(parts: list[System], shafts: Joined) -> tuple[list[System], list[sp.csc_array]]:
+    """The chains, shafts' inertias with their first sprockets only, and their P_c."""
+    counts = [part.at.count for part in parts]
+    places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
+    kept, parts = np.ones(sum(counts), dtype=np.bool_), list(parts)
+    for (r, s), *others in shafts:
+        first = parts[r].at.turn_of(s)
+        for other, t in others:
+            mine = parts[other].at.turn_of(t)
+            if first is not None and mine is not None:
+                kept[places[other][mine]] = False
+                places[other][mine] = places[r][first]
+                parts[other] = parts[other].massless(mine)
+    number = np.cumsum(kept) - 1
+    ties = []
+    for place in places:
+        at = np.arange(len(place)), number[place]
+        ties.append(sp.csc_array((np.ones(len(place)), at), shape=(len(place), int(kept.sum()))))
+    return parts, ties
+
+
+def _system(drive: Drive, speed: float, packed: Packed, tension: Array, valve: str) -> System:
+    """Small motion of a chain that stands."""
     probe = Probe(packed)
     try:
         state = probe.start()

@@ -79,11 +79,12 @@ def elements(found: System) -> Elements:
     )
 
 
-def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
-    """Motion and energy of tensioners in modes.
+def plungers(found: System, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> Plungers:
+    """Motion and energy of the tensioners of a chain in modes of the drive.
 
     Args:
         vector: (n, K) of unit modal mass.
+        stiff, drag: (K,) x* K x and x* C x of the drive.
     """
     at, of, linear = found.at, _tensioners(found), elements(found)
     stroke = (at.strokes @ vector).T
@@ -100,8 +101,7 @@ def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
         on_arm = found.drive.tensioner_body(t) >= found.drive.first_arm_body
         square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
         kinetic[:, t] = tensioner.plunger_mass * square
-    stiff = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real[:, None]
-    drag = np.einsum("ij,ij->j", vector.conj(), found.damping @ vector).real[:, None]
+    stiff, drag = stiff[:, None], drag[:, None]
     return Plungers(
         stroke=stroke,
         pressure=-linear.oil / area * (stroke + leaked),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report.study_sections import telling_metrics
@@ -95,12 +96,15 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
     missing = [channel for channel in NEEDED if getattr(trajectory, channel) is None]
     if missing:
         raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
-    drawn, top = shown_frames(trajectory, FRAMES), scale_top([trajectory])
-    log_drive(stream, name, drawn, top)
-    log_curves(stream, name, trajectory, FRAMES, thing_colors(trajectory.drive), own=False)
+    chains = {f"{name} {chain}".rstrip(): own for chain, own in chain_trajectories(trajectory).items()}
+    top = scale_top(chains.values())
+    for root, own in chains.items():
+        log_drive(stream, root, shown_frames(own, FRAMES), top)
+        log_curves(stream, root, own, FRAMES, thing_colors(own.drive), own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
-    moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
-    over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])
+    drawn, curves = ([f"+ {entity(root, *part)}/**" for root in chains] for part in (["drive"], ["curves", "tension"]))
+    moving = rrb.Spatial2DView(origin="/", contents=drawn, name=title, background=BACKGROUND)
+    over_time = rrb.TimeSeriesView(origin="/", contents=curves, name=GROUPS["tension"])
     return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
 
 

@@ -62,8 +62,14 @@ def telling_metrics(results: Results) -> tuple[str, ...]:
     """The metrics to show: what `TELLING` names, then the others, of those that vary and most variants have."""
     enough = results.ok.sum() / 2
     varying = [m for m in results.varying_metrics() if results.rows_for(m).sum() > enough]
-    ordered = [m for pattern in TELLING for m in varying if fnmatch(m, pattern)] + list(varying)
+    ordered = [m for pattern in TELLING for m in varying if _tells(m, pattern)] + list(varying)
     return tuple(dict.fromkeys(ordered))[:SHOWN]
+
+
+def _tells(metric: str, pattern: str) -> bool:
+    """Whether a metric is of a pattern of `TELLING`; a chain's, of several, begins with the chain's name."""
+    of_chain = "*" not in pattern and "->" not in metric
+    return fnmatch(metric, pattern) or (of_chain and fnmatch(metric, f"*.{pattern}"))
 
 
 def report_html(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.crossings import assemble_chains
-from warpchain.assembly.fitting import drawn_paths, fit_positions, nearest_links
+from warpchain.assembly.fitting import drawn_paths, fit_positions, fitted_chain, links_place, nearest_links
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, Guide
@@ -140,7 +140,7 @@ def adjusted_all(
         trying: dict[int, Drive] = {}
         for v in [v for v in counts if turn < len(counts[v]) and not isinstance(found.get(v), tuple)]:
             try:
-                trying[v] = _with_links(drives[v], counts[v][turn])
+                trying[v] = _with_links(drives[v], adjust, counts[v][turn])
             except DriveError as error:
                 found[v] = error
         moved = _moved(list(trying.values()), adjust, [strains[v] for v in trying])
@@ -153,9 +153,17 @@ def adjusted_all(
     return [found[v] for v in range(len(drives))]
 
 
-def _with_links(drive: Drive, links: int | None) -> Drive:
-    """The drive with a number of links; None is its own."""
-    return drive if links is None else with_numbers(drive, {("chain", "links"): links})
+def _with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
+    """The drive with a number of links of the chain that is adjusted; None is its own."""
+    if links is None:
+        return drive
+    return with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
+
+
+def _chain(drive: Drive, adjust: Adjust) -> Drive:
+    """The chain that is adjusted, as a drive of its own."""
+    own: Drive = fitted_chain(drive, adjust.chain, adjust.sprocket).drive
+    return own
 
 
 def _link_counts(
@@ -168,7 +176,7 @@ def _link_counts(
     if adjust.links is None:
         return {v: [None] for v in strains}
     found: dict[int, list[int | None]] = {}
-    for v, path in zip(strains, drawn_paths([drives[v] for v in strains]), strict=True):
+    for v, path in zip(strains, drawn_paths([_chain(drives[v], adjust) for v in strains]), strict=True):
         if isinstance(path, DriveError):
             refused[v] = path
         elif counts := nearest_links(path, strains[v], odd=adjust.links == "any"):
@@ -183,7 +191,7 @@ def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) ->
     if adjust.sprocket is None:
         return [(drive, {}) for drive in drives]
     assert adjust.direction is not None  # the table's own rule
-    travels = [TRAVEL * drive.chain.pitch if adjust.travel is None else adjust.travel for drive in drives]
+    travels = [TRAVEL * _chain(of, adjust).chain.pitch if adjust.travel is None else adjust.travel for of in drives]
     found: list[Adjusted | StudyError] = []
     fitted = fit_positions(drives, adjust.sprocket, adjust.direction, strains, travels)
     for drive, moved in zip(drives, fitted, strict=True):
@@ -206,7 +214,8 @@ def _wanted_strain(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> floa
         raise StudyError(f"adjust.{key} = {value_text(asked)}: {error}") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise StudyError(f"adjust.{key} = {value_text(asked)}: {value} is not a finite number")
-    strain = float(value) if key == "strain" else value / (drive.chain.mean_stiffness * drive.chain.pitch)
+    chain = _chain(drive, adjust).chain
+    strain = float(value) if key == "strain" else value / (chain.mean_stiffness * chain.pitch)
     if abs(strain) > MAX_STRAIN or (key == "preload" and value < 0.0):
         raise StudyError(f"adjust.{key} = {value:g}: a strain of {strain:g}; allowed is within {MAX_STRAIN:g}")
     return strain

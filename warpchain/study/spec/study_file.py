@@ -335,11 +335,25 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
                 lines.append(
                     f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'
                 )
-    names = [sprocket.name for sprocket in drive.sprockets]
-    if study.adjust is not None and study.adjust.sprocket is not None and study.adjust.sprocket not in names:
-        lines.append(
-            f"adjust.sprocket = {drive_toml.value_text(study.adjust.sprocket)}: must be a sprocket of the drive: "
-            + ", ".join(names)
-        )
+    lines += _check_adjusted(study.adjust, drive) if study.adjust is not None else []
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
+
+
+def _check_adjusted(adjust: Adjust, drive: Drive) -> list[str]:
+    """Lines on the sprocket and the chain that `adjust` names."""
+    of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
+    chains, chain = [chain.name for chain in drive.chains], adjust.chain
+    if adjust.sprocket is not None and adjust.sprocket not in of:
+        known = ", ".join(of)
+        return [f"adjust.sprocket = {drive_toml.value_text(adjust.sprocket)}: must be a sprocket of the drive: {known}"]
+    if chain is None:
+        named = adjust.sprocket is not None or not chains
+        return [] if named else [f"adjust.chain: missing; must be a chain of the drive: {', '.join(chains)}"]
+    said = f"adjust.chain = {drive_toml.value_text(chain)}"
+    if chain not in chains:
+        known = f"a chain of the drive: {', '.join(chains)}"
+        return [f"{said}: must be {known}" if chains else f"{said}: must not be given where there is one chain"]
+    if adjust.sprocket is not None and of[adjust.sprocket] != chain:
+        return [f'{said}: must be that of the sprocket, "{of[adjust.sprocket]}"']
+    return []

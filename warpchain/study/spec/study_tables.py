@@ -140,6 +140,7 @@ class Adjust(Part):
         direction: direction of that line.
         travel: farthest that it moves either way [m]; None is four pitches.
         links: "even" or "any": the number of links is chosen first, the nearest that fits.
+        chain: name of the chain that is adjusted, where there are several; None is that of the sprocket.
         strain: wanted strain at assembly [-]; this or preload.
         preload: wanted tension at assembly [N]; a number, or an expression of factors.
     """
@@ -148,6 +149,7 @@ class Adjust(Part):
     direction: Direction | None = None
     travel: Positive | None = None
     links: Annotated[Literal["even", "any"], Value('must be "even" or "any"')] | None = None
+    chain: Text | None = None
     strain: Wanted | None = None
     preload: Wanted | None = None
 

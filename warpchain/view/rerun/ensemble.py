@@ -24,13 +24,14 @@ Values = dict[str, NDArray[np.float64]]
 def first_metrics(drive: Drive) -> list[str]:
     """Metrics to show first, most important first."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
+    chains = [f"{chain.name}." for chain in drive.chains] or [""]
     return [
-        "tension_max",
+        *(f"{chain}tension_max" for chain in chains),
         *(f"{name}.force_max" for name in loaded[:1]),
         f"{drive.strand_names[0]}.displacement_rms",
         *(f"{name}.speed_std" for name in loaded[:1]),
-        "tension_mean",
-        "tension_std",
+        *(f"{chain}tension_mean" for chain in chains),
+        *(f"{chain}tension_std" for chain in chains),
         *(f"{guide.name}.force_max" for guide in drive.guides),
     ]
 

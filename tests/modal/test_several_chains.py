@@ -1,0 +1,98 @@
+"""Modes of drives with several chains, against closed forms and against one chain."""
+
+import math
+
+import numpy as np
+import pytest
+from chains import CONTACT, chain, run, side_by_side, span, sprocket, two_stages
+
+from warpchain import loads_drive
+from warpchain.assembly.frequencies import orders
+from warpchain.cli import main
+from warpchain.modal.campbell import assurance, campbell
+from warpchain.modal.eigenmodes import modes, modes_of
+from warpchain.modal.phases import over_a_pitch
+from warpchain.modal.system import system
+
+
+def test_equal_chains_side_by_side_have_the_modes_of_one_of_twice_all():
+    # all that the chains do alike is a mode of the one; what differences leave is 1e-6
+    twin, one = modes(side_by_side(2), 16), modes(side_by_side(0), 8)
+    off = np.abs(twin.eigenvalue[:, None] - one.eigenvalue).min(axis=0)
+    assert (off < 1e-5 * np.abs(one.eigenvalue)).all()
+    assert twin.tension[:60] == pytest.approx(0.5 * one.tension, rel=1e-6)  # and half of the load each
+    assert twin.tension[60:] == pytest.approx(0.5 * one.tension, rel=1e-6)
+    assert np.allclose(twin.participation.sum(axis=1), 1.0)
+
+
+def three_shafts(inertia):
+    """A crank, a shaft and a last one, chain "first" of 40 and 40 teeth and "second" of 30 and 30, both taut."""
+    mid = span(40, 40, 80, 0.05, 2e-3)
+    end = mid + span(30, 30, 78, 0.04, 2e-3)
+    return loads_drive(
+        chain("first", 80, 0.05, damping=0.0)
+        + chain("second", 78, 0.04, stiffness=3e7, damping=0.0)
+        + f'[[shafts]]\nname = "middle"\ninertia = {inertia[0] - 100.0}\n'
+        + sprocket("crank", 40, (0.0, 0.0), "first", more="prescribed = { speed = 1.0 }")
+        + sprocket("mid in", 40, (mid, 0.0), "first", "middle", "inertia = 60.0")
+        + sprocket("mid out", 30, (mid, 0.0), "second", "middle", "inertia = 40.0")
+        + sprocket("out", 30, (end, 0.0), "second", more=f"inertia = {inertia[1]}")
+        + CONTACT.replace("2e8", "5e6").replace("clearance = 1e-4", "clearance = 0.0").replace("125.0", "145.0")
+        + run()
+    )
+
+
+def strand(k, n, teeth, seat=5e6):
+    """Of n links k, in series with the ladders of seats at both ends (`test_modes`, a driven sprocket)."""
+    give = 1.0 / (1.0 / k + (2.0 * math.pi / teeth) ** 2 / seat)
+    arc = 0.5 * (-seat + math.sqrt(seat**2 + 4.0 * give * seat)) + seat
+    return 1.0 / (n / k + 2.0 / arc)
+
+
+def test_torsion_of_three_shafts_on_two_chains():
+    # J q'' = -K q with K = R^2 (k/n + k/n) a chain of two strands of n links and what seats give, the crank as one of
+    # 1e12 kg m^2; 0.4 %: the lever of an outer link, cos(pi/z), is up to 0.55 % short, of the frequency half of that,
+    # and chains have up to 0.6 % of the inertia, of which less than half turns
+    drive = three_shafts((2000.0, 1500.0))
+    radii = [p / (2.0 * math.sin(math.pi / z)) for p, z in ((0.05, 40), (0.04, 30))]
+    strands = strand(5e7, 20, 40), strand(3e7, 24, 30)
+    first, second = (2.0 * r * r * own for r, own in zip(radii, strands, strict=True))
+    stiffness = np.array([[first, -first, 0.0], [-first, first + second, -second], [0.0, -second, second]])
+    square = np.linalg.eigvals(np.diag(1.0 / np.array([1e12, 2000.0, 1500.0])) @ stiffness)
+    omega = np.sqrt(np.sort(square.real)[1:])
+    found = modes(drive, 30)
+    turning = found.participation[:, [found.parts.index(name) for name in ("middle", "out")]].sum(axis=1)
+    own = np.sort(np.argsort(turning)[-2:])
+    assert np.abs(found.eigenvalue[own]) == pytest.approx(omega, rel=4e-3)
+    assert (turning[own] > 0.95).all()
+    # both sprockets and the shaft between the chains turn as one
+    assert found.bodies[own][:, [1, 2], 2] == pytest.approx(found.bodies[own][:, [4, 4], 2], rel=1e-12)
+
+
+def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
+    drive = two_stages(gravity=-9.81)
+    found = campbell(drive, [5.0, 6.0], 4)
+    assert np.isfinite(found.frequency).all()
+    mean, every = over_a_pitch(drive, [5.0, 6.0], 2, 2)
+    assert np.isfinite(mean.frequency).all()
+    assert every.shape == (2, 2, 2)
+    whole = system(drive, 5.0)
+    result = modes_of(whole, 6)
+    assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+
+
+def test_orders_are_those_of_all_chains():
+    # crank 20 -> 30, 18 -> 36 teeth: teeth of the second chain pass 18 (20 / 30) times a turn of the crank
+    by_cause = {cause: order.value for order in orders(two_stages()) for cause in order.cause.split(", ")}
+    assert by_cause["tooth passing of first"] == 20.0
+    assert by_cause["tooth passing of second"] == pytest.approx(12.0)
+    assert by_cause["revolution of the chain second"] == pytest.approx(12.0 / 68.0)
+    assert by_cause["revolution of out"] == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize("ending", [".html", ".png", ".npz", ".rrd"])
+def test_the_command_writes_modes_of_v6(ending, tmp_path, capsys):
+    out = tmp_path / f"modes{ending}"
+    assert main(["modes", "v6", "--count", "4", "-o", str(out)]) == 0
+    assert "exhaust.exhaust drive->exhaust cam 1" in capsys.readouterr().out
+    assert out.stat().st_size > 1000
