@@ -460,10 +460,13 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
                 f"{c['frequency']:.4g} Hz",
                 f"{c['damping_ratio']:.3g}",
                 f"{1e3 * c['lash']:.4g} mrad",
+                ", ".join(f"{ratio:.4g}" if ratio else "open" for ratio in c["ratios"] or (1.0,)),
+                *_cells([c["clutch"]], "{:.4g} N m"),
             )
             for c in values["couplings"]
         ]
-        lines += ["", *_table(("coupling", "between", "own frequency", "damping ratio", "lash"), rows)]
+        head = ("coupling", "between", "own frequency", "damping ratio", "lash", "ratio", "clutch")
+        lines += ["", *_table(head, rows)]
     return lines
 
 

@@ -59,15 +59,30 @@ def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
             row["table"]["over_angle"] = OVER_SPEED
 
 
-def fill_coupling(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
-    """Fills coupling c, which is not twisted where the chain has been laid."""
+def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
+    """Fills coupling c."""
     coupling, names = drive.couplings[c], names_of(drive)
     row["first"], row["second"] = (names.index(name) for name in coupling.between)
-    angle = assembly.sprocket_angle
-    for b, sense in ((names.index(coupling.between[0]), 1.0), (names.index(coupling.between[1]), -1.0)):
-        if b < len(drive.sprockets):
-            row["rest"] += sense * angle[..., b]
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
+    ratios, clutch = coupling.ratios, coupling.clutch
+    if ratios is not None:
+        row["ratios"] = len(ratios.time)
+        row["first_ratio"] = tables.add_rows(tuple(zip(ratios.time, ratios.ratio, strict=True)))
+    if clutch is not None and clutch.table is not None:
+        row["capacity"] = 1.0
+        tables.add(row["engagement"], clutch.table, 1.0)
+    elif clutch is not None:
+        row["capacity"] = clutch.torque
+
+
+def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
+    """Fills the state of coupling c, which is not twisted where the chain has been laid."""
+    coupling, names = drive.couplings[c], names_of(drive)
+    ratio = 1.0 if coupling.ratios is None else coupling.ratios.ratio[0]
+    row["ratio"], row["capacity"] = ratio, math.inf
+    for name, turns in zip(coupling.between, (1.0, -ratio), strict=True):
+        if name in names[: len(drive.sprockets)]:
+            row["rest"] += turns * assembly.sprocket_angle[..., names.index(name)]
 
 
 def fill_gear(row: Any, drive: Drive, g: int) -> None:

@@ -121,9 +121,10 @@ def conductances(drive: Drive, valve: str) -> Array:
 def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> tuple[Packed, Array]:
     """A drive in static equilibrium under the means of its loads, in float64, and the tensions of its links (N,) [N].
 
-    Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash, motors are how
-    their moments fall with the speed, and tensioners are at rest. Links are those of `warpchain.assembly.potential`,
-    (b). A tension is what stretches a link, and of a running chain what bends it around the sprockets too.
+    Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash and do not slip,
+    motors are how their moments fall with the speed, and tensioners are at rest. Links are those of
+    `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
+    the sprockets too.
 
     Args:
         speed: of the driver [rad/s], at which loads are taken and by which the chain's steady running counts.
@@ -160,7 +161,7 @@ def standing(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> t
     for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
-    still.couplings["lash"], still.motors["present"] = 0.0, 0
+    still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
     moments = np.append(load_moments(drive, speed), np.zeros(len(drive.shafts)))
     for b, load in loads_of(drive):
         turning = speed * speed_ratio(drive, b, drive.driver)
