@@ -130,14 +130,27 @@ class Motor:
 
 @wp.struct
 class Coupling:
-    """A spring and a damper with play between two bodies (`physics.train`)."""
+    """A spring and a damper with play between two bodies, a gearbox or a clutch (`physics.train`)."""
 
     first: wp.int32  # of the drive's bodies
     second: wp.int32
-    rest: wp.float64  # angle of the first less that of the second without twist [rad]
+    ratios: wp.int32  # how many rows (time [s], ratio) it has; 0: its ratio is 1
+    first_ratio: wp.int32  # where they stand among the tables' values
     stiffness: wp.float64  # k [N m/rad]
     damping: wp.float64  # c [N m s/rad]
     lash: wp.float64  # b to either side [rad]
+    capacity: wp.float64  # C, engaged [N m]; 0: it does not slip
+    engagement: Tabulated  # part of that over time
+
+
+@wp.struct
+class Engaged:
+    """State of a coupling."""
+
+    rest: wp.float64  # e_0: angle of the first, less the ratio times that of the second, without twist [rad]
+    ratio: wp.float64  # i in use; 0: open
+    capacity: wp.float64  # C [N m]; infinite: it does not slip
+    lost: wp.float64  # by slipping, or by a change of ratio, at the last step's start [J]
 
 
 @wp.struct
@@ -560,8 +573,9 @@ class CouplingSums:
     twist: wp.float64  # [rad s]
     moment_min: wp.float64  # [N m]
     moment_max: wp.float64
-    moment: wp.float64  # passed on to the second [N m s]
+    moment: wp.float64  # taken from the first [N m s]
     dissipated: wp.float64  # in its damper [J]
+    slip_loss: wp.float64  # by slipping and changes of ratio [J]
     led_work: wp.float64  # done on bodies whose angle is prescribed [J]
 
 
@@ -786,6 +800,7 @@ class State:
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
     passed: wp.array[wp.float64]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
+    couplings: wp.array[Engaged]  # (all couplings,)
     tensioners: wp.array[TensionerState]  # (all tensioners,)
     pushes: wp.array[Push]  # (all tensioners,)
     meters: wp.array[TensionerFlows]  # (all tensioners,): what has flowed since the run began
@@ -849,7 +864,8 @@ PAIRS = {
     Motion: ("speed", "ramp_time", "start_angle"),
     Tie: (),
     Motor: (),
-    Coupling: ("rest",),
+    Coupling: (),
+    Engaged: ("rest",),
     Gear: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
     Hub: ("lever",),

@@ -214,8 +214,8 @@ def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
 
 
 @wp.func
-def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, weight: Any):
-    """One coupling's twist, the moment that it passes on, the powers that its damper takes and led bodies get."""
+def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost: Any, weight: Any):
+    """One coupling's twist and moment, the powers that its damper takes and led bodies get, and what slipping lost."""
     sums.twist_min = wp.min(sums.twist_min, twist)
     sums.twist_max = wp.max(sums.twist_max, twist)
     sums.twist = added(sums.twist, weight * twist)
@@ -223,6 +223,7 @@ def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, weigh
     sums.moment_max = wp.max(sums.moment_max, moment)
     sums.moment = added(sums.moment, weight * moment)
     sums.dissipated = added(sums.dissipated, weight * power)
+    sums.slip_loss = added(sums.slip_loss, lost)
     sums.led_work = added(sums.led_work, weight * led)
     return sums
 

@@ -210,6 +210,22 @@ def trains(inertia=2.0):
     return [drive, drive.with_values({"couplings.cush.lash": 0.0, "shafts.engine.motor.table.factor": 0.5})]
 
 
+def gear_changes():
+    """Those trains, their play a clutch that slips and a gearbox that changes while it does, or is let out."""
+    drive = trains()[0]
+    table = {"time": [0.0, 5e-4, 8e-4, 1.2e-3], "torque": [50.0, 50.0, 0.0, 30.0]}
+    gears = {"couplings.cush.clutch": {"table": table}, "couplings.slack.clutch": {"torque": 0.5}}
+    ratios = [{"time": [0.0, 7.02e-4, time], "ratio": [-1.5, 0.0, 1.25]} for time in (9.03e-4, 8.01e-4)]
+    return [
+        drive.with_values({"couplings.slack.ratios": ratios[0], "couplings.slack.stiffness": 1e5}),
+        drive.with_values({"couplings.cush.ratios": ratios[1]} | gears),
+    ]
+
+
+def gear_changes_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in gear_changes()]
+
+
 def trains_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in trains()]
 

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from warpchain import Limits, Record, loads_drive, simulate
+from warpchain import Limits, Record, dumps_drive, loads_drive, simulate
 from warpchain.drive import Drive
 from warpchain.drive.examples import FOLDER
 from warpchain.errors import DriveError
@@ -172,6 +172,22 @@ def with_bar(start, end, end_radius=0.02):
 
 STARTING = Limits(energy_change=math.inf)
 """Limits of runs that end while their start still dies away."""
+
+
+AT_REST = {"torque": 0.0, "speed": 0.0, "settle": "false", "step": 2e-6}
+"""Two sprockets that stand."""
+
+
+def with_parts(text, **values):
+    """Two sprockets with shafts and what ties them, from TOML text."""
+    return loads_drive(dumps_drive(two_sprockets(**(AT_REST | values))) + text)
+
+
+def ran(drive, rate=1e4, **options):
+    """The run of a drive on the CPU, all of it recorded and in the window, and its row."""
+    whole = {"window": (0.0, drive.run.duration)} | options
+    run = simulate(drive, record=Record(rate=rate), device="cpu", limits=STARTING, **whole)
+    return run, run.metrics.to_pylist()[0]
 
 
 def row(drive, **options):

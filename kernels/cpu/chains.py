@@ -14,7 +14,7 @@ import warp as wp
 from ..integrate import MOST, Stage, leapfrog_kick, stage_at, stages_of, stretching
 from ..modules import own_module
 from ..physics.body import solved
-from ..structs import DIVERGENCE_CHECK, Drive, Now, Sums, types
+from ..structs import DIVERGENCE_CHECK, PREDICTING, Drive, Now, Sums, types
 from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
@@ -62,7 +62,7 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         (`steps.evaluating`).
         """
         for r in range(variant, variant + rings):
-            find_rates(ensemble, state, ensemble.drives[r], time)
+            find_rates(ensemble, state, ensemble.drives[r], PREDICTING, time)
         join_all(ensemble, state, variant, rings)
         begin = ensemble.drives[variant].first_body
         for b in range(begin, begin + bodies_of(ensemble, variant, rings)):
@@ -114,7 +114,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
         drive = ensemble.drives[r]
         memory = memory_at(ensemble, state, drive, at, wanted)
         forces.evaluate(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
-        together.find_rates(ensemble, state, drive, at.time)
+        together.find_rates(ensemble, state, drive, at.number, at.time)
 
     @wp.func
     def evaluate(
@@ -140,7 +140,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
             if predicted == 0:
                 pull(ensemble, state, variant + c, drive, scratch[c], memory)
             forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
-            together.find_rates(ensemble, state, drive, at.time)
+            together.find_rates(ensemble, state, drive, at.number, at.time)
         together.join_all(ensemble, state, variant, rings)
 
     @wp.func

@@ -151,16 +151,17 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     @wp.func
     def add_twist(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
         """Adds coupling c of all to the sums of the window."""
-        coupling = ensemble.couplings[c]
+        coupling, engaged = ensemble.couplings[c], state.couplings[c]
         twist, rate, moment = bodies.coupled_now(ensemble, state, drive, c, now.time, now.lag)
         led = wp.float64(0.0)
         for second in range(2):
             b = drive.first_body + wp.where(second == 0, coupling.first, coupling.second)
             if ensemble.motions[b].prescribed == 1:
                 speed = body_now(ensemble, state, b, now.time, now.lag).speed
-                led = led + wp.where(second == 0, -moment, moment) * speed
-        power = coupling_loss(twist, rate, coupling)
-        sums.coupling[c] = add_coupling(sums.coupling[c], twist, moment, power, led, now.weight)
+                led = led + wp.where(second == 0, -moment, engaged.ratio * moment) * speed
+        power = coupling_loss(twist, rate, coupling, engaged)
+        lost = wp.where(now.step == drive.window_start, wp.float64(0.0), engaged.lost)
+        sums.coupling[c] = add_coupling(sums.coupling[c], twist, moment, power, led, lost, now.weight)
 
     @wp.func
     def add_teeth(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, g: int, now: Now):

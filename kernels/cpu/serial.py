@@ -75,7 +75,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 memory.time = at_stage.time
                 memory.stretched = stretching(drive.integrator, stage, Real(1.0))
                 evaluate(ensemble, state, drive, chain, links, joint, w, memory)
-                find_rates(ensemble, state, drive, at_stage.time)
+                find_rates(ensemble, state, drive, stage, at_stage.time)
                 if stage == 0:
                     if memory.wanted.measures != 0:
                         sums_of.measure(ensemble, state, sums, variant, drive, chain, w, now)

@@ -24,7 +24,7 @@ from ..physics.hub import bearing_moment, carried_by, moment_of
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
-from ..physics.train import coupling_moment, motor_moment, twist_of
+from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
@@ -128,18 +128,30 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def coupled(ensemble: Ensemble, state: State, drive: Drive, c: int):
-        """Twist [rad] of coupling `c` of all, and the moment [N m] that it passes on to its second body."""
-        coupling = ensemble.couplings[c]
+        """Twist [rad] of coupling `c` of all, and the moment [N m] that it takes from its first body."""
+        coupling, engaged = ensemble.couplings[c], state.couplings[c]
         first, second = (
             state.bodies[drive.first_body + coupling.first],
             state.bodies[drive.first_body + coupling.second],
         )
-        twist, rate = twist_of(first, second, coupling)
-        return twist, coupling_moment(twist, rate, coupling)
+        twist, rate = twist_of(first, second, engaged)
+        return twist, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
-    def pass_on(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
+    def engage(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
+        """Takes all couplings on to a step's start."""
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            coupling = ensemble.couplings[c]
+            first = state.bodies[drive.first_body + coupling.first]
+            second = state.bodies[drive.first_body + coupling.second]
+            tables = ensemble.curves.tables
+            state.couplings[c] = engaged_at(time, first, second, state.couplings[c], coupling, tables)
+
+    @wp.func
+    def pass_on(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
         """The moments on all bodies but arms, with those of motors and couplings."""
+        if stage == 0:
+            engage(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
             wrench = wrench_on(ensemble, state, drive, b)
             moment = wrench.moment + wrench.bearing + load_on(ensemble, drive, state.bodies[b], b, time)
@@ -149,7 +161,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
             twist, moment = coupled(ensemble, state, drive, c)
             state.passed[first] = state.passed[first] - moment
-            state.passed[second] = state.passed[second] + moment
+            state.passed[second] = state.passed[second] + state.couplings[c].ratio * moment
 
     @wp.func
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -181,11 +193,11 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
 
     @wp.func
-    def find_rates(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
-        """Accelerations of all bodies at `time`, for whatever moves or observes them."""
+    def find_rates(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
+        """Accelerations of all bodies at a stage and its `time`, for whatever moves or observes them."""
         if wp.static(not plain):
             if drive.tied != 0:
-                pass_on(ensemble, state, drive, time)
+                pass_on(ensemble, state, drive, stage, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
 
@@ -256,11 +268,11 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
         """Twist [rad] of coupling `c` of all, its rate [rad/s] and its moment [N m] with the rates of `time`."""
-        coupling = ensemble.couplings[c]
+        coupling, engaged = ensemble.couplings[c], state.couplings[c]
         first = body_now(ensemble, state, drive.first_body + coupling.first, time, lag)
         second = body_now(ensemble, state, drive.first_body + coupling.second, time, lag)
-        twist, rate = twist_of(first, second, coupling)
-        return twist, rate, coupling_moment(twist, rate, coupling)
+        twist, rate = twist_of(first, second, engaged)
+        return twist, rate, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
     def bodies_sound(state: State, drive: Drive):
@@ -319,7 +331,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
         try_contacts(ensemble, state, drive, chain, w, memory)
         if drive.tied != 0:
-            pass_on(ensemble, state, drive, memory.time)
+            pass_on(ensemble, state, drive, PREDICTING, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)

@@ -161,7 +161,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.body >= 0:
             trains.pass_on(ensemble, state, shared, mine, now, wrench)
         barrier()
-        if now.measured != 0 or now.flags & FRAME != 0:
+        if now.measured != 0 or now.flags & FRAME != 0 or ensemble.drives[mine.variant].couplings > 0:
             if mine.body >= 0:
                 trains.observe_trains(ensemble, state, shared, out, mine, now)
             barrier()

@@ -13,6 +13,7 @@ from ..physics.train import (
     coupling_energy,
     coupling_loss,
     coupling_moment,
+    engaged_at,
     motor_moment,
     on_side,
     twist_of,
@@ -43,6 +44,13 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         return moment
 
     @wp.func
+    def engage(ensemble: Ensemble, state: State, shared: Shared, c: int, time: Any):
+        """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
+        coupling = ensemble.couplings[c]
+        first, second = shared.poses[coupling.first], shared.poses[coupling.second]
+        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
+
+    @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
         time = steps.time_of(mine, now)
@@ -60,9 +68,12 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
             if coupling.first == mine.body or coupling.second == mine.body:
-                twist, rate = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], coupling)
-                passed = coupling_moment(twist, rate, coupling)
-                moment = moment + wp.where(coupling.second == mine.body, passed, -passed)
+                engaged = state.couplings[c]
+                if now.stage == 0:
+                    engaged = engage(ensemble, state, shared, c, time)
+                twist, rate = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
+                passed = coupling_moment(twist, rate, coupling, engaged)
+                moment = moment + wp.where(coupling.second == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
 
     @wp.func
@@ -91,12 +102,12 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     def observe_coupling(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, c: int):
         """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
         drive = ensemble.drives[mine.variant]
-        coupling = ensemble.couplings[c]
-        twist, before = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], coupling)
+        coupling, engaged = ensemble.couplings[c], state.couplings[c]
+        twist, before = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
         first = speed_now(ensemble, shared, mine, now, coupling.first)
         second = speed_now(ensemble, shared, mine, now, coupling.second)
-        rate = first - second
-        moment = coupling_moment(twist, rate, coupling)
+        rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
+        moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
             sampling.write_coupling(ensemble, state, out.frames, mine, now, c, twist, moment)
         if wp.static(measuring) and now.measured != 0:
@@ -104,9 +115,10 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if shared.motions[coupling.first].prescribed == 1:
                 led = led - moment * first
             if shared.motions[coupling.second].prescribed == 1:
-                led = led + moment * second
-            power = coupling_loss(twist, rate, coupling)
-            out.sums.coupling[c] = add_coupling(out.sums.coupling[c], twist, moment, power, led, now.weight)
+                led = led + engaged.ratio * moment * second
+            power = coupling_loss(twist, rate, coupling, engaged)
+            lost = wp.where(now.flags & START != 0, Real(0.0), engaged.lost)
+            out.sums.coupling[c] = add_coupling(out.sums.coupling[c], twist, moment, power, led, lost, now.weight)
             if now.flags & ENDS != 0:
                 at = drive.first_body + mine.number
                 energy = wp.float64(coupling_energy(twist, coupling))
@@ -130,11 +142,14 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def observe_trains(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now):
-        """One step of what the thread's body is, or is the second of, once all moments are shared."""
+        """One step of what the thread's body is, or is the second of, once all moments are shared; couplings go on."""
         drive = ensemble.drives[mine.variant]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             if ensemble.couplings[c].second == mine.body:
-                observe_coupling(ensemble, state, shared, out, mine, now, c)
+                if now.stage == 0:
+                    state.couplings[c] = engage(ensemble, state, shared, c, steps.time_of(mine, now))
+                if now.measured != 0 or now.flags & FRAME != 0:
+                    observe_coupling(ensemble, state, shared, out, mine, now, c)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)

@@ -14,6 +14,13 @@ A coupling of the twist e = q_1 - q_2 passes on to its second body, and takes fr
 
     M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between.                            (c)
 
+With a ratio i in use e = q_1 - i q_2 - e_0, and the second gets i M: no work is lost. i changes at stated times, with e
+then 0 and k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slips where k |d| would be above that:
+
+    e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
+
+Ratio, e_0 and C are those of a step's start for the whole step.
+
 A motor's moment is that of its limits M_0 and P and of its table: min(M_0 + M(omega), P / omega) forward.
 """
 
@@ -56,10 +63,14 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
 
 
 @wp.func
-def twist_of(first: Any, second: Any, coupling: Any):
-    """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies."""
-    twist = difference(first.angle - second.angle, coupling.rest)
-    return twist, rounded(difference(first.speed, second.speed))
+def twist_of(first: Any, second: Any, engaged: Any):
+    """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies; both 0 while it is open."""
+    ratio = engaged.ratio
+    twist = difference(first.angle - ratio * second.angle, engaged.rest)
+    rate = rounded(difference(first.speed, ratio * second.speed))
+    if ratio == type(ratio)(0.0):
+        return type(ratio)(0.0), type(ratio)(0.0)
+    return twist, rate
 
 
 @wp.func
@@ -70,11 +81,21 @@ def twisted(twist: Any, coupling: Any):
 
 
 @wp.func
-def coupling_moment(twist: Any, rate: Any, coupling: Any):
-    """Moment [N m] that a coupling passes on to its second body (c)."""
-    beyond = twisted(twist, coupling)
-    damped = wp.where(wp.abs(twist) >= coupling.lash, coupling.damping, type(twist)(0.0))
-    return coupling.stiffness * beyond + damped * rate
+def unbounded_moment(twist: Any, rate: Any, coupling: Any):
+    """Moment [N m] of (c), whatever the capacity."""
+    return coupling.stiffness * twisted(twist, coupling) + damping_at(twist, coupling) * rate
+
+
+@wp.func
+def damping_at(twist: Any, coupling: Any):
+    """c [N m s/rad] beyond the lash, 0 within."""
+    return wp.where(wp.abs(twist) >= coupling.lash, coupling.damping, type(twist)(0.0))
+
+
+@wp.func
+def coupling_moment(twist: Any, rate: Any, coupling: Any, engaged: Any):
+    """Moment [N m] that a coupling takes from its first body (c), as far as its capacity bears it."""
+    return wp.clamp(unbounded_moment(twist, rate, coupling), -engaged.capacity, engaged.capacity)
 
 
 @wp.func
@@ -85,9 +106,50 @@ def coupling_energy(twist: Any, coupling: Any):
 
 
 @wp.func
-def coupling_loss(twist: Any, rate: Any, coupling: Any):
+def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
     """Power [W] that a coupling's damper takes."""
-    return wp.where(wp.abs(twist) >= coupling.lash, coupling.damping * rate * rate, type(twist)(0.0))
+    over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
+    return damping_at(twist, coupling) * rate * rate + over * rate
+
+
+@wp.func
+def ratio_at(time: Any, before: Any, coupling: Any, tables: Any):
+    """Ratio of the last row of a coupling's ratios that has begun; `before` where it has none."""
+    ratio = type(before)(before)
+    for at in range(coupling.first_ratio, coupling.first_ratio + 2 * coupling.ratios, 2):
+        if difference(time, tables[at]) >= type(ratio)(0.0):
+            ratio = leading(tables[at + 1])
+    return ratio
+
+
+@wp.func
+def engaged_at(time: Any, first: Any, second: Any, before: Any, coupling: Any, tables: Any):
+    """State of a coupling from a step's start on: its ratio in use, and slipped as far as its capacity asks (d).
+
+    Args:
+        time: a number [s].
+        first, second: states of its bodies.
+        before: its state in the step before.
+        tables: values of all tables.
+    """
+    now = before
+    twist, rate = twist_of(first, second, before)
+    zero = type(twist)(0.0)
+    now.lost = zero
+    now.ratio = ratio_at(time, before.ratio, coupling, tables)
+    if coupling.capacity > zero:
+        now.capacity = coupling.capacity
+        if coupling.engagement.cells > 0:
+            now.capacity = coupling.capacity * value_at(time, coupling.engagement, tables)
+    if now.ratio != before.ratio:
+        now.rest = first.angle - now.ratio * second.angle
+        now.lost = coupling_energy(twist, coupling)
+    elif coupling.capacity > zero:
+        beyond, most = twisted(twist, coupling), now.capacity / coupling.stiffness
+        slip = beyond - wp.clamp(beyond, -most, most)
+        now.rest = before.rest + slip
+        now.lost = now.capacity * wp.abs(slip)
+    return now
 
 
 @wp.func

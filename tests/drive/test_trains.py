@@ -9,9 +9,11 @@ from drives import errors_of, put, two_sprockets
 
 from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
+from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
+from warpchain.assembly.train_report import couplings
 from warpchain.drive.examples import drive_path
-from warpchain.drive.trains import gear_side, seen_inertia, train_of
+from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
 from warpchain.errors import DriveError
 
 PARTS = """
@@ -107,6 +109,68 @@ WRONG = {
         {"shafts/0/motor": None},
         "sprockets: none is prescribed; at least one sprocket must be, or a shaft, or have a motor or an initial_speed",
     ),
+    "ratios out of order": (
+        {"couplings/0/ratios": {"time": [0.0, 0.2, 0.1], "ratio": [2.0, 0.0, 1.5]}},
+        "couplings.cush.ratios.time.2 = 0.1: must be above the element before, 0.2",
+    ),
+    "ratios that begin later": (
+        {"couplings/0/ratios": {"time": [0.1, 0.2], "ratio": [2.0, 1.5]}},
+        "couplings.cush.ratios.time.0 = 0.1: must be 0, from when on the first ratio is in use",
+    ),
+    "more times than ratios": (
+        {"couplings/0/ratios": {"time": [0.0, 0.1, 0.2], "ratio": [2.0, 1.5]}},
+        "couplings.cush.ratios.ratio = [2.0, 1.5]: must have as many elements as time, 3",
+    ),
+    "a ratio beyond all gears": (
+        {"couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [2.0, 1e-3]}},
+        "couplings.cush.ratios.ratio.1 = 0.001: must be 0 (open), or 0.01 to 100 in magnitude",
+    ),
+    "a gearbox that never engages": (
+        {"couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [0.0, 0.0]}},
+        "couplings.cush.ratios.ratio = [0.0, 0.0]: must have one that is not 0; without any the coupling never engages",
+    ),
+    "ratios between a shaft and a sprocket on it": (
+        {"sprockets/1/shaft": "output", "sprockets/1/inertia": 1.0}
+        | {"couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [2.0, 1.0]}},
+        "couplings.cush.ratios: not between a shaft and a sprocket on it; must be between two shafts",
+    ),
+    "a ratio that contradicts the chain": (
+        {
+            "couplings/0/between": ["engine", "driven"],
+            "couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [2.0, 0.0]},
+            "sprockets/1/shaft": "output",
+        },
+        'couplings.cush.ratios.ratio: the rest of the drive turns "driven" 0.5 times as fast, the other way round, as '
+        '"engine"; -2 would fit',
+    ),
+    "ratios that change beside a chain": (
+        {
+            "couplings/0/between": ["engine", "driven"],
+            "couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [-2.0, -1.5]},
+            "sprockets/1/shaft": "output",
+        },
+        'couplings.cush.ratios.ratio: "engine" and "driven" turn in one ratio by the rest of the drive; must be one',
+    ),
+    "a clutch without a moment": (
+        {"couplings/0/clutch": {}},
+        "couplings.cush.clutch.torque: missing; must be a positive number, or give table instead",
+    ),
+    "a clutch with two moments": (
+        {"couplings/0/clutch": {"torque": 5.0, "table": {"time": [0.0, 1.0], "torque": [5.0, 0.0]}}},
+        "couplings.cush.clutch.torque = 5.0: not together with table",
+    ),
+    "a clutch that pushes": (
+        {"couplings/0/clutch": {"table": {"time": [0.0, 1.0], "torque": [5.0, -1.0]}}},
+        "couplings.cush.clutch.table.torque.1 = -1.0: must be at least 0",
+    ),
+    "a clutch that bears nothing": (
+        {"couplings/0/clutch": {"table": {"time": [0.0, 1.0], "torque": [0.0, 0.0]}}},
+        "couplings.cush.clutch.table.torque = [0.0, 0.0]: must have one above 0; without any the clutch bears nothing",
+    ),
+    "a clutch over an angle": (
+        {"couplings/0/clutch": {"table": {"angle": [0.0, 2.0 * math.pi], "torque": [5.0, 5.0]}}},
+        "couplings.cush.clutch.table.angle: not of a clutch; must be over time",
+    ),
     "a table over two things": (
         {"shafts/0/motor": {"table": {"speed": [0.0, 1.0], "time": [0.0, 1.0], "torque": [1.0, 0.0]}}},
         "shafts.engine.motor.table.speed = [0.0, 1.0]: not together with time; give one of the two",
@@ -181,6 +245,38 @@ def test_a_coupling_lowers_the_step():
     give = 1.0 / drive.sprockets[1].inertia + 1.0 / 0.9
     assert found.square == pytest.approx(4e4 * give + alone.square, rel=1e-12)
     assert found.rate == pytest.approx(15.0 * give, rel=1e-12)
+
+
+GEARBOX = {"time": [0.0, 0.1, 0.2], "ratio": [0.0, -2.5, -1.5]}
+
+
+def test_a_gearbox_ties_in_its_first_gear():
+    # open at first, so the output starts from rest; speeds and frequencies are those of the first gear that comes
+    found = values()
+    found["shafts"][0]["initial_speed"], found["shafts"][1]["initial_speed"] = 20.0, 0.0
+    found["couplings"][0]["ratios"] = GEARBOX
+    drive = Drive(**found)
+    assert speed_ratio(drive, 1, 3) == pytest.approx(2.5, rel=1e-12)
+    assert assemble(drive).shaft_speed == pytest.approx([-20.0, 0.0], abs=1e-12)
+    # k and c of the step's limit see 1/Ja + i^2/Jb of the largest ratio, check the first's
+    body = next(body for body in moving_bodies(drive) if body.name == 'coupling "cush"')
+    give = 1.0 / drive.sprockets[1].inertia + 6.25 / 0.9
+    assert body.rate == pytest.approx(15.0 * give, rel=1e-12)
+    (coupling,) = couplings(drive)
+    assert coupling["frequency"] == pytest.approx(math.sqrt(4e4 * give) / math.tau, rel=1e-12)
+    assert coupling["ratios"] == [0.0, -2.5, -1.5]
+    with_clutch = drive.with_values({"couplings.cush.clutch": {"table": {"time": [0.0, 0.1], "torque": [0.0, 80.0]}}})
+    assert couplings(with_clutch)[0]["clutch"] == 80.0
+    line = next(line for line in report(derive(with_clutch)).splitlines() if line.split()[0:1] == ["cush"])
+    assert line.split()[-6:] == ["open,", "-2.5,", "-1.5", "80", "N", "m"]
+    assert loads_drive(dumps_drive(with_clutch)) == with_clutch
+
+
+def test_a_clutch_table_may_be_a_file(tmp_path):
+    (tmp_path / "clutch.csv").write_text("time,torque\n0,0\n0.2,80\n")
+    text = dumps_drive(Drive(**values())) + '[couplings.clutch]\ntable = { file = "clutch.csv" }\n'
+    (tmp_path / "drive.toml").write_text(text)
+    assert load_drive(tmp_path / "drive.toml").couplings[0].clutch.table.torque == (0.0, 80.0)
 
 
 def test_drives_with_trains_are_written_and_read():

@@ -5,23 +5,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, ran, two_sprockets, with_parts
 
 from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
-
-RIG = {"torque": 0.0, "speed": 0.0, "settle": "false", "step": 2e-6}
-
-
-def with_parts(text, **values):
-    """Two sprockets with shafts and what ties them, from TOML text."""
-    return loads_drive(dumps_drive(two_sprockets(**(RIG | values))) + text)
-
-
-def ran(drive, rate=1e4, **options):
-    """The run of a drive, recorded, and its row."""
-    whole = {"window": (0.0, drive.run.duration)} | options
-    run = simulate(drive, record=Record(rate=rate), device="cpu", limits=STARTING, **whole)
-    return run, run.metrics.to_pylist()[0]
 
 
 def swing(lash="", damping=0.0):

@@ -6,6 +6,8 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    gear_changes,
+    gear_changes_rk4,
     light_trains,
     moving_sprockets,
     pushed_slider,
@@ -21,7 +23,7 @@ from blocks import (
     ways,
 )
 
-TRAINS = trains, trains_rk4, light_trains
+TRAINS = trains, trains_rk4, light_trains, gear_changes, gear_changes_rk4
 KINDS = (
     moving_sprockets,
     arms,
@@ -43,6 +45,8 @@ USUAL = [
     (trains, True, "float64"),
     (swung_trains, True, "float64"),
     (trains, False, "float32"),
+    (gear_changes, True, "float64"),
+    (gear_changes, False, "float32"),
     (bending_rk4, True, "float32"),
     (swung, False, "float64"),
     (swung_light, True, "float32"),

@@ -38,6 +38,7 @@ from warpchain.assembly.arm_balance import StillArm, StillTensioner
 from warpchain.assembly.guided import profile_at, turned_about
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit, wheel_mass
+from warpchain.drive.shafts import first_ratio
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
 from warpchain.drive.trains import nearest_sprocket, stands, turning_sign, untwisted
 
@@ -159,7 +160,8 @@ class Potential:
         near = [nearest_sprocket(drive, b) for b in range(self.turning)]
         self.held = held or [near[b] is None or stands(drive, b) for b in range(self.turning)]
         self.lever = self.radius[[s or 0 for s in near]]
-        self.couplings = [] if laid is None else [untwisted(drive, c, laid) for c in range(len(drive.couplings))]
+        geared = [] if laid is None else [float(first_ratio(coupling) or 1) for coupling in drive.couplings]
+        self.couplings = [(*untwisted(drive, c, ratio, laid), ratio) for c, ratio in enumerate(geared)]
         self.moments = np.array([turning_sign(drive, b) for b in range(self.turning)]) * moments
         self.moments[np.array(self.held)] = 0.0
         self.pulled = False  # whether links with play are taken to be pulled, all of them
@@ -240,17 +242,18 @@ class Potential:
         return terms
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """(C,) twists of the couplings [rad], and the moments that they pass on to their second bodies [N m]."""
+        """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m]."""
         angles, couplings = self.split(x)[2], self.drive.couplings
-        twist = np.array([angles[a] - angles[b] - rest for a, b, rest in self.couplings])
+        twist = np.array([angles[a] - ratio * angles[b] - rest for a, b, rest, ratio in self.couplings])
         lash = np.array([coupling.lash for coupling in couplings])[: len(twist)]
         stiffness = np.array([coupling.stiffness for coupling in couplings])[: len(twist)]
         return twist, stiffness * (twist - np.clip(twist, -lash, lash))
 
     def _couplings(self, x: Array, terms: Terms) -> None:
         """Adds the couplings, whose springs do nothing within their play."""
-        pair = np.array([1.0, -1.0])
-        for (a, b, _), coupling, moment in zip(self.couplings, self.drive.couplings, self.torques(x)[1], strict=False):
+        moments = self.torques(x)[1]
+        for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.drive.couplings, moments, strict=False):
+            pair = np.array([1.0, -ratio])
             at = self.first_arm - self.turning + np.array([a, b])
             terms.energy += 0.5 * float(moment) ** 2 / coupling.stiffness
             terms.gradient[at] += moment * pair

@@ -63,7 +63,7 @@ class Steady:
         displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
         center: (S, 2) sprocket centers [m].
         arm_angle: (A,) angles of the arms [rad].
-        twist, torque: (C,) of the couplings [rad], and what they pass on to their second bodies [N m].
+        twist, torque: (C,) of the couplings [rad], and what they take from their first bodies [N m].
         failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
     """
 

@@ -458,12 +458,15 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
                 f"{c['frequency']:.4g} Hz",
                 f"{c['damping_ratio']:.3g}",
                 f"{1e3 * c['lash']:.4g} mrad",
+                ", ".join(f"{ratio:.4g}" if ratio else "open" for ratio in c["ratios"] or (1.0,)),
+                *_cells([c["clutch"]], "{:.4g} N m"),
                 *_cells([_milli(c["working_twist"])], "{:+.4g} mrad"),
                 *_cells([c["working_torque"]], "{:+.4g} N m"),
             )
             for c in values["couplings"]
         ]
-        head = ("coupling", "between", "own frequency", "damping ratio", "lash", "twist at work", "torque at work")
+        head = ("coupling", "between", "own frequency", "damping ratio", "lash", "ratio", "clutch",
+                "twist at work", "torque at work")  # fmt: skip
         lines += ["", *_table(head, rows)]
     return lines
 

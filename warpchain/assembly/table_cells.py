@@ -62,6 +62,7 @@ class TableList:
     def __init__(self) -> None:
         self.blocks: list[Array] = []
         self.length = 0
+        self.rows: dict[tuple[tuple[float, float], ...], int] = {}
         self.known: dict[tuple[Table, float], tuple[Cells, int]] = {}
         self.seen: dict[tuple[int, float], tuple[Table, Cells, int]] = {}  # by identity: long tables are slow to hash
 
@@ -81,6 +82,14 @@ class TableList:
             self.blocks.append(cells.values())
             self.length += len(self.blocks[-1])
         return self.known[key]
+
+    def add_rows(self, rows: tuple[tuple[float, float], ...]) -> int:
+        """Where the values of rows stand that are read as they are."""
+        if rows not in self.rows:
+            self.rows[rows] = self.length
+            self.blocks.append(np.ravel(rows))
+            self.length += len(self.blocks[-1])
+        return self.rows[rows]
 
     def array(self) -> Array:
         """All values; a zero where there are none, since Warp reads no empty array."""

@@ -88,14 +88,15 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
 
 
 def _couplings(drive: Drive) -> list[Body]:
-    """Couplings, k (1/J_a + 1/J_b) and c (1/J_a + 1/J_b) of the inertias that they see, and steep motors.
+    """Couplings, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b) of the inertias that they see, and steep motors.
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
     found, names = [], names_of(drive)
     for coupling in drive.couplings:
         ends = [names.index(name) for name in coupling.between]
-        give = sum(1.0 / seen_inertia(drive, b) for b in ends if is_free(drive, b))
+        turns = zip(ends, (1.0, coupling.largest_ratio), strict=True)
+        give = sum(i * i / seen_inertia(drive, b) for b, i in turns if is_free(drive, b))
         square = coupling.stiffness * give
         for s in ends:
             if s < len(drive.sprockets) and is_free(drive, s):

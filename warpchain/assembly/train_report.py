@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from warpchain.drive.shafts import first_ratio
 from warpchain.drive.trains import (
     driving_body,
     is_free,
@@ -56,12 +57,14 @@ def gears(drive: Drive) -> list[dict[str, Any]]:
 
 def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
-    aside, lash [rad], and at work twist [rad] and torque on the second [N m], counter-clockwise, None where no steady
-    state was found."""
+    aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], and at work twist
+    [rad] and torque taken from the first [N m], counter-clockwise, None where no steady state was found."""
     names, found = names_of(drive), []
     for coupling, twist, torque in zip(drive.couplings, running.twist, running.torque, strict=True):
         ends = [names.index(name) for name in coupling.between]
-        omega = math.sqrt(coupling.stiffness * sum(1.0 / seen_inertia(drive, b) for b in ends if is_free(drive, b)))
+        turns = zip(ends, (1.0, float(first_ratio(coupling) or 1)), strict=True)
+        give = sum(i * i / seen_inertia(drive, b) for b, i in turns if is_free(drive, b))
+        omega = math.sqrt(coupling.stiffness * give)
         found.append(
             {
                 "name": coupling.name,
@@ -69,6 +72,8 @@ def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
                 "frequency": omega / math.tau,
                 "damping_ratio": 0.5 * coupling.damping * omega / coupling.stiffness,
                 "lash": coupling.lash,
+                "ratios": None if coupling.ratios is None else list(coupling.ratios.ratio),
+                "clutch": None if coupling.clutch is None else coupling.clutch.most,
                 "working_twist": None if running.failure else float(twist),
                 "working_torque": None if running.failure else float(torque),
             }

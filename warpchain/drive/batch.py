@@ -26,6 +26,7 @@ from warpchain.drive.chain import Chain, WornLink
 from warpchain.drive.drive import Drive
 from warpchain.drive.motion_table import Table
 from warpchain.drive.schema import Part
+from warpchain.drive.shafts import Ratios
 from warpchain.errors import DriveError
 
 Value = TypeVar("Value")
@@ -128,7 +129,7 @@ class _Columns:
         types = set(map(type, values))
         if types == {float}:
             return self._numbers(values)
-        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, Table):
+        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, Table | Ratios):
             known = [_mark(value) for value in values]
             return first if len(set(known)) == 1 else self._differ(known)
         if isinstance(first, tuple):
@@ -182,6 +183,8 @@ def _mark(value: Any) -> Hashable:
     """A key that distinguishes a value of several types, or one that is no number, from others."""
     if isinstance(value, Table):
         return id(value)  # long ones are slow to compare
+    if isinstance(value, Ratios):
+        return value
     return type(value).__name__ if isinstance(value, tuple | Part | float) else (value, "")  # no text is a type's name
 
 

@@ -35,9 +35,10 @@ def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, A
 
 def _tables(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
-    turned = [(kind, i, part) for kind in ("sprockets", "shafts") for i, part in enumerate(elements(values, kind))]
+    kinds = ("sprockets", "shafts", "couplings")
+    turned = [(kind, i, part) for kind in kinds for i, part in enumerate(elements(values, kind))]
     for kind, i, sprocket in turned:
-        for part in ("prescribed", "load", "motor"):
+        for part in ("prescribed", "load", "motor", "clutch"):
             table = get(get(sprocket, part), "table")
             if not isinstance(table, dict) or not isinstance(table.get("file"), str):
                 continue

@@ -4,20 +4,23 @@ A shaft is one coordinate q with an inertia J, a motion or a load and a motor; s
 theta_0 + q, theta_0 where the chain seats. Forward is the way the chain turns it, else counter-clockwise. A gear pair
 ties two shafts, q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear. Shafts so tied turn as one, each rho
 times as fast, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b
-beyond +-b, within which neither spring nor damper acts.
+beyond +-b, within which neither spring nor damper acts. A gearbox is a coupling with ratios i that change: its twist is
+q_a - i q_b since the ratio engaged, and b gets i M. A clutch bears so much of M and slips beyond.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from fractions import Fraction
 from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.motion_table import MotorTable
+from warpchain.drive.motion_table import MotorTable, TorqueTable
 from warpchain.drive.schema import (
     BARE,
+    Column,
     Name,
     NonNegative,
     Part,
@@ -28,6 +31,7 @@ from warpchain.drive.schema import (
     allowed,
     elements,
     get,
+    numbers,
     plain_sequence,
 )
 from warpchain.drive.sprocket import MOST_TEETH, Load, Prescribed
@@ -147,8 +151,84 @@ class Gear(Part):
         yield from _two(node)
 
 
+LEAST_RATIO, MOST_RATIO = 0.01, 100.0
+"""Magnitudes of a gearbox's ratios."""
+
+
+class Ratios(Part):
+    """The ratios of a gearbox, each from its time until that of the next; it engages there without twist.
+
+    Attributes:
+        time: when each is engaged [s], the first at 0, ascending.
+        ratio: speed of a over that of b, negative where they turn against each other; 0 between gears: open.
+    """
+
+    time: Column
+    ratio: Column
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        time, ratio = elements(node, "time"), elements(node, "ratio")
+        if not numbers(*time, *ratio) or len(time) < 2:
+            return
+        if len(ratio) != len(time):
+            yield Problem(("ratio",), list(ratio), f"must have as many elements as time, {len(time)}")
+        if time[0] != 0.0:
+            yield Problem(("time", 0), time[0], "must be 0, from when on the first ratio is in use")
+        for i, (before, after) in enumerate(pairwise(time), 1):
+            if after <= before:
+                yield Problem(("time", i), after, f"must be above the element before, {before:g}")
+        for i, value in enumerate(ratio):
+            if value != 0.0 and not LEAST_RATIO <= abs(value) <= MOST_RATIO:
+                yield Problem(
+                    ("ratio", i), value, f"must be 0 (open), or {LEAST_RATIO:g} to {MOST_RATIO:g} in magnitude"
+                )
+        if not any(ratio):
+            yield Problem(
+                ("ratio",), list(ratio), "must have one that is not 0; without any the coupling never engages"
+            )
+
+
+class Clutch(Part):
+    """How much moment a coupling bears before it slips.
+
+    Attributes:
+        torque: constant [N m]; this or a table.
+        table: torque over time, at least 0: how the clutch is let in and out.
+    """
+
+    torque: Positive | None = None
+    table: TorqueTable | None = None
+
+    @property
+    def most(self) -> float:
+        """The largest moment that it bears [N m]."""
+        return max(self.table.values) if self.table is not None else self.torque or 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        torque, table = get(node, "torque"), get(node, "table")
+        if torque is None and table is None:
+            yield Problem(("torque",), None, f"missing; {allowed(cls, 'torque')}, or give table instead", BARE)
+        if torque is not None and table is not None:
+            yield Problem(("torque",), torque, "not together with table")
+        if get(table, "angle") is not None:
+            yield Problem(("table", "angle"), None, "not of a clutch; must be over time", BARE)
+        values = elements(table, "torque")
+        for i, value in enumerate(values):
+            if numbers(value) and value < 0.0:
+                yield Problem(("table", "torque", i), value, "must be at least 0")
+        factor = get(table, "factor")
+        if numbers(factor) and factor <= 0.0:
+            yield Problem(("table", "factor"), factor, "must be a positive number")
+        if values and numbers(*values) and not any(values):
+            yield Problem(
+                ("table", "torque"), list(values), "must have one above 0; without any the clutch bears nothing"
+            )
+
+
 class Coupling(Part):
-    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it.
+    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it; a gearbox, a clutch.
 
     Attributes:
         name: unique among all parts.
@@ -156,6 +236,8 @@ class Coupling(Part):
         stiffness: k [N m/rad].
         damping: c [N m s/rad].
         lash: play to either side of the middle, b [rad].
+        ratios: of a gearbox, over time; stiffness, damping and lash are those at a. None is 1 throughout.
+        clutch: what it bears before it slips; None never slips.
     """
 
     name: Name
@@ -163,10 +245,33 @@ class Coupling(Part):
     stiffness: Positive
     damping: NonNegative = 0.0
     lash: NonNegative = 0.0
+    ratios: Ratios | None = None
+    clutch: Clutch | None = None
+
+    @property
+    def slips(self) -> bool:
+        """Whether it has a clutch, or ratios."""
+        return self.clutch is not None or self.ratios is not None
+
+    @property
+    def largest_ratio(self) -> float:
+        """The largest magnitude of its ratios."""
+        return 1.0 if self.ratios is None else max(map(abs, self.ratios.ratio))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from _two(node)
+
+
+def first_ratio(coupling: Any) -> Fraction | None:
+    """The first ratio of a coupling that is not open; None where its ratios are not right. Takes a mapping, too."""
+    ratios = get(coupling, "ratios")
+    if ratios is None:
+        return Fraction(1)
+    values = [value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0]
+    if not values or not LEAST_RATIO <= abs(values[0]) <= MOST_RATIO:
+        return None
+    return Fraction(values[0]).limit_denominator(1_000_000)
 
 
 def _two(node: Any) -> Iterable[Problem]:

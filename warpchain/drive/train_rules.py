@@ -38,7 +38,7 @@ def train_rules(drive: Any) -> Iterator[Problem]:
         return
     if len({name for name in names if isinstance(name, str)}) < len(names):
         return  # said by others
-    wrong = list(_contradictions(drive, names))
+    wrong = list(_gearboxes(drive, names)) or list(_contradictions(drive, names))
     yield from wrong
     if not wrong:
         yield from _driven(drive, names, found)
@@ -99,6 +99,25 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, (tuple, list)) else value
 
 
+def _gearboxes(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
+    """Ratios are between two shafts, and those that change between two that nothing else ties."""
+    sprockets = elements(drive, "sprockets")
+    on_shaft = {(get(of, "name"), get(of, "shaft")) for of in sprockets}
+    for c, coupling in enumerate(elements(drive, "couplings")):
+        between = tuple(elements(coupling, "between"))
+        if get(coupling, "ratios") is not None and on_shaft & {between, between[::-1]}:
+            text = "not between a shaft and a sprocket on it; must be between two shafts"
+            yield Problem(("couplings", c, "ratios"), None, text, BARE)
+    for tie in ties(drive):
+        if tie.kind == "couplings":
+            ratios = get(elements(drive, "couplings")[int(tie.path[1])], "ratios")
+            several = {value for value in elements(ratios, "ratio") if value != 0.0}
+            others, _ = with_chain(drive, without=tie)
+            if len(several) > 1 and others.root[tie.a] == others.root[tie.b]:
+                text = f'"{names[tie.a]}" and "{names[tie.b]}" turn in one ratio by the rest of the drive; must be one'
+                yield Problem((*tie.path, "ratios", "ratio"), None, text, BARE)
+
+
 def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Gears, shafts and couplings that turn two bodies unlike the others do, and gears between two motions."""
     _, wrong = with_chain(drive)
@@ -133,10 +152,13 @@ def _carried(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
             yield Problem(("sprockets", s, "bearing"), None, text, BARE)
     on_arms = [sprocket for sprocket in sprockets if get(get(sprocket, "mount"), "kind") == "arm"]
     swinging = [get(sprocket, key) for sprocket in on_arms for key in ("name", "shaft")]
-    for g, gear in enumerate(elements(drive, "gears")):
-        for k, name in enumerate(elements(gear, "between")):
+    geared = [("gears", g, gear) for g, gear in enumerate(elements(drive, "gears"))]
+    couplings = enumerate(elements(drive, "couplings"))
+    geared += [("couplings", c, coupling) for c, coupling in couplings if get(coupling, "ratios") is not None]
+    for kind, i, pair in geared:
+        for k, name in enumerate(elements(pair, "between")):
             if isinstance(name, str) and name in swinging:
-                yield Problem(("gears", g, "between", k), name, "must not be on an arm, which moves it from the other")
+                yield Problem((kind, i, "between", k), name, "must not be on an arm, which moves it from the other")
 
 
 def _times(ratio: Fraction) -> str:
@@ -158,6 +180,8 @@ def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) 
         if known < 0:
             fits = "the other wrap would fit"
         return Problem((*tie.path[:2], "shaft"), a, f"{has}; {fits}")
+    if get(elements(drive, "couplings")[int(tie.path[1])], "ratios") is not None:
+        return Problem((*tie.path, "ratios", "ratio"), None, f"{has}; {float(1 / known):.9g} would fit", BARE)
     return Problem((*tie.path, "between"), [a, b], f"{has}; a coupling needs two that turn alike")
 
 

@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.schema import elements, get
+from warpchain.drive.shafts import first_ratio
 from warpchain.drive.sprocket import Led, Load
 
 PRESSURE_ANGLE = 20.0
@@ -85,6 +86,11 @@ def ties(drive: Any) -> list[Tie]:
                 if len(teeth) != 2 or not all(isinstance(z, int) and z > 0 for z in teeth):
                     continue
                 ratio = Fraction(teeth[0], teeth[1]) * (1 if get(part, "internal") is True else -1)
+            else:
+                engaged = first_ratio(part)
+                if engaged is None:
+                    continue
+                ratio = 1 / engaged
             found.append(Tie(names.index(between[0]), names.index(between[1]), ratio, kind, (kind, i)))
     return found
 
@@ -98,11 +104,14 @@ def rigid(drive: Any) -> Ratios:
     return found
 
 
-def with_chain(drive: Any, couplings: bool = True) -> tuple[Ratios, list[tuple[Tie, Fraction]]]:
+def with_chain(
+    drive: Any, couplings: bool = True, without: Tie | None = None
+) -> tuple[Ratios, list[tuple[Tie, Fraction]]]:
     """All bodies, the chain after them as one more, of which a sprocket of z teeth has 1/z; and contradicting ties.
 
     Args:
         couplings: whether what couplings couple turns alike.
+        without: a tie that is left out.
     """
     count, wrong = len(names_of(drive)), []
     found = Ratios(count + 1)
@@ -111,7 +120,7 @@ def with_chain(drive: Any, couplings: bool = True) -> tuple[Ratios, list[tuple[T
         if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0:
             found.tie(count, s, Fraction(-1 if get(sprocket, "wrap") == "cw" else 1, teeth))
     for tie in ties(drive):
-        if couplings or tie.kind != "couplings":
+        if tie != without and (couplings or tie.kind != "couplings"):
             known = found.tie(tie.a, tie.b, tie.ratio)
             if known is not None:
                 wrong.append((tie, known))
@@ -256,15 +265,16 @@ def stands(drive: Any, b: int) -> bool:
     return not is_free(drive, b) or held in train_of(drive, b).bodies
 
 
-def untwisted(drive: Any, c: int, laid: Any) -> tuple[int, int, Any]:
-    """The bodies that coupling c couples, and the first's angle less the second's where it is not twisted [rad].
+def untwisted(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
+    """The bodies that coupling c couples, and the first's angle less `ratio` times the second's where it is not twisted
+    [rad].
 
     Args:
         laid: (..., S) angles of the sprockets as the chain has been laid around them [rad].
     """
     first, second = (names_of(drive).index(name) for name in drive.couplings[c].between)
     rest = 0.0
-    for b, sense in ((first, 1.0), (second, -1.0)):
+    for b, turns in ((first, 1.0), (second, -ratio)):
         if b < len(drive.sprockets):
-            rest = rest + sense * laid[..., b]
+            rest = rest + turns * laid[..., b]
     return first, second, rest

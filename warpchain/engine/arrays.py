@@ -148,6 +148,7 @@ TABLE = {
         "bodies": Array("body", packed="bodies", kept=True),
         "body_stages": Array("body", kept=True),
         "wrenches": Array("body", kept=True),
+        "couplings": Array("coupling", packed="engaged", kept=True),
         "tensioners": Array("tensioner", packed="oil", kept=True),
         "pushes": Array("tensioner", kept=True),
         "meters": Array("tensioner", kept=True),

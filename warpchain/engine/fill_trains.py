@@ -60,11 +60,27 @@ def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
             row["table"]["over_angle"] = OVER_SPEED
 
 
-def fill_coupling(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
-    """Fills coupling c, which is not twisted where the chain has been laid."""
-    coupling = drive.couplings[c]
-    row["first"], row["second"], row["rest"] = untwisted(drive, c, assembly.sprocket_angle)
+def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
+    """Fills coupling c."""
+    coupling, names = drive.couplings[c], names_of(drive)
+    row["first"], row["second"] = (names.index(name) for name in coupling.between)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
+    ratios, clutch = coupling.ratios, coupling.clutch
+    if ratios is not None:
+        row["ratios"] = len(ratios.time)
+        row["first_ratio"] = tables.add_rows(tuple(zip(ratios.time, ratios.ratio, strict=True)))
+    if clutch is not None and clutch.table is not None:
+        row["capacity"] = 1.0
+        tables.add(row["engagement"], clutch.table, 1.0)
+    elif clutch is not None:
+        row["capacity"] = clutch.torque
+
+
+def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
+    """Fills the state of coupling c, which is not twisted where the chain has been laid."""
+    ratios = drive.couplings[c].ratios
+    row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
+    row["rest"] = untwisted(drive, c, row["ratio"], assembly.sprocket_angle)[2]
 
 
 def fill_gear(row: Any, drive: Drive, g: int) -> None:

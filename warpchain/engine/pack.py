@@ -51,7 +51,7 @@ from warpchain.engine.fill_bodies import (
     piece_count,
     profiled,
 )
-from warpchain.engine.fill_trains import fill_coupling, fill_gear, fill_motor, fill_shaft, fill_tie
+from warpchain.engine.fill_trains import fill_coupling, fill_engaged, fill_gear, fill_motor, fill_shaft, fill_tie
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
@@ -187,7 +187,9 @@ def _pack_trains(
             fill_motor(row, drive, h, gathered.tables)
     for c in range(len(drive.couplings)):
         with _rows(packed.couplings, at["first_coupling"] + c) as row:
-            fill_coupling(row, drive, c, assembly)
+            fill_coupling(row, drive, c, gathered.tables)
+        with _rows(packed.engaged, at["first_coupling"] + c) as row:
+            fill_engaged(row, drive, c, assembly)
     for g in range(len(drive.gears)):
         with _rows(packed.gears, at["first_gear"] + g) as row:
             fill_gear(row, drive, g)

@@ -26,10 +26,10 @@ from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
 
 JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guides", "links", "mounts"
-BEARINGS, ARMS, COUPLINGS = "bearings", "arms and tensioners", "couplings"
+BEARINGS, ARMS, COUPLINGS, SLIPPING = "bearings", "arms and tensioners", "couplings", "clutches and gear changes"
 """The groups: friction in the joints; damping and friction of rollers on teeth and on guides; damping of the links and
 of mounts; friction in bearings; damping of arms and tensioners with what gap and valve take of the oil's energy, and of
-couplings."""
+couplings; slipping of clutches and changes of ratio."""
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
@@ -52,6 +52,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
         BEARINGS: [f"{name}.bearing_friction" for name in teeth],
         ARMS: [f"{name}.{kind}" for name in pushed for kind in ("damping_loss", "oil_loss")],
         COUPLINGS: [f"{coupling.name}.damping_loss" for coupling in drive.couplings],
+        SLIPPING: [f"{coupling.name}.slip_loss" for coupling in drive.couplings],
     }
     found = {
         group: [float(metrics[name]) for name in names if metrics.get(name) is not None]

@@ -293,6 +293,12 @@ COUPLING = Group(
     ),
     source="coupling",
 )
+SLIPPING = Group(
+    "coupling",
+    (Column("slip_loss", "J", "energy lost as its clutch slips and its ratio changes", total("slip_loss")),),
+    source="coupling",
+    where=lambda drive, index: drive.couplings[index].slips,
+)
 GEAR = Group(
     "gear",
     (
@@ -483,7 +489,7 @@ MEASURED = (
     (ARM,),
     (TENSIONER, OIL),
     (SHAFT, MOTOR),
-    (COUPLING,),
+    (COUPLING, SLIPPING),
     (GEAR,),
     (JOINTS,),
 )

@@ -197,7 +197,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     if drive.shafts or drive.couplings:
         supplied = sums["shaft"]["motor_work"].sum(axis=1) - sums["coupling"]["led_work"].sum(axis=1)
         loaded = loaded + sums["shaft"]["load_work"].sum(axis=1)
-        dissipated = dissipated + sums["coupling"]["dissipated"].sum(axis=1)
+        dissipated = dissipated + sums["coupling"]["dissipated"].sum(axis=1) + sums["coupling"]["slip_loss"].sum(axis=1)
     if drive.arms or drive.tensioners:
         flows = sums["tensioner"]["flows"]
         dissipated = dissipated + sums["arm"]["dissipated"].sum(axis=1) + sums["tensioner"]["dissipated"].sum(axis=1)
