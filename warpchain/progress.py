@@ -21,9 +21,10 @@ TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {"name": "compiling, once for drives of this kind", "unit": "kernels", "at_once": True},
     "settling": {"unit": "drives"},
+    "modes": {"unit": "drives"},
     "simulating": {"unit": "s", "text": "{desc}: {percentage:.0f} %, {n:.3g} of {total:.4g} {unit} of simulated time"},
 }
-"""Settings of `bar` for the phases of a run."""
+"""Settings of `bar` for the phases of runs and of other long work."""
 
 
 class Lines:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors
-from ..physics.contact import gained, power_taken, pressed, reaction, rub, rub_evenly, stored
+from ..physics.contact import gained, power_taken, pressed, reaction, rub_at, sliding_coefficient, stored
 from ..physics.impact import elastic_force, force_by_growth
 from ..structs import Now, Totals, types
 from .neighbor_list import Group, is_near
@@ -282,21 +282,24 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
-        """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        """Friction; coefficients that hang on the speed in a loop of their own, which does not vectorize."""
         recall_holds(w, group, memory)
         i = group.low
-        if sliding.law.mu_static == sliding.law.mu_dynamic:
+        while i < group.high:
+            store_row(w, row.mu + i, sliding.law.mu_dynamic)
+            i = i + 1
+        if sliding.law.mu_static != sliding.law.mu_dynamic:
+            i = group.low
             while i < group.high:
-                size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
-                drag, holds = rub_evenly(size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
-                add_drag(w, i, drag, holds)
+                if load_row(w, row.size + i) > Real(0.0):
+                    store_row(w, row.mu + i, sliding_coefficient(normal_of(w, i), relative_of(w, i), sliding))
                 i = i + 1
-        else:
-            while i < group.high:
-                size, held = load_row(w, row.size + i), load_row(w, row.hold + i)
-                drag, holds = rub(size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
-                add_drag(w, i, drag, holds)
-                i = i + 1
+        i = group.low
+        while i < group.high:
+            size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
+            drag, holds = rub_at(mu, size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
+            add_drag(w, i, drag, holds)
+            i = i + 1
         if memory.stage == 0:
             keep_holds(w, group, memory)
 

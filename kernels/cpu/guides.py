@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors
+from ..native import accessors, load_constant
 from ..physics.contact import MISSED, UNTOUCHED, misses, surface_velocity, turned
-from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_profile, tracked_piece
+from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_piece, tracked_piece
 from ..structs import Piece, Pose, Totals, types
 from .contacts import contact_rows
 from .neighbor_list import Group, is_near, lowest_bit, next_bits
@@ -101,13 +101,37 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory):
-        """Stores the contact of roller i, which is near, with a profile."""
+    def track_pieces(
+        w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
+    ):
+        """Finds the pieces of a profile that the rollers are over, for their rows; the lowest and the highest."""
+        i = group.low
+        while i < group.high:
+            recall(w, i, group, memory)
+            store_row(w, row.penetration + i, Real(0.0))
+            store_row(w, row.piece + i, wp.where(is_near(group, i), Real(0.0), Real(-1.0)))
+            i = i + 1
+        lowest = guide.pieces - 1
+        highest = int(0)
+        bits = wp.where(guide.pieces > 1, group.near, group.fresh)
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            number = int(0)
+            if guide.pieces > 1:
+                q = in_frame(place(w, i) - body.center, body)
+                number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
+            store_piece(memory.seat, memory.first + i, number)
+            store_row(w, row.piece + i, Real(number))
+            lowest = wp.min(lowest, number)
+            highest = wp.max(highest, number)
+            bits = next_bits(bits)
+        return lowest, highest
+
+    @wp.func
+    def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
+        """Stores the contact of roller i with a piece of a profile."""
         arm = place(w, i) - body.center
-        q = in_frame(arm, body)
-        number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
-        store_piece(memory.seat, memory.first + i, number)
-        penetration, facing = on_profile(q, number, guide, pieces)
+        penetration, facing = on_piece(in_frame(arm, body), piece, following, guide)
         facing = turned(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
         relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
@@ -118,15 +142,19 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     def touch_profile(
         w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
     ):
-        """Stores the rollers' contacts with a profile; the guide's `first_piece` is its first among all `pieces`."""
-        i = group.low
-        while i < group.high:
-            recall(w, i, group, memory)
-            store_row(w, row.penetration + i, Real(0.0))
-            i = i + 1
-        bits = group.near
-        while bits != wp.uint64(0):
-            touch_piece(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
-            bits = next_bits(bits)
+        """Stores the rollers' contacts with a profile; the guide's `first_piece` is its first among all `pieces`.
+
+        Piece by piece, all rollers of the group at once.
+        """
+        number, highest = track_pieces(w, group, guide, body, pieces, memory)
+        while number <= highest:
+            piece = load_constant(pieces, guide.first_piece + number)
+            following = load_constant(pieces, guide.first_piece + number + 1)
+            i = group.low
+            while i < group.high:
+                if load_row(w, row.piece + i) == Real(number):
+                    touch_piece(w, i, guide, body, piece, following)
+                i = i + 1
+            number = number + 1
 
     return SimpleNamespace(**locals())

@@ -53,6 +53,7 @@ class Rows:
     sum_vy: int
     before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
     near: int  # 1: near the partner at hand, else 0
+    piece: int  # of the profile at hand that the roller is over, else -1
     direction_of: int  # the sprocket of the drive to a seat of which the direction below belongs, else -1
     direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
     direction_y: int
@@ -75,6 +76,7 @@ class Rows:
     press_x: int  # force on the roller [N]
     press_y: int
     size: int  # of the normal force [N]
+    mu: int  # coefficient of friction [-]
     damper: int  # what of it damps [N]
     hold: int  # what friction's bristle holds of it [N]
     drag_x: int  # friction [N]

@@ -105,18 +105,30 @@ def rub(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretche
         sliding: the contact's friction (`structs.Sliding`).
         stretched: as in `friction.held_back`.
     """
-    along = type(normal)(-normal[1], normal[0])
-    speed = products(relative[0], along[0], relative[1], along[1])
-    drag, holds = held_back(coefficient(wp.abs(speed), sliding.law) * size, speed, held, sliding.inertia, stretched)
-    return sized(along, drag), holds
+    mu = sliding_coefficient(normal, relative, sliding)
+    drag, holds = rub_at(mu, size, normal, relative, held, sliding, stretched)
+    return drag, holds
 
 
 @wp.func
 def rub_evenly(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
     """As `rub`, of one coefficient at all speeds."""
+    drag, holds = rub_at(sliding.law.mu_dynamic, size, normal, relative, held, sliding, stretched)
+    return drag, holds
+
+
+@wp.func
+def sliding_coefficient(normal: Any, relative: Any, sliding: Any):
+    """mu [-] at the speed at which a contact slides; arguments as of `rub`."""
+    return coefficient(wp.abs(products(relative[0], -normal[1], relative[1], normal[0])), sliding.law)
+
+
+@wp.func
+def rub_at(mu: Any, size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
+    """As `rub`, of a given coefficient."""
     along = type(normal)(-normal[1], normal[0])
     speed = products(relative[0], along[0], relative[1], along[1])
-    drag, holds = held_back(sliding.law.mu_dynamic * size, speed, held, sliding.inertia, stretched)
+    drag, holds = held_back(mu * size, speed, held, sliding.inertia, stretched)
     return sized(along, drag), holds
 
 

@@ -240,13 +240,29 @@ def on_profile(q: Any, number: int, guide: Any, pieces: Any):
         guide: `structs.Guide`, its `first_piece` counted among all; the penetration has the type of its lengths.
         pieces: of all.
     """
-    u, w, curvature = piece_coordinates(q, guide.first_piece + number, pieces)
+    first = guide.first_piece + number
+    penetration, facing = on_piece(q, load_constant(pieces, first), load_constant(pieces, first + 1), guide)
+    return penetration, facing
+
+
+@wp.func
+def on_piece(q: Any, piece: Any, following: Any, guide: Any):
+    """As `on_profile`, of one piece, from it and the one that follows; no penetration where the roller is over neither.
+
+    Args:
+        q: in the frame of the guide's body [m].
+        piece, following: of the profile (`structs.Piece`).
+        guide: `structs.Guide`.
+    """
     length = guide.length
-    height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(curvature))
+    u, w = line_coordinates(difference(q, piece.start), piece.direction)
+    height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(piece.curvature))
+    over = ahead_of(difference(q, piece.start), piece.direction)
+    past = ahead_of(difference(q, following.start), following.direction)
     penetration = guide.roller_radius - height
-    if height <= -guide.end_radius or piece_beyond(q, number, guide.first_piece, pieces) != 0:
+    if height <= -guide.end_radius or past or not over:
         penetration = type(length)(0.0)
-    t = leading(load_constant(pieces, guide.first_piece + number).direction)
+    t = leading(piece.direction)
     x = type(u)(along) * t[0] - type(u)(across) * t[1]
     y = type(u)(along) * t[1] + type(u)(across) * t[0]
     return penetration, type(t)(x, y)

@@ -2,7 +2,7 @@
 
 import argparse
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -41,7 +41,26 @@ def difference(drive: Drive, program: Path, steps: int = 2000) -> float:
     return float(np.abs(ours - run(program, drive, steps)[1][: 2 * n]).max())
 
 
+def jobs_of(drive: Drive, programs: Mapping[str, Path], steps: int) -> dict[str, Callable[[], float]]:
+    """What is timed of a drive, by title: rates in 1e6 roller-steps a second."""
+    rate = partial(engine_rate, drive, steps)
+    jobs: dict[str, Callable[[], float]] = {title: partial(c_rate, of, drive, steps) for title, of in programs.items()}
+    jobs |= {
+        "float64": partial(rate, "float64"),
+        "float64, metrics": partial(rate, "float64", metrics=True),
+        "float32": partial(rate, "float32"),
+        "float64, 8 variants": partial(rate, "float64", variants=8),
+        "float64, 8 variants, 2 cores": partial(rate, "float64", variants=8, cores=2),
+    }
+    if drive.chain.joint is None:
+        for precision in ("float64", "float32"):
+            for word, values in {"joint friction": JOINT_FRICTION, "Stribeck": STRIBECK}.items():
+                jobs[f"{precision}, {word}"] = partial(engine_rate, drive.with_values(values), steps, precision)
+    return jobs
+
+
 @case(
+    option("drives", nargs="*", default=["two", "smooth"], help="two, smooth, or examples (default two smooth)"),
     option("--steps", type=int, default=40_000, help="of each timed run (default 40000)"),
     option("--rounds", type=int, default=5, help="of which the best but one counts (default 5)"),
 )
@@ -49,35 +68,27 @@ def cpu(asked: argparse.Namespace) -> Iterator[Line]:
     """Roller-steps a second and core, beside plain C doing the same work, compiled on the spot.
 
     python scripts/bench.py cpu
+    python scripts/bench.py cpu car
 
     Each is timed in turns with the C program, and the best but one is compared: ratios are what counts. On one core the
-    CPU time is taken, so that what else runs on the machine does not count. The last lines have the part of the speed
-    that joint friction leaves. C leaves friction out: the drives are `two` and `smooth` (the marine drive without it).
+    CPU time is taken, so that what else runs on the machine does not count. `two` and `smooth` (the marine drive) are
+    without friction; their last lines have the part of the speed that joint friction leaves. The C program has
+    friction, curved guides, arms and oil, but no mounts, shafts, tables or links that differ.
     """
     steps = asked.steps
     with tempfile.TemporaryDirectory() as name:
         flags = {"C": (), "C, -fno-math-errno": ("-fno-math-errno",)}
         found = {title: c_program(Path(name), *each) for title, each in flags.items()}
         programs = {title: program for title, program in found.items() if program}
-        for title in ("two", "smooth"):
+        for title in asked.drives:
             drive = named(title)
-            rate = partial(engine_rate, drive, steps)
-            jobs: dict[str, Callable[[], float]] = {k: partial(c_rate, p, drive, steps) for k, p in programs.items()}
-            jobs |= {
-                "float64": partial(rate, "float64"),
-                "float64, metrics": partial(rate, "float64", metrics=True),
-                "float32": partial(rate, "float32"),
-                "float64, 8 variants": partial(rate, "float64", variants=8),
-                "float64, 8 variants, 2 cores": partial(rate, "float64", variants=8, cores=2),
-            }
-            for precision in ("float64", "float32"):
-                for word, values in {"joint friction": JOINT_FRICTION, "Stribeck": STRIBECK}.items():
-                    jobs[f"{precision}, {word}"] = partial(engine_rate, drive.with_values(values), steps, precision)
-            best = {word: best_but_one(found) for word, found in in_turns(jobs, asked.rounds).items()}
+            timed = in_turns(jobs_of(drive, programs, steps), asked.rounds)
+            best = {word: best_but_one(rates) for word, rates in timed.items()}
             yield f"\n{title}: {drive.chain.links} rollers, {steps} steps"
-            yield ("", "1e6 roller-steps/s", *(f"of {word}" for word in (*programs, "float64")))
+            yield ("", "us/step", "1e6 roller-steps/s", *(f"of {word}" for word in (*programs, "float64")))
             for word, speed in best.items():
-                yield (word, speed, *(f"{speed / best[of]:.2f}" for of in (*programs, "float64")))
+                each = drive.chain.links / speed
+                yield (word, f"{each:.3f}", speed, *(f"{speed / best[of]:.2f}" for of in (*programs, "float64")))
             if programs:
                 apart = difference(drive, programs["C"])
                 yield f"largest difference in position from C after 2000 steps: {apart:.1e} m"

@@ -4,6 +4,7 @@ import math
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from warpchain import Drive
 from warpchain.engine.packed import Packed
 
 
-def reference_input(packed: Packed) -> bytes:
-    """Variant 0 in the layout that the programs read."""
+def cuda_input(packed: Packed) -> bytes:
+    """Variant 0 in the layout that the CUDA program reads."""
     drive, chain = packed.drives[0], packed.chains[0]
     n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
     head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
@@ -41,10 +42,117 @@ def reference_input(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-def run(program: Path, drive: Drive, *words: object) -> tuple[str, np.ndarray]:
+LAW = ("form", "stiffness", "exponent", "damping", "speed_floor", "lag", "yielding")
+FRICTION = ("mu_dynamic", "mu_static", "stribeck_speed")
+BODY = (
+    "prescribed",
+    "sign",
+    "inverse_inertia",
+    "following",
+    "speed",
+    "ramp_time",
+    "start_angle",
+    "load",
+    "load_ramp_time",
+)
+PLACED = ("center", "angle", "speed", "angular")
+TEETH = ("teeth", "pitch_radius", "near_square", "far_square", "half_pitch_tangent", "clearance", "cos_half_seat")
+TEETH += ("sin_half_seat", "tip_reach")
+GUIDE = (
+    "start",
+    "direction",
+    "length",
+    "end_radius",
+    "roller_radius",
+    "deepest_entry",
+    "body",
+    "pieces",
+    "first_piece",
+)
+PIECE = ("start", "direction", "curvature")
+ARM = ("stiffness", "free_angle", "damping", "low", "high", "stop_stiffness", "stop_damping", "mass_moment", "gravity")
+TENSIONER = (
+    "body",
+    "point",
+    "home",
+    "direction",
+    "stiffness",
+    "preload",
+    "damping",
+    "hydraulic",
+    "area",
+    "volume",
+    "leak",
+)
+TENSIONER += ("drag", "supply", "ambient", "vapor", "bulk_modulus", "air", "hole_area", "valve_preload")
+TENSIONER += ("valve_stiffness", "lift_max", "seat_width", "seat_growth", "discharge", "density", "laminar_limit")
+TENSIONER += ("bottom", "stop_stiffness", "stop_damping")
+"""Fields of the engine's structs that the C program's have, in their order."""
+
+
+def numbers(row: np.void, names: tuple[str, ...]) -> list[float]:
+    """Numbers of a struct, those of vectors one by one."""
+    return [float(value) for name in names for value in np.ravel(row[name])]
+
+
+def lacking(packed: Packed) -> list[str]:
+    """What variant 0 has that the C program does not know."""
+    drive = packed.drives[0]
+    found = {
+        "stages": drive["integrator"] != 0,
+        "shafts": drive["tied"] != 0,
+        "hubs": drive["hubs"] != 0,
+        "mounts": packed.mounts["active"].any() or packed.mounts["moves"].any(),
+        "links that differ": packed.links["varied_links"].any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
+        "tables": packed.motions["drive_table"]["cells"].any() or packed.motions["load_table"]["cells"].any(),
+        "curved flanks": packed.sprockets["flank_curvature"].any(),
+        "ratchets": packed.tensioners["ratchet_pitch"].any(),
+    }
+    return [name for name, there in found.items() if there]
+
+
+def c_input(packed: Packed) -> bytes:
+    """Variant 0 in the layout that the C program reads.
+
+    Raises:
+        SystemExit: what it does not know, in one line.
+    """
+    if unknown := lacking(packed):
+        raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
+    drive, chain, joint = packed.drives[0], packed.chains[0], packed.joints[0]
+    n, sprockets, guides, bodies = (int(drive[name]) for name in ("rollers", "sprockets", "guides", "bodies"))
+    tensioners = int(drive["tensioners"])
+    values = [n, sprockets, guides, len(packed.pieces) if packed.guides["pieces"].any() else 0, bodies - sprockets]
+    values += [tensioners, drive["light"], drive["step"], packed.lengths[0]]
+    values += numbers(chain, ("stiffness", "damping", "mass", "gravity"))
+    values += [*numbers(joint, ("rubs", "pin_radius", "arm", "inertia")), *numbers(joint["law"], FRICTION)]
+    for motion, body in zip(packed.motions[:bodies], packed.bodies, strict=False):
+        rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
+        harmonics = np.zeros((8, 3))
+        harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
+        values += [*numbers(motion, BODY), rows["count"], *harmonics.ravel(), *numbers(body, PLACED)]
+    rubbing = ((packed.sprockets[:sprockets], packed.tooth_sliding, TEETH, ()),)
+    rubbing += ((packed.guides[:guides], packed.guide_sliding, GUIDE, ("low", "high")),)
+    for partners, slidings, names, box in rubbing:
+        for partner, sliding in zip(partners, slidings, strict=False):
+            values += [*numbers(partner, names), *numbers(partner, box), *numbers(partner["law"], LAW)]
+            values += [*numbers(sliding, ("rubs", "inertia")), *numbers(sliding["law"], FRICTION)]
+    for piece in packed.pieces[: int(values[3])]:
+        values += numbers(piece, PIECE)
+    for arm in packed.arms[: bodies - sprockets]:
+        values += numbers(arm, ARM)
+    for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
+        values += [*numbers(tensioner, TENSIONER), *numbers(oil, ("content", "pressure"))]
+    values += [*packed.rollers[: 4 * n], *packed.seat[: (sprockets + guides) * n]]
+    return np.array(values, dtype=np.float64).tobytes()
+
+
+def run(
+    program: Path, drive: Drive, *words: object, layout: Callable[[Packed], bytes] = c_input
+) -> tuple[str, np.ndarray]:
     """A program's lines for a drive, and the final x, y, vx, vy rows."""
     with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "in").write_bytes(reference_input(packed_of(drive, 1, "float64", schedule(drive, False))))
+        (Path(name) / "in").write_bytes(layout(packed_of(drive, 1, "float64", schedule(drive, False))))
         command = [str(program), f"{name}/in", f"{name}/out", *map(str, words)]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         return said, np.fromfile(f"{name}/out")
@@ -75,5 +183,5 @@ def cuda_seconds(drive: Drive, precision: str, steps: int, variants: int, folder
     program = cuda_program(folder)
     if program is None:
         return math.nan
-    words = [line.split() for line in run(program, drive, steps, variants)[0].splitlines()]
+    words = [line.split() for line in run(program, drive, steps, variants, layout=cuda_input)[0].splitlines()]
     return {"float64" if size == "8" else "float32": float(seconds) for size, _, seconds in words}[precision]

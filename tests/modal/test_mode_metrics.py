@@ -5,6 +5,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain.drive import dumps_drive
+from warpchain.engine import processes
 from warpchain.modal.campbell import base_modes, mode_metrics
 from warpchain.study.run import run_study
 
@@ -35,7 +36,9 @@ def test_other_links_are_told_by_name(base):
     assert set(mode_metrics(wanted, longer)) <= set(mode_metrics(wanted, base))
 
 
-def test_a_study_follows_modes(base, tmp_path):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_study_follows_modes(base, tmp_path, workers, monkeypatch):
+    monkeypatch.setattr(processes, "FEWEST", 1)
     (tmp_path / "drive.toml").write_text(dumps_drive(base))
     (tmp_path / "study.toml").write_text(
         """
@@ -54,7 +57,7 @@ def test_a_study_follows_modes(base, tmp_path):
         duration = 1e-4
         """
     )
-    run_study(tmp_path / "study.toml", tmp_path / "out")
+    run_study(tmp_path / "study.toml", tmp_path / "out", workers=workers)
     table = pq.read_table(tmp_path / "out" / "results.parquet")
     names = [f"modes.{name}.frequency" for name in base_modes(base, 3).names]
     assert set(names) <= set(table.column_names)

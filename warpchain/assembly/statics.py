@@ -314,7 +314,10 @@ class _Solver:
         return found[0] if len(found) == 1 else together(found)
 
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
-        """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
+        """The equilibrium near x, and the largest force left, over the largest at work.
+
+        Sought is `enough`, or, below `_ENOUGH`, what a whole Newton step no longer halves: rounding is left of it.
+        """
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
         self._move_levers(x)
@@ -330,9 +333,12 @@ class _Solver:
             after = self._terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
+                whole, before = shift == least, float(np.abs(slope).max())
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
                 self._move_levers(x)
                 slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
+                if whole and 0.5 * before < float(np.abs(slope).max()) <= _ENOUGH * self.force:
+                    break
             else:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force

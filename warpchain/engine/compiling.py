@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import pickle
 import shutil
 import signal
@@ -23,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from warpchain.engine.processes import can_start, started
 from warpchain.progress import COMPILING, Report, Stop
 
 if TYPE_CHECKING:
@@ -134,24 +134,24 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
         report, stop: of the run.
     """
     left = list({job.path: job for job in jobs}.values())
-    started: list[tuple[Job, subprocess.Popen[bytes]]] = []
+    processes: list[tuple[Job, subprocess.Popen[bytes]]] = []
     count, running, begun = len(left), 0, time.monotonic()
     if count:
         report(COMPILING, 0, count)
-    if min(count, cores) < 2 or not sys.executable or getattr(sys, "frozen", False):
+    if min(count, cores) < 2 or not can_start():
         return
     try:
         while (left or running) and not stop.asked:
             for job in left[: cores - running]:
                 with contextlib.suppress(OSError):  # no process, or no memory for one
-                    started.append((job, _started(job)))
+                    processes.append((job, _started(job)))
             del left[: cores - running]
-            running = sum(process.poll() is None for _, process in started)
+            running = sum(process.poll() is None for _, process in processes)
             share = (time.monotonic() - begun) / GPU_SECONDS
             report(COMPILING, compiled(count - len(left) - running, count, share), count)
             time.sleep(EVERY)
     finally:
-        for job, process in started:
+        for job, process in processes:
             process.kill()
             process.wait()
             for unfinished in job.path.parents[1].glob(f"{job.path.parent.name}_p{process.pid}_*"):
@@ -159,15 +159,8 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
 
 
 def _started(job: Job) -> subprocess.Popen[bytes]:
-    """A process that compiles a kernel. It imports what this one does, and sees no GPU, which it would reserve."""
-    paths = os.pathsep.join(filter(None, map(str, sys.path)))
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", __name__],
-        env=os.environ | {"PYTHONPATH": paths, "CUDA_VISIBLE_DEVICES": ""},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    """A process that compiles a kernel."""
+    process = started(__name__)
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended
         pipe.write(pickle.dumps(job))

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, overload
 
 import numpy as np
 import scipy.linalg
@@ -25,13 +26,16 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
-from warpchain.arguments import Count, Index, NonNegativeNumber, checked
+from warpchain.arguments import Count, Index, NonNegativeNumber, Workers, checked
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
-from warpchain.errors import SimulationError
+from warpchain.engine.processes import each
+from warpchain.engine.simulation import available_cores
+from warpchain.errors import SimulationError, WarpchainError
 from warpchain.modal.matrices import Array
 from warpchain.modal.system import System, Whole, common_shafts, system
 from warpchain.modal.tensioner_modes import Plungers, plungers, stand
+from warpchain.progress import Report, interruptible, reporter
 
 Share = tuple[str, Array]
 WHOLE = 120
@@ -205,24 +209,75 @@ PER_MODE = (*MOVING, *PUSHED)
 """Fields of `Modes` that have a row for each mode."""
 
 
+@overload
+def modes(
+    drives: Drive,
+    count: int = 20,
+    speed: float = 0.0,
+    valve: Literal["shut", "open"] = "shut",
+    *,
+    workers: int | None = None,
+    progress: bool | Report = False,
+) -> Modes: ...
+
+
+@overload
+def modes(
+    drives: Sequence[Drive],
+    count: int = 20,
+    speed: float = 0.0,
+    valve: Literal["shut", "open"] = "shut",
+    *,
+    workers: int | None = None,
+    progress: bool | Report = False,
+) -> list[Modes | WarpchainError]: ...
+
+
 @checked(SimulationError)
 def modes(
-    drive: Drive, count: Count = 20, speed: NonNegativeNumber = 0.0, valve: Literal["shut", "open"] = "shut"
-) -> Modes:
-    """The lowest modes of a drive.
+    drives: Drive | Sequence[Drive],
+    count: Count = 20,
+    speed: NonNegativeNumber = 0.0,
+    valve: Literal["shut", "open"] = "shut",
+    *,
+    workers: Workers | None = None,
+    progress: bool | Report = False,
+) -> Modes | list[Modes | WarpchainError]:
+    """The lowest modes of a drive, or those of each of many drives.
 
     Args:
-        drive: the drive.
+        drives: one drive, or many, which may differ in everything.
         count: how many modes that swing, from the lowest frequency up.
         speed: of the driver [rad/s]: 0 is at rest under the constant parts of the loads; else the chain runs steadily,
             and loads are those at this speed.
         valve: check valves of hydraulic tensioners "shut", as for motion that anyone sees, or "open" as they are at
             rest, for motion that changes the pressure by some hundred pascals at most.
+        workers: processes that take many drives, each on a core; None is all cores.
+        progress: True shows a bar; a function is called with ("modes", done, total), in drives.
+
+    Returns:
+        Of one drive its modes; of many a list, in their order, each entry what the drive alone gives: its modes, or the
+        error, where that is one of those below.
 
     Raises:
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or an argument that is not allowed; one line.
+        KeyboardInterrupt: the user stopped it.
     """
+    work = partial(_modes_at, count=count, speed=speed, valve=valve)
+    if isinstance(drives, Drive):
+        return work(drives)
+    with interruptible(), reporter(progress) as report:
+        found = each(work, drives, workers or available_cores(), lambda done: report("modes", done, len(drives)))
+    for error in found:
+        if not isinstance(error, Modes | WarpchainError):
+            raise error
+    return [
+        replace(own, drive=drive) if isinstance(own, Modes) else own for drive, own in zip(drives, found, strict=True)
+    ]
+
+
+def _modes_at(drive: Drive, count: int, speed: float, valve: str) -> Modes:
     return modes_of(system(drive, speed, valve=valve), count)
 
 

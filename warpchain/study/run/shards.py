@@ -11,17 +11,17 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpchain.drive.replicates import copies_of
-from warpchain.engine.simulation import MEMORY
+from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import COMPILING, look_for_stop
+from warpchain.progress import COMPILING
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
@@ -71,30 +71,42 @@ def simulate_variants(
         simulate_variants(study, base, on, archive, options, lambda part: report(share + (1.0 - share) * part))
         return
     _build_all(study, base, variants)
+    runs = 1.0 if study.metrics.modes is None else 0.5  # of the whole, roughly
+
+    def report_runs(part: float) -> None:
+        report(runs * part)
+
+    def follow() -> None:
+        _follow_modes(study, base, variants, options.get("workers"), lambda part: report(runs + (1.0 - runs) * part))
+
     if _held(study, variants, options.get("memory", MEMORY)):
-        _simulate(study, variants, None, options, report)
+        _simulate(study, variants, None, options, report_runs)
         _archive(variants, archive, options.get("archive_options"))
-        _follow_modes(study, base, variants)
+        follow()
         return
     streamed = [variant for variant in variants if variant.recorded]
     plain = [variant for variant in variants if not variant.recorded]
     share = len(plain) / len(variants)
-    _simulate(study, plain, None, options, lambda part: report(share * part))
-    _simulate(study, streamed, archive, options, lambda part: report(share + (1.0 - share) * part))
-    _follow_modes(study, base, variants)
+    _simulate(study, plain, None, options, lambda part: report_runs(share * part))
+    _simulate(study, streamed, archive, options, lambda part: report_runs(share + (1.0 - share) * part))
+    follow()
 
 
-def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: Report) -> None:
     """Adds the base drive's modes to the metrics of the variants, where the study asks for them."""
     if study.metrics.modes is None:
         return
+    from warpchain.engine.processes import each
     from warpchain.modal.campbell import base_modes, mode_metrics
 
-    wanted = base_modes(base, study.metrics.modes)
-    for variant in variants:
-        look_for_stop()
-        if variant.drive is not None and variant.measured is not None:
-            variant.modes = mode_metrics(wanted, variant.drive)
+    work = partial(mode_metrics, base_modes(base, study.metrics.modes))
+    settled = [variant for variant in variants if variant.drive is not None and variant.measured is not None]
+    drives = [variant.drive for variant in settled]
+    answers = each(work, drives, workers or available_cores(), lambda done: report(done / len(drives)))
+    for variant, found in zip(settled, answers, strict=True):
+        if isinstance(found, Exception):
+            raise found
+        variant.modes = found
 
 
 def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:

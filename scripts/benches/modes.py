@@ -1,0 +1,41 @@
+"""Modes of many drives that differ."""
+
+import argparse
+import os
+import time
+from collections.abc import Iterator
+
+from common.cases import Line, case, option
+
+from benches.drives import named, other
+from warpchain import modes as modes_of_drives
+from warpchain.engine.simulation import available_cores
+
+
+def cpu_seconds() -> float:
+    """CPU time of this process and of those that it has ended [s]."""
+    return sum(os.times()[:4])
+
+
+@case(
+    option("--count", type=int, default=64, help="drives (default 64)"),
+    option("--modes", type=int, default=10, help="of each (default 10)"),
+    option("--workers", type=int, nargs="+", default=[1, available_cores()], help="processes (default 1, all cores)"),
+)
+def modes(asked: argparse.Namespace) -> Iterator[Line]:
+    """Seconds that modes of marine drives take, which differ in five values, places among them.
+
+    python scripts/bench.py modes
+
+    CPU time is that of all processes, their starts of a second or two included, so that what else runs on the machine
+    counts little; the last column is what 10,000 drives take at this rate on 16 cores.
+    """
+    base = named("marine")
+    drives = [other(base, k) for k in range(asked.count)]
+    modes_of_drives(drives[:1], asked.modes)
+    yield ("processes", "a second of time", "a drive, CPU time [s]", "10,000 drives on 16 cores [s]")
+    for workers in asked.workers:
+        begin, spent = time.perf_counter(), cpu_seconds()
+        modes_of_drives(drives, asked.modes, workers=workers)
+        each = (cpu_seconds() - spent) / asked.count
+        yield (workers, asked.count / (time.perf_counter() - begin), each, each * 10_000 / 16)

@@ -1,0 +1,130 @@
+"""Work in processes of its own: kernels to compile, and many small things, which Python's lock keeps from threads.
+
+A process imports what this one does, sees no GPU, which it would reserve, and takes one core. It does not import the
+program that runs here, as those of `multiprocessing` do, so that a script needs no guard around what it calls.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+from typing import Any
+
+from warpchain.errors import SimulationError
+from warpchain.progress import completed, look_for_stop
+
+FEWEST = 16
+"""Things for which a process is worth its start, which takes a second or two."""
+ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""What keeps the libraries below numpy to one core."""
+
+
+def can_start() -> bool:
+    """Whether this Python can start another one."""
+    return bool(sys.executable) and not getattr(sys, "frozen", False)
+
+
+def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    """A process that runs a module of this package and reads from its standard input.
+
+    Args:
+        answers: its standard output, as `subprocess.Popen` takes it.
+    """
+    paths = os.pathsep.join(filter(None, map(str, sys.path)))
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module],
+        env=os.environ | ONE_CORE | {"PYTHONPATH": paths, "CUDA_VISIBLE_DEVICES": ""},
+        stdin=subprocess.PIPE,
+        stdout=answers,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def each(
+    work: Callable[[Any], Any], things: Sequence[Any], workers: int, report: Callable[[int], object] = lambda done: None
+) -> list[Any]:
+    """What a function gives for each of many things, in their order; the exception, where it raises one.
+
+    Few things are done here, one after the other.
+
+    Args:
+        work: a function of a module, or `functools.partial` of one; it, things and answers can be pickled.
+        workers: processes at most.
+        report: called with how many are done.
+
+    Raises:
+        SimulationError: a process ended before its work, as for lack of memory.
+        KeyboardInterrupt: the user asked to stop.
+    """
+    workers = min(workers, len(things) // FEWEST)
+    if workers < 2 or not can_start():
+        found = []
+        for thing in things:
+            look_for_stop()
+            found.append(_tried(work, thing))
+            report(len(found))
+        return found
+    processes = [started(__name__, subprocess.PIPE) for _ in range(workers)]
+    idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
+    for process in processes:
+        idle.put(process)
+
+    def ask(thing: Any) -> Any:
+        process = idle.get()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            pickle.dump((work, thing), process.stdin)
+            process.stdin.flush()
+            return pickle.load(process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            raise SimulationError(f"a process ended before its work (exit status {process.wait()})") from None
+        finally:
+            idle.put(process)
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        futures = [pool.submit(ask, thing) for thing in things]
+        for done, future in enumerate(completed(futures), 1):
+            future.result()
+            report(done)
+        return [future.result() for future in futures]
+    finally:
+        for process in processes:
+            process.kill()
+        pool.shutdown(cancel_futures=True)
+        for process in processes:
+            with contextlib.suppress(BrokenPipeError), process:
+                process.wait()
+
+
+def _tried(work: Callable[[Any], Any], thing: Any) -> Any:
+    try:
+        return work(thing)
+    except Exception as error:
+        return error
+
+
+def serve() -> None:
+    """Answers what is asked on standard input, on what was standard output, until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
+    with os.fdopen(os.dup(1), "wb") as answers:
+        os.dup2(2, 1)
+        while True:
+            try:
+                work, thing = pickle.load(sys.stdin.buffer)
+            except EOFError:
+                return
+            pickle.dump(_tried(work, thing), answers)
+            answers.flush()
+
+
+if __name__ == "__main__":
+    serve()
