@@ -43,14 +43,11 @@ def _load(arguments: argparse.Namespace) -> Any:
 def check(arguments: argparse.Namespace) -> int:
     from warpchain.assembly.summary import derive, report
 
-    drive, path = _load(arguments), arguments.output
-    if path is not None and path.suffix not in (".png", ".svg"):
-        raise WarpchainError(f"-o {path}: must end in .png, .svg")
-    if path is not None:  # also of a drive whose number of links does not fit
-        from warpchain.view.figures.drive_figure import drive_figure
-        from warpchain.view.figures.style import save_figure
+    drive = _load(arguments)
+    if arguments.output is not None:  # also of a drive whose number of links does not fit
+        from warpchain.cli.draw_command import draw_to
 
-        save_figure(drive_figure(drive), path)
+        draw_to(drive, arguments.output)
     values = derive(drive)
     if arguments.json:
         import json
@@ -58,6 +55,16 @@ def check(arguments: argparse.Namespace) -> int:
         print(json.dumps({"units": "SI, angles in degrees", **values}, indent=2))
     else:
         print(report(values))
+    return DONE
+
+
+def draw(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.draw_command import drawn_lines, watch
+
+    if arguments.watch:
+        watch(lambda: _load(arguments), arguments)
+    else:
+        print(*drawn_lines(_load(arguments), arguments.output), sep="\n")
     return DONE
 
 

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | report | export | ...`.
+"""The command line: `warpchain check | draw | chains | fit | modes | tensioner | run | view | plot | report | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -62,6 +62,20 @@ def _check(commands: Any) -> None:
     add_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units, angles in degrees")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
+
+
+def _draw(commands: Any) -> None:
+    parser = _add(
+        commands,
+        do.draw,
+        "draw a drive before it runs, and print what check finds",
+        "warpchain draw drive.toml -o drive.svg --watch",
+    )
+    add_options(parser, "drive", "--set")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="the drawing: .png or .svg")
+    parser.add_argument(
+        "--watch", action="store_true", help="draw again whenever the drive file is saved, until Ctrl-C"
+    )
 
 
 def _chains(commands: Any) -> None:
@@ -333,6 +347,7 @@ def _study(commands: Any) -> None:
 
 COMMANDS = (
     _check,
+    _draw,
     _chains,
     _devices,
     _fit,
