@@ -68,6 +68,22 @@ def draw(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def schema(arguments: argparse.Namespace) -> int:
+    import json
+
+    if arguments.of == "drive":
+        from warpchain.drive import Drive
+        from warpchain.drive.json_schema import file_schema
+
+        found = file_schema(Drive, "warpchain drive file")
+    else:
+        from warpchain.study.spec import study_schema
+
+        found = study_schema()
+    print(json.dumps(found, indent=1, ensure_ascii=False))
+    return DONE
+
+
 def chains(_: argparse.Namespace) -> int:
     from warpchain.drive.catalogue import listing
 

@@ -82,6 +82,12 @@ def _chains(commands: Any) -> None:
     _add(commands, do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
 
 
+def _schema(commands: Any) -> None:
+    text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
+    parser = _add(commands, do.schema, text, "warpchain schema drive > drive.schema.json")
+    parser.add_argument("of", choices=["drive", "study"], help="which files")
+
+
 def _devices(commands: Any) -> None:
     text = "list the devices that runs can take, and how fast they were measured to be"
     parser = _add(commands, do.devices, text, "warpchain devices --calibrate")
@@ -349,6 +355,7 @@ COMMANDS = (
     _check,
     _draw,
     _chains,
+    _schema,
     _devices,
     _fit,
     _modes,
