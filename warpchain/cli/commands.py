@@ -68,6 +68,22 @@ def draw(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def metrics(arguments: argparse.Namespace) -> int:
+    from warpchain.results.metric_columns import column_of, table_names
+
+    columns = {name: column_of(name) for name in table_names(_load(arguments))}
+    rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
+    if arguments.json:
+        import json
+
+        print(json.dumps([dict(zip(("name", "unit", "title"), row, strict=True)) for row in rows], indent=1))
+        return DONE
+    wide, short = (max(len(row[k]) for row in rows) for k in (0, 1))
+    for name, unit, title in rows:
+        print(f"{name:{wide}}  {unit:{short}}  {title}")
+    return DONE
+
+
 def schema(arguments: argparse.Namespace) -> int:
     import json
 

@@ -43,6 +43,10 @@ EPILOG = """examples:
 """
 
 
+SHELLS = ("bash", "zsh", "fish")
+"""Shells that `--completions` knows."""
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser that says a mistake in one line, without the usage before it."""
 
@@ -80,6 +84,13 @@ def _draw(commands: Any) -> None:
 
 def _chains(commands: Any) -> None:
     _add(commands, do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+
+
+def _metrics(commands: Any) -> None:
+    text = "list the metrics that a run of a drive gives, with units and words"
+    parser = _add(commands, do.metrics, text, "warpchain metrics car | grep tension")
+    add_options(parser, "drive", "--set")
+    parser.add_argument("--json", action="store_true", help="as a JSON list of name, unit and title")
 
 
 def _schema(commands: Any) -> None:
@@ -354,6 +365,7 @@ def _study(commands: Any) -> None:
 COMMANDS = (
     _check,
     _draw,
+    _metrics,
     _chains,
     _schema,
     _devices,
@@ -382,6 +394,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
+    text = "print what makes a shell complete commands, options and files; needs the extra completions"
+    top.add_argument("--completions", choices=SHELLS, help=text)
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
     for add in COMMANDS:
         add(commands)
@@ -424,6 +438,11 @@ def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) ->
         from importlib.metadata import version
 
         print(f"warpchain {version('warpchain')}")
+        return DONE
+    if arguments.completions is not None:
+        from warpchain.cli.completions import script
+
+        print(script(top, arguments.completions))
         return DONE
     if arguments.command is None:
         top.print_help()
