@@ -68,6 +68,13 @@ def draw(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def new(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.new_command import new_file
+
+    print(*new_file(arguments), sep="\n")
+    return DONE
+
+
 def metrics(arguments: argparse.Namespace) -> int:
     from warpchain.results.metric_columns import column_of, table_names
 

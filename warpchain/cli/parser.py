@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | draw | chains | fit | modes | tensioner | run | view | plot | report | ...`.
+"""The command line: `warpchain new | check | draw | metrics | fit | modes | tensioner | run | view | plot | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -59,6 +59,21 @@ def _add(commands: Any, run: Callable[[argparse.Namespace], int], text: str, exa
     parser = add_command(commands, run.__name__.partition("_")[0], text, example)
     parser.set_defaults(run=run)
     return parser
+
+
+def _new(commands: Any) -> None:
+    example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
+    parser = _add(commands, do.new, "write a commented drive file from a size, teeth and centers", example)
+    parser.add_argument("output", metavar="OUT.toml", type=Path, help="drive file to write")
+    parser.add_argument("--size", required=True, metavar="SIZE", help="of the chain, such as 16B (warpchain chains)")
+    text = "of each sprocket, in the order in which the chain visits them; the first drives, the last is braked"
+    parser.add_argument("--teeth", required=True, type=whole_number, nargs="+", metavar="N", help=text)
+    parser.add_argument("--centers", required=True, type=number, nargs="+", metavar="X Y", help="of each sprocket [m]")
+    parser.add_argument("--speed", type=angular_speed, metavar="SPEED", help="of the first [rad/s], or as 300rpm")
+    parser.add_argument("--torque", type=number, metavar="N_M", help="moment that brakes the last [N m]")
+    text = "leave the last sprocket where it is, however the even number of links fits"
+    parser.add_argument("--keep-centers", action="store_true", help=text)
+    parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
 
 
 def _check(commands: Any) -> None:
@@ -363,6 +378,7 @@ def _study(commands: Any) -> None:
 
 
 COMMANDS = (
+    _new,
     _check,
     _draw,
     _metrics,
