@@ -2,9 +2,9 @@
 
 import ast
 import re
+import resource
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,14 +34,20 @@ BANNED = [
 """Words that say less than the field's own terms do."""
 
 
+def children_time():
+    """Processor time of the processes that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def test_help_is_quick_and_loads_nothing_heavy():
     command = [sys.executable, "-X", "importtime", "-m", "warpchain", "--help"]
     took = []
     for _ in range(3):  # the first may have to compile what it imports
-        begin = time.perf_counter()
+        begin = children_time()
         done = subprocess.run(command, capture_output=True, text=True, check=True)
-        took.append(time.perf_counter() - begin)
-    assert min(took) < 2.0  # 0.1 s here; the limit is for a busy machine
+        took.append(children_time() - begin)
+    assert min(took) < 0.5  # 0.1 s here; of the processor's time, as the machine may be busy
     for heavy in HEAVY:
         assert f" {heavy}\n" not in done.stderr, heavy
 

@@ -1,6 +1,7 @@
 """Pages of reference, made of the code's own tables and docstrings: keys of files, command line, Python."""
 
 import argparse
+import json
 import re
 from collections.abc import Iterator
 from typing import Any, get_args
@@ -9,9 +10,10 @@ import warpchain
 from pages.tables import table
 from warpchain.cli.parser import parser as command_line
 from warpchain.drive import Drive
+from warpchain.drive.json_schema import file_schema
 from warpchain.drive.quantities import descriptions
 from warpchain.drive.schema import Part, allowed
-from warpchain.study.spec.study_file import Study
+from warpchain.study.spec.study_file import Study, study_schema
 
 MODULES = {
     "drives and files": "drive: drive chain sprocket run_settings contact_settings",
@@ -121,11 +123,16 @@ def python_pages() -> dict[str, str]:
 
 
 def pages() -> dict[str, str]:
-    """Every page of reference by its path below `reference`."""
-    more = "Every table and key of a [{0} file](../{1}.md), from the code itself."
+    """Every page of reference, and the schemas, by their paths below `reference`."""
+    more = (
+        "Every table and key of a [{0} file](../{1}.md), from the code itself; for editors as a JSON schema, "
+        "[{0}.schema.json]({0}.schema.json)."
+    )
     return {
         "drive-keys.md": keys_page(Drive, "Keys of drive files", more.format("drive", "drive-file")),
         "study-keys.md": keys_page(Study, "Keys of study files", more.format("study", "studies")),
+        "drive.schema.json": json.dumps(file_schema(Drive, "warpchain drive file"), indent=1, ensure_ascii=False),
+        "study.schema.json": json.dumps(study_schema(), indent=1, ensure_ascii=False),
         "commands.md": commands_page(),
         **python_pages(),
     }

@@ -283,7 +283,11 @@ def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
     path = written(tmp_path)
     good = path.read_text()
     for old, new, told in (
-        ('"tension_max"', '"tension_mux"', 'objectives.0.metric = "tension_mux": no such metric; near'),
+        (
+            '"tension_max"',
+            '"tension_mux"',
+            'objectives.0.metric = "tension_mux": no such metric; did you mean tension_max?',
+        ),
         ("max = 900", "min = 5.0, max = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
         ('sense = "max"', 'sense = "most"', 'must be "min" or "max"'),
         ('metric = "tension_max"', 'metric = "s1.transmission_error_rms"', "it needs record.every = 1"),

@@ -512,19 +512,29 @@ def _report_several(values: dict[str, Any]) -> str:
     return "\n".join([*lines, *_step_lines(values)])
 
 
+def fit_and_findings(values: dict[str, Any]) -> list[str]:
+    """Fit of the chain, faults of the layout and advice, a line each; of several chains each behind its name."""
+    if "chains" in values:
+        each = values["chains"].items()
+        return [f'chain "{name}": {line}' for name, chain in each for line in fit_and_findings(chain)]
+    state = "taut" if values["strain"] >= 0.0 else "slack"
+    return [
+        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
+        f"{values['standing_preload']:.4g} N once seated",
+        *(f"LAYOUT: {finding}" for finding in values["layout"]),
+        *(f"LOOK AT {finding}" for finding in values["advice"]),
+    ]
+
+
 def _chain_lines(values: dict[str, Any]) -> list[str]:
     """Lines on a chain, and what it runs over."""
-    state = "taut" if values["strain"] >= 0.0 else "slack"
     worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
     return [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
         *_joint_lines(values),
-        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
-        f"{values['standing_preload']:.4g} N once seated",
-        *(f"LAYOUT: {finding}" for finding in values["layout"]),
-        *(f"LOOK AT {finding}" for finding in values["advice"]),
+        *fit_and_findings(values),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

@@ -43,14 +43,11 @@ def _load(arguments: argparse.Namespace) -> Any:
 def check(arguments: argparse.Namespace) -> int:
     from warpchain.assembly.summary import derive, report
 
-    drive, path = _load(arguments), arguments.output
-    if path is not None and path.suffix not in (".png", ".svg"):
-        raise WarpchainError(f"-o {path}: must end in .png, .svg")
-    if path is not None:  # also of a drive whose number of links does not fit
-        from warpchain.view.figures.drive_figure import drive_figure
-        from warpchain.view.figures.style import save_figure
+    drive = _load(arguments)
+    if arguments.output is not None:  # also of a drive whose number of links does not fit
+        from warpchain.cli.draw_command import draw_to
 
-        save_figure(drive_figure(drive), path)
+        draw_to(drive, arguments.output)
     values = derive(drive)
     if arguments.json:
         import json
@@ -58,6 +55,55 @@ def check(arguments: argparse.Namespace) -> int:
         print(json.dumps({"units": "SI, angles in degrees", **values}, indent=2))
     else:
         print(report(values))
+    return DONE
+
+
+def draw(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.draw_command import drawn_lines, watch
+
+    if arguments.watch:
+        watch(lambda: _load(arguments), arguments)
+    else:
+        print(*drawn_lines(_load(arguments), arguments.output), sep="\n")
+    return DONE
+
+
+def new(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.new_command import new_file
+
+    print(*new_file(arguments), sep="\n")
+    return DONE
+
+
+def metrics(arguments: argparse.Namespace) -> int:
+    from warpchain.results.metric_columns import column_of, table_names
+
+    columns = {name: column_of(name) for name in table_names(_load(arguments))}
+    rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
+    if arguments.json:
+        import json
+
+        print(json.dumps([dict(zip(("name", "unit", "title"), row, strict=True)) for row in rows], indent=1))
+        return DONE
+    wide, short = (max(len(row[k]) for row in rows) for k in (0, 1))
+    for name, unit, title in rows:
+        print(f"{name:{wide}}  {unit:{short}}  {title}")
+    return DONE
+
+
+def schema(arguments: argparse.Namespace) -> int:
+    import json
+
+    if arguments.of == "drive":
+        from warpchain.drive import Drive
+        from warpchain.drive.json_schema import file_schema
+
+        found = file_schema(Drive, "warpchain drive file")
+    else:
+        from warpchain.study.spec import study_schema
+
+        found = study_schema()
+    print(json.dumps(found, indent=1, ensure_ascii=False))
     return DONE
 
 

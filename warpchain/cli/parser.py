@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | report | export | ...`.
+"""The command line: `warpchain new | check | draw | metrics | fit | modes | tensioner | run | view | plot | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -43,6 +43,10 @@ EPILOG = """examples:
 """
 
 
+SHELLS = ("bash", "zsh", "fish")
+"""Shells that `--completions` knows."""
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser that says a mistake in one line, without the usage before it."""
 
@@ -57,6 +61,21 @@ def _add(commands: Any, run: Callable[[argparse.Namespace], int], text: str, exa
     return parser
 
 
+def _new(commands: Any) -> None:
+    example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
+    parser = _add(commands, do.new, "write a commented drive file from a size, teeth and centers", example)
+    parser.add_argument("output", metavar="OUT.toml", type=Path, help="drive file to write")
+    parser.add_argument("--size", required=True, metavar="SIZE", help="of the chain, such as 16B (warpchain chains)")
+    text = "of each sprocket, in the order in which the chain visits them; the first drives, the last is braked"
+    parser.add_argument("--teeth", required=True, type=whole_number, nargs="+", metavar="N", help=text)
+    parser.add_argument("--centers", required=True, type=number, nargs="+", metavar="X Y", help="of each sprocket [m]")
+    parser.add_argument("--speed", type=angular_speed, metavar="SPEED", help="of the first [rad/s], or as 300rpm")
+    parser.add_argument("--torque", type=number, metavar="N_M", help="moment that brakes the last [N m]")
+    text = "leave the last sprocket where it is, however the even number of links fits"
+    parser.add_argument("--keep-centers", action="store_true", help=text)
+    parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
+
+
 def _check(commands: Any) -> None:
     parser = _add(commands, do.check, "print what a drive amounts to, without running it", "warpchain check marine")
     add_options(parser, "drive", "--set")
@@ -64,8 +83,35 @@ def _check(commands: Any) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
 
 
+def _draw(commands: Any) -> None:
+    parser = _add(
+        commands,
+        do.draw,
+        "draw a drive before it runs, and print what check finds",
+        "warpchain draw drive.toml -o drive.svg --watch",
+    )
+    add_options(parser, "drive", "--set")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="the drawing: .png or .svg")
+    parser.add_argument(
+        "--watch", action="store_true", help="draw again whenever the drive file is saved, until Ctrl-C"
+    )
+
+
 def _chains(commands: Any) -> None:
     _add(commands, do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+
+
+def _metrics(commands: Any) -> None:
+    text = "list the metrics that a run of a drive gives, with units and words"
+    parser = _add(commands, do.metrics, text, "warpchain metrics car | grep tension")
+    add_options(parser, "drive", "--set")
+    parser.add_argument("--json", action="store_true", help="as a JSON list of name, unit and title")
+
+
+def _schema(commands: Any) -> None:
+    text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
+    parser = _add(commands, do.schema, text, "warpchain schema drive > drive.schema.json")
+    parser.add_argument("of", choices=["drive", "study"], help="which files")
 
 
 def _devices(commands: Any) -> None:
@@ -333,8 +379,12 @@ def _study(commands: Any) -> None:
 
 
 COMMANDS = (
+    _new,
     _check,
+    _draw,
+    _metrics,
     _chains,
+    _schema,
     _devices,
     _fit,
     _modes,
@@ -361,6 +411,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
+    text = "print what makes a shell complete commands, options and files; needs the extra completions"
+    top.add_argument("--completions", choices=SHELLS, help=text)
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
     for add in COMMANDS:
         add(commands)
@@ -403,6 +455,11 @@ def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) ->
         from importlib.metadata import version
 
         print(f"warpchain {version('warpchain')}")
+        return DONE
+    if arguments.completions is not None:
+        from warpchain.cli.completions import script
+
+        print(script(top, arguments.completions))
         return DONE
     if arguments.command is None:
         top.print_help()

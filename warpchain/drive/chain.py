@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, WithJsonSchema
 
 from warpchain.drive.batch_math import along, many, some, sqrt, where
 from warpchain.drive.catalogue import CHAINS
@@ -49,9 +49,14 @@ def _check_size(value: str) -> str:
 
 
 SIZE_TEXT = "must be a size of ISO 606: " + ", ".join(CHAINS)
-Size = Annotated[Annotated[str, Field(strict=True), AfterValidator(_check_size)], Value(SIZE_TEXT)]
+Size = Annotated[
+    Annotated[str, Field(strict=True), AfterValidator(_check_size)],
+    WithJsonSchema({"type": "string", "enum": list(CHAINS)}),
+    Value(SIZE_TEXT),
+]
 Stiffness = Annotated[
     Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)],
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": ESTIMATE}]}),
     Value('must be a positive number, or "estimate" together with a size'),
 ]
 

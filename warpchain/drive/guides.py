@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, WithJsonSchema, create_model
 
 from warpchain.drive.biarcs import fitted
 from warpchain.drive.contact_settings import GuideOverrides
@@ -53,8 +53,11 @@ _Points = Annotated[
     BeforeValidator(_plain_points),
 ]
 Points = Annotated[_Points, Value("must be a list of at least 2 points [x, y] of finite numbers")]
+_NUMBERS = {"type": "array", "items": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}}
 Measured = Annotated[
-    _Points, Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files")
+    _Points,
+    WithJsonSchema({"anyOf": [_NUMBERS, {"type": "string"}]}),
+    Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files"),
 ]
 
 SMALLEST, LARGEST = 1e-9, 1e9

@@ -214,11 +214,17 @@ def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
             return
 
 
-def nearest(key: str, known: Iterable[str]) -> str:
-    """The end of a sentence about an unknown key: the one probably meant, else all there are."""
+def nearest(key: str, known: Iterable[str], most: int | None = None) -> str:
+    """The end of a sentence about an unknown key: the one probably meant, else all there are, or the first `most`."""
     names = list(known)
     close = difflib.get_close_matches(key, names, n=1)
-    return f"did you mean {close[0]}?" if close else "allowed are " + ", ".join(names)
+    return f"did you mean {close[0]}?" if close else f"allowed are {some_of(names, most or len(names))}"
+
+
+def some_of(names: Iterable[str], most: int) -> str:
+    """The first names for a message, and how many more there are."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def at_most(node: Any, key: str, most: int) -> Iterator[Problem]:

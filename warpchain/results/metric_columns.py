@@ -567,6 +567,11 @@ def metric_names(drive: Drive) -> list[str]:
     return [prefix + column.name for prefix, _, group in of_drive(drive) for column in group.columns]
 
 
+def table_names(drive: Drive) -> list[str]:
+    """Names of all columns of the metrics of a run of a drive, in the table's order."""
+    return [*(column.name for column in RUN.columns), *metric_names(drive)]
+
+
 def _names_of_chains(drive: Drive) -> list[str]:
     """Names of the metrics of a drive with several chains (`results.metrics.metrics_of_chains`)."""
     found = []

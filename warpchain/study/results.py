@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.schema import nearest, some_of
 from warpchain.errors import StudyError
 from warpchain.results.arrow_tables import export_table as export_table
 from warpchain.results.arrow_tables import without_unit_heads
@@ -38,6 +39,8 @@ BOOKKEEPING = ("variant", *OUTCOME, *ARCHIVED, *ADJUSTED, *RUN_COLUMNS, *SETTLIN
 Array = NDArray[np.float64]
 DISTRIBUTION = "distribution"
 """Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
+NAMED = 12
+"""Most columns that an error lists."""
 SHOWN = 6
 """Metrics that notebooks show."""
 
@@ -129,7 +132,7 @@ class Results:
 
     def _known(self, name: str) -> None:
         if name not in self.table.column_names:
-            raise StudyError(f"column {name!r}: not in the table; it has {some_of(self.table.column_names)}")
+            raise StudyError(f"column {name!r}: not in the table; {nearest(name, self.table.column_names, NAMED)}")
 
     def values(self, name: str) -> Array:
         """A numeric column (R,), NaN where it is empty.
@@ -206,12 +209,6 @@ def varies(values: Array) -> bool:
     return len(finite) > 1 and bool(np.ptp(finite) > 1e-12 * np.abs(finite).max())
 
 
-def some_of(names: Iterable[str], most: int = 12) -> str:
-    """The first names for a message, and how many more there are."""
-    names = list(names)
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
 def _is_numeric(table: pa.Table, name: str) -> bool:
     import pyarrow.types as kinds
 
@@ -251,7 +248,7 @@ def read_results(
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
     if not chosen:
         raise StudyError(
-            f"factors: none given, and the table marks none; its columns are {some_of(table.column_names)}"
+            f"factors: none given, and the table marks none; its columns are {some_of(table.column_names, NAMED)}"
         )
     noted = _with_role(table, b"metric")
     if metrics is not None:
@@ -265,7 +262,7 @@ def read_results(
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:
-                raise StudyError(f"{kind}: {name!r} is not in the table; it has {some_of(table.column_names)}")
+                raise StudyError(f"{kind}: {name!r} is not in the table; {nearest(name, table.column_names, NAMED)}")
     results = Results(table, chosen, measured)
     for word in sorted(set(results.status) - set(STATUSES)):
         raise StudyError(f"column 'status': {word!r} is unknown; allowed are {', '.join(STATUSES)}")

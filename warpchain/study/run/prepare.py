@@ -10,7 +10,6 @@ that it is one again.
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -20,14 +19,13 @@ from typing import TYPE_CHECKING, Any
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.drive.schema import elements, valid
+from warpchain.drive.schema import elements, nearest, valid
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text, refusals, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
-from warpchain.study.results import some_of
 from warpchain.study.run.folder import REPLICATES, Folder, differences, make_folder, open_folder, plan_file, write_plan
 from warpchain.study.run.shard_plan import Block
 from warpchain.study.spec import Study, check_drive, dumps_study, load_study
@@ -203,10 +201,10 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
             names += [f"{PREFIX}{name}.{column.name}" for column in OF_MODES]
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
-            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; there are {some_of(names, 8)}')
+            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
-        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; there are {some_of(names, 8)}')
+        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; {nearest(worst.metric, names, 8)}')
     lines += _wanted_lines(study, drive, names)
     for factor in study.factors:
         if factor.name in names:
@@ -232,8 +230,8 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
                 if study.record.every != 1:
                     yield f'{key}.{i}.metric = "{metric}": is of recorded variants; it needs record.every = 1'
             elif metric not in (*names, *factors):
-                near = difflib.get_close_matches(metric, [*names, *recorded, *factors], 3, 0.4)
-                yield f'{key}.{i}.metric = "{metric}": no such metric; near it are {", ".join(near) or "none"}'
+                known = [*factors, *names, *recorded]
+                yield f'{key}.{i}.metric = "{metric}": no such metric; {nearest(metric, known, 8)}'
 
 
 def growable(known: Study, other: Study) -> bool:

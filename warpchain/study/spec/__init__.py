@@ -6,6 +6,7 @@ from warpchain.study.spec.study_file import (
     dumps_study,
     load_study,
     loads_study,
+    study_schema,
 )
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "dumps_study",
     "load_study",
     "loads_study",
+    "study_schema",
 ]

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from warpchain.drive import Drive
 from warpchain.drive import toml as drive_toml
+from warpchain.drive.json_schema import file_schema
 from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements, get
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
@@ -292,6 +293,16 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         StudyError: if it cannot be read, in one line, or with one line for each of its errors.
     """
     return loads_study(read_text(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
+
+
+def study_schema() -> dict[str, Any]:
+    """The JSON schema of study files (`warpchain.drive.json_schema`), whose `limits` are a table or a list."""
+    schema = file_schema(Study, "warpchain study file")
+    bounds, limits = schema["properties"].pop("bounds"), schema["properties"]["limits"]
+    table = {"$ref": limits.pop("$ref")}
+    entries = {"type": "array", "items": {"anyOf": [bounds["items"], table]}}
+    schema["properties"]["limits"] = limits | {"anyOf": [table, entries]}
+    return schema
 
 
 def dumps_study(study: Study) -> str:

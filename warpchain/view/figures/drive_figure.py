@@ -23,6 +23,7 @@ from warpchain.results.scene import (
     teeth_at,
 )
 from warpchain.results.units import display_unit, shown
+from warpchain.view.figures.dimensions import LINE, arm_travel, draw_dimensions, written
 from warpchain.view.figures.style import about
 from warpchain.view.palette import scale_top, tension_colormap
 
@@ -75,14 +76,18 @@ def drive_figure(
     line = np.concatenate([chain.line for chain in chains])
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
     parts = [[*teeth_at(chain.drive, chain.pose, 4), *parts_at(chain.drive, chain.pose)] for chain in chains]
-    points = (part.points for of_chain in parts for part in of_chain)
+    travel = [arm_travel(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
+    points = [part.points for of_chain in parts for part in of_chain]
+    points += [reached for of_chain in travel for reached in of_chain]
     low, high = _extent([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
     unit, factor = shown("m", span)
     figure = Figure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
-    for chain, mine in zip(chains, parts, strict=True):
+    for chain, mine, reached in zip(chains, parts, travel, strict=True):
         draw_parts(axis, chain.drive, chain.pose, mine, factor)
+        if isinstance(of, Drive):
+            draw_dimensions(axis, chain.drive, chain.pose, reached, factor)
     lines = [chain.line for chain in chains]
     if isinstance(of, Trajectory) and of.tension is not None:
         color_chain(axis, lines, of.tension[f], scale_top([of]) if top is None else top, factor)
@@ -134,7 +139,8 @@ def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: f
     for arm in drive.arms:
         axis.plot(*np.multiply(factor, arm.pivot), "o", color=STEEL, ms=5, zorder=2)
     for sprocket, center in zip(drive.sprockets, factor * pose.center, strict=True):
-        axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **halo)
+        below = {"xytext": (0, -LINE * written(axis, center)), "textcoords": "offset points"}
+        axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **below, **halo)
 
 
 def color_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:

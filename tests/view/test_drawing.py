@@ -1,0 +1,120 @@
+"""`warpchain draw`: the dimensions in a drive's picture, what it prints, and drawing again at every save."""
+
+import math
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from command import run as command
+from waiting import wait_for
+
+from warpchain import load_drive
+from warpchain.assembly import assemble
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.rings import rings_of
+from warpchain.view.figures.dimensions import TRAVEL
+from warpchain.view.figures.drive_figure import drive_figure
+
+
+def words_of(figure):
+    return [text.get_text() for text in figure.axes[0].texts]
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_radii_wraps_links_and_travel_are_in_the_picture(name):
+    """Radii p / (2 sin(pi/z)) and wraps as of the path, to the digits that are shown; links add up with the seated."""
+    drive = load_drive(drive_path(name))
+    words = words_of(drive_figure(drive))
+    for ring in rings_of(drive):
+        path, whole = chain_path(ring.drive), ring.drive
+        for s, sprocket in enumerate(whole.sprockets):
+            told = [w for w in words if w.startswith(f"{sprocket.teeth} teeth, r ")]
+            shown = [re.fullmatch(r"\d+ teeth, r ([\d.]+) (m|mm)\nwrap ([\d.]+)\N{DEGREE SIGN}", w) for w in told]
+            radius = whole.sprocket_pitch(s) / (2.0 * math.sin(math.pi / sprocket.teeth))
+            assert any(
+                float(match[1]) * (1e-3 if match[2] == "mm" else 1.0) == pytest.approx(radius, rel=1e-3)
+                and float(match[3]) == pytest.approx(math.degrees(path.wrap_angle[s]), abs=0.051)
+                for match in shown
+            ), sprocket.name
+        for links in assemble(whole).strand_links:
+            assert f"{links} links" in words
+        for arm, angle in zip(whole.arms, path.arm_angle, strict=True):
+            (told,) = [w for w in words if w.startswith(f"{arm.name} at ")]
+            assert f"{math.degrees(angle):+.1f}\N{DEGREE SIGN}" in told
+            assert arm.stops is None or "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops) in told
+    assert f"{drive.links} links" in drive_figure(drive).axes[0].get_title()
+
+
+def test_arms_are_drawn_on_their_stops():
+    """The blade's end lies on the circle about the pivot, a stop's angle from where the drawing has it: exact."""
+    drive = load_drive(drive_path("car"))
+    (axis,) = drive_figure(drive).axes
+    dashed = [line.get_xydata() for line in axis.lines if line.get_linewidth() == TRAVEL["lw"]]
+    pivot, end = 1e3 * np.array(drive.arms[0].pivot), 1e3 * np.array(drive.profile(0).face[0].start)
+    for stop in np.radians(drive.arms[0].stops):
+        c, s = math.cos(stop), math.sin(stop)
+        there = pivot + np.array([[c, -s], [s, c]]) @ (end - pivot)
+        assert any(np.hypot(*(line - there).T).min() < 1e-9 for line in dashed)
+    # and within the picture
+    low, high = np.array([axis.get_xlim(), axis.get_ylim()]).T
+    assert all((low < points).all() and (points < high).all() for points in dashed)
+
+
+def test_texts_of_sprockets_on_one_shaft_stand_below_one_another():
+    axis = drive_figure(load_drive(drive_path("v6"))).axes[0]
+    at = [(tuple(np.round(text.xy, 6)), text.xyann) for text in axis.texts]
+    assert len(at) == len(set(at))
+
+
+def test_a_chain_that_does_not_fit_has_lengths_in_pitches():
+    words = words_of(drive_figure(load_drive(drive_path("car")).with_values({"chain.links": 140})))
+    assert sum(word.endswith(" pitches") for word in words) == 3 and not any(w.endswith(" links") for w in words)
+
+
+def test_draw_prints_what_check_finds(capsys, tmp_path):
+    picture = tmp_path / "drive.svg"
+    status, out, err = command(capsys, "draw", "marine", "-o", picture)
+    assert (status, err) == (0, []) and out[-1] == str(picture) and "</svg>" in picture.read_text()
+    found = [line for line in command(capsys, "check", "marine")[1] if line.startswith(("fit: ", "LAYOUT", "LOOK AT"))]
+    assert out[:-1] == found and len(found) >= 1
+    status, out, _ = command(capsys, "draw", "v6", "-o", tmp_path / "v6.png")
+    assert status == 0 and sum(line.startswith('chain "') and "fit: " in line for line in out) == 4
+
+
+def test_draw_refuses_in_one_line(capsys, tmp_path):
+    for more in ((), ("--watch",)):
+        status, _, err = command(capsys, "draw", "car", "-o", tmp_path / "car.gif", *more)
+        assert status == 2 and err == [f"warpchain: error: -o {tmp_path / 'car.gif'}: must end in .png, .svg"]
+    status, _, err = command(capsys, "draw", "cat", "-o", tmp_path / "car.svg")
+    assert status == 2 and 'did you mean "car"?' in err[0]
+    # a chain that does not fit is drawn, which is what the picture may tell
+    status, _, err = command(capsys, "draw", "car", "--set", "chain.links=140", "-o", tmp_path / "long.png")
+    assert status == 2 and len(err) == 1 and (tmp_path / "long.png").stat().st_size > 10_000
+
+
+def test_watch_draws_at_every_save_and_outlives_mistakes(tmp_path):
+    file, picture = tmp_path / "drive.toml", tmp_path / "drive.svg"
+    text = drive_path("motorcycle").read_text()
+    file.write_text(text)
+    words = [sys.executable, "-m", "warpchain", "draw", str(file), "-o", str(picture), "--watch"]
+    told = tmp_path / "told.txt"
+    with told.open("w") as out:
+        process = subprocess.Popen(words, stdout=out, stderr=subprocess.STDOUT)
+    try:
+        wait_for(lambda: str(picture) in told.read_text())
+        first = picture.read_bytes()
+        file.write_text(text.replace("teeth = 45", "teeth = many"))
+        wait_for(lambda: "error: " in told.read_text())
+        assert picture.read_bytes() == first and process.poll() is None
+        file.write_text(text.replace("teeth = 14", "teeth = 15"))
+        wait_for(lambda: told.read_text().count(str(picture) + "\n") == 2)
+        assert picture.read_bytes() != first
+        assert told.read_text().count(" fit: ") == 2
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0 and "Traceback" not in told.read_text()
+    finally:
+        process.kill()

@@ -1,0 +1,93 @@
+"""The command `warpchain draw`: the picture of a drive, what `check` finds beside it, and both again at every save."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+INTERVAL = 0.25
+"""Seconds between two looks at the drive file."""
+
+
+def draw_to(drive: Drive, path: Path) -> None:
+    """Writes the picture of a drive, also of one whose number of links does not fit.
+
+    Raises:
+        WarpchainError: another ending than .png or .svg, a chain without a path, or a file that cannot be written.
+    """
+    from warpchain.view.figures.drive_figure import drive_figure
+    from warpchain.view.figures.style import save_figure
+
+    check_ending(path)
+    save_figure(drive_figure(drive), path)
+
+
+def check_ending(path: Path) -> None:
+    """Refuses a picture's name that ends in neither .png nor .svg."""
+    from warpchain.view.figures.style import KINDS
+
+    if path.suffix[1:] not in KINDS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(f'.{kind}' for kind in KINDS)}")
+
+
+def drawn_lines(drive: Drive, path: Path) -> list[str]:
+    """Draws a drive; returns how its chain fits and what `check` finds, and the picture's name.
+
+    Raises:
+        WarpchainError: as `draw_to` and `warpchain.assembly.summary.derive`.
+    """
+    from warpchain.assembly.summary import derive, fit_and_findings
+
+    draw_to(drive, path)
+    return [*fit_and_findings(derive(drive)), str(path)]
+
+
+def watch(load: Callable[[], Drive], arguments: Namespace) -> None:
+    """Draws at once and whenever the drive file changes, until Ctrl-C; says what is wrong and goes on looking.
+
+    Args:
+        load: reads the drive.
+        arguments: with "drive" and "output", as the parser has them.
+
+    Raises:
+        WarpchainError: a picture's ending that is not allowed.
+    """
+    from warpchain.drive.examples import drive_path
+
+    check_ending(arguments.output)
+    file, known = drive_path(arguments.drive), None
+    try:
+        while True:
+            now = _state(file)
+            if now != known:
+                known = now
+                for line in _findings(load, arguments.output):
+                    print(f"{time.strftime('%H:%M:%S')} {line}", flush=True)
+            time.sleep(INTERVAL)
+    except KeyboardInterrupt:
+        return
+
+
+def _findings(load: Callable[[], Drive], path: Path) -> list[str]:
+    """Lines on the drive as it now stands; errors are lines as well."""
+    try:
+        return drawn_lines(load(), path)
+    except WarpchainError as error:
+        return [f"error: {line}" for line in str(error).splitlines()]
+
+
+def _state(file: Path) -> tuple[int, int, int] | None:
+    """A file's state, another after each save; None while an editor has it away."""
+    try:
+        now = file.stat()
+    except OSError:
+        return None
+    return now.st_mtime_ns, now.st_size, now.st_ino

@@ -1,0 +1,212 @@
+"""The command `warpchain new`: a commented drive file from a chain's size, numbers of teeth and centers."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.assembly.fitting import fit_links, fit_position
+from warpchain.assembly.summary import derive, fit_and_findings
+from warpchain.drive import loads_drive, write_drive_text
+from warpchain.drive.catalogue import CHAINS, CatalogueChain
+from warpchain.drive.schema import nearest
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+Point = tuple[float, float]
+
+CHAIN_SPEED = 3.0
+"""Speed of the chain where none is given [m/s]."""
+SAFETY = 15.0
+"""Breaking load over the pull of the moment where none is given [-]."""
+STEEL = 7850.0
+"""Density of the disks that sprockets count as [kg/m^3]."""
+TOOTH_WIDTH = 0.93
+"""Width of teeth over the chain's inner width, as in ISO 606 [-]."""
+LOOSENESS, BUSH = 0.004, 5.0e9
+"""Clearance in a seat over the pitch [-], stiffness of bush and pin over the pitch [N/m^2]: as in the examples."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A drive that is asked for, and the values that follow.
+
+    Attributes:
+        chain: row of the catalog.
+        teeth, centers: (S,) of the sprockets, in the order in which the chain visits them [m].
+        speed: of the first sprocket [rad/s].
+        torque: that brakes the last one [N m].
+        links: number of links.
+        moved: how far the last sprocket stands from where it was asked for [m].
+    """
+
+    chain: CatalogueChain
+    teeth: tuple[int, ...]
+    centers: tuple[Point, ...]
+    speed: float
+    torque: float
+    links: int = 100
+    moved: float = 0.0
+
+    @property
+    def names(self) -> list[str]:
+        """A name for each sprocket."""
+        idlers = [f"idler {k}" if len(self.teeth) > 3 else "idler" for k in range(1, len(self.teeth) - 1)]
+        return ["driver", *idlers, "driven"]
+
+    @property
+    def wraps(self) -> list[str]:
+        """Senses in which the chain goes around: that of the polygon of centers, the other one at its notches."""
+        at = np.array(self.centers)
+        before, after = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
+        turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        return ["cw" if turn < 0.0 else "ccw" for turn in turns]
+
+
+def new_file(arguments: Namespace) -> list[str]:
+    """Runs the command; returns the lines to print.
+
+    Args:
+        arguments: output, size, teeth, centers, speed, torque, keep_centers and overwrite, as the parser has them.
+
+    Raises:
+        DriveError: an unknown size, too few sprockets or centers, a chain without a path, or a file that is there.
+    """
+    path = arguments.output
+    if path.exists() and not arguments.overwrite:
+        raise DriveError(f"{path}: exists; --overwrite replaces it")
+    asked = _asked(arguments)
+    drive = fit_links(loads_drive(_text(asked)))
+    if not arguments.keep_centers:
+        (ax, ay), (bx, by) = asked.centers[0], asked.centers[-1]
+        drive = fit_position(drive, asked.names[-1], (bx - ax, by - ay), strain=0.0)
+    centers = tuple(sprocket.center for sprocket in drive.sprockets)
+    moved = math.dist(centers[-1], asked.centers[-1])
+    text = _text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
+    lines = fit_and_findings(derive(loads_drive(text)))
+    write_drive_text(text, path)
+    return [*_changes(asked, drive, moved), *lines, f"written: {path}; next: warpchain draw {path} -o {path.stem}.svg"]
+
+
+def _asked(arguments: Namespace) -> Asked:
+    """The drive that the arguments ask for.
+
+    Raises:
+        DriveError: what of them is wrong.
+    """
+    size, teeth, flat = arguments.size, tuple(arguments.teeth), arguments.centers
+    if size not in CHAINS:
+        raise DriveError(f"--size {size}: not in the catalog; {nearest(size, CHAINS, 12)}; warpchain chains lists all")
+    if len(teeth) < 2:
+        raise DriveError("--teeth: must be at least two numbers, one for each sprocket")
+    if len(flat) != 2 * len(teeth):
+        raise DriveError(
+            f"--centers: must be X Y for each of the {len(teeth)} sprockets; {len(flat)} numbers are given"
+        )
+    chain, centers = CHAINS[size], tuple(zip(flat[::2], flat[1::2], strict=True))
+    for of, found in ((teeth[0], arguments.speed), (teeth[-1], arguments.torque)):
+        if of < 5 or (found is not None and found <= 0.0):
+            raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
+    driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
+    speed = arguments.speed or _rounded(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
+    return Asked(chain, teeth, centers, speed, arguments.torque or _rounded(chain.breaking_load / SAFETY * driven))
+
+
+def _changes(asked: Asked, drive: Drive, moved: float) -> list[str]:
+    """Links and the last center as chosen."""
+    place = (
+        ""
+        if moved == 0.0
+        else f"; {asked.names[-1]} moved by {1e3 * moved:.3g} mm to [{_at(drive.sprockets[-1].center)}]"
+    )
+    return [f"{drive.chain.links} links{place}"]
+
+
+def _rounded(value: float) -> float:
+    """A value to two figures."""
+    return float(f"{value:.2g}")
+
+
+def _at(center: Point) -> str:
+    return ", ".join(repr(float(x)) for x in center)
+
+
+def _text(asked: Asked) -> str:
+    """The drive file."""
+    chain, size = asked.chain, asked.chain.size
+    radii = [0.5 * chain.pitch / math.sin(math.pi / z) for z in asked.teeth]
+    round_time, tooth = asked.links * chain.pitch / (asked.speed * radii[0]), asked.speed * asked.teeth[0] / math.tau
+    about = (
+        f"pitch {1e3 * chain.pitch:g} mm, roller {1e3 * chain.roller_diameter:g} mm, {chain.mass_per_length:g} kg/m, "
+        f"breaking load {1e-3 * chain.breaking_load:g} kN"
+    )
+    steel = "{ youngs_modulus = 210e9, poissons_ratio = 0.3 }"
+    blocks = [
+        [
+            (f"# A drive of {len(radii)} sprockets with a {size} chain, written by warpchain new.", ""),
+            ('# Lengths in m, forces in N, angles in rad; or a text with a unit, such as "540 rpm" or "12.7 mm".', ""),
+            ("# Replace what is marked ESTIMATE as you know better. All keys: docs/drive-file.md.", ""),
+            ("[chain]", ""),
+            (f'size = "{size}"', about),
+            (f"links = {asked.links}", "the even number that fits best"),
+            ('stiffness = "estimate"', "ESTIMATE, good to a factor of three; or a measured value of one link [N/m]"),
+            ("damping_ratio = 0.02", "ESTIMATE"),
+            ("joint = { friction = 0.1 }", "ESTIMATE: greased; the pins' radius comes with the size"),
+        ],
+        *(_sprocket(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
+        [
+            ("[contact.sprocket]", ""),
+            ('profile = "circular"', ""),
+            (f"clearance = {LOOSENESS * chain.pitch:.2g}", f"ESTIMATE: {LOOSENESS:g} of the pitch"),
+            ("restitution = 0.3", "ESTIMATE: a free roller rebounds with this share of its speed"),
+            ('restitution_means = "rebound"', ""),
+            (
+                f"bush_stiffness = {BUSH * chain.pitch:.2g}",
+                f"ESTIMATE: {BUSH:g} N/m^2 times the pitch; bush, pin, grease",
+            ),
+            ("friction = 0.06", "ESTIMATE: of rollers on teeth"),
+            ("impact_speed_floor = 0.02", ""),
+            (f"width = {TOOTH_WIDTH * chain.inner_width:.3g}", f"of the teeth: {TOOTH_WIDTH:g} of the inner width"),
+            (
+                f"reference_load = {_rounded(asked.torque / radii[-1]):g}",
+                "about the chain's pull: contacts are as stiff",
+            ),
+            (f"roller = {steel}", ""),
+            (f"partner = {steel}", ""),
+        ],
+        [
+            ("[run]", ""),
+            (f"duration = {_rounded(1.5 * round_time):g}", "once and a half around; metrics are of the latter half"),
+            ('step = "auto"', ""),
+            (f"sample_rate = {_rounded(20.0 * tooth):g}", "of the recording: 20 a tooth of the driver"),
+        ],
+    ]
+    rows = "\n\n".join("\n".join(f"{line:<29} # {said}" if said else line for line, said in block) for block in blocks)
+    return rows.replace("\n[chain]", "\n\n[chain]") + "\n"
+
+
+def _sprocket(asked: Asked, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
+    """Lines of the table of sprocket s, and what is said of them."""
+    last, ramp = len(asked.teeth) - 1, f"ramp_time = {_rounded(ramp_time):g}"
+    mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width
+    moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""
+    lines = [
+        ("[[sprockets]]", ""),
+        (f'name = "{asked.names[s]}"', ""),
+        (f"teeth = {asked.teeth[s]}", ""),
+        (f"center = [{_at(asked.centers[s])}]", moved),
+        (f'wrap = "{asked.wraps[s]}"', "sense in which the chain goes around it"),
+    ]
+    if s == 0:
+        rpm = asked.speed * 30.0 / math.pi
+        return [*lines, (f'prescribed = {{ speed = "{rpm:.6g} rpm", {ramp} }}', "turns so, whatever pulls at it")]
+    lines.append((f"mass = {_rounded(mass):g}", "ESTIMATE: a disk of steel as wide as the teeth"))
+    lines.append((f"inertia = {_rounded(0.5 * mass * radius**2):g}", "ESTIMATE: that disk's; add what turns with it"))
+    braked = [(f"load = {{ torque = {asked.torque:g}, {ramp} }}", "moment that brakes it")]
+    return [*lines, *(braked if s == last else [])]

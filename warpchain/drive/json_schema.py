@@ -1,0 +1,68 @@
+"""JSON schemas of TOML files for editors: keys with their descriptions, allowed values and quantities with units.
+
+A schema is what pydantic makes of a part (`warpchain.drive.schema.Part`) as files have it: no nulls, which TOML lacks,
+a quantity such as "540 rpm" where a number has a unit, and only those keys needed that nothing else can stand for.
+Rules between keys are `warpchain check`'s.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from warpchain.drive.motion_table import Table
+from warpchain.drive.quantities import descriptions, unit_of
+from warpchain.drive.schema import Part, allowed
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+QUANTITY = {"type": "string", "pattern": r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?\s*[A-Za-z°µμ%]"}
+"""A number with a unit, as `warpchain.drive.quantities.QUANTITY` has it, in the regular expressions of JSON schemas."""
+
+FILE = {"type": "string", "description": "CSV file with the columns, in the drive file's folder or below it"}
+
+
+def file_schema(top: type[Part], title: str) -> dict[str, Any]:
+    """The schema of a file whose whole is the part `top`."""
+    whole = top.model_json_schema()
+    tables = {top.__name__: whole, **whole.get("$defs", {})}
+    kinds = {kind.__name__: kind for kind in _parts(Part)}
+    for name, table in tables.items():
+        _as_written(kinds[name], table)
+    return {"$schema": DIALECT, **whole, "title": title}
+
+
+def _parts(kind: type[Part]) -> list[type[Part]]:
+    """The parts that derive from one."""
+    return [inner for own in kind.__subclasses__() for inner in (own, *_parts(own))]
+
+
+def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
+    """Turns the schema of a part into that of a table of a file."""
+    table["description"] = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
+    said = descriptions(kind)
+    for key, value in table.get("properties", {}).items():
+        shape = _of_files(value, bool(unit_of(kind, key)))
+        words = [said.get(key, "").rstrip("."), allowed(kind, key)]
+        table["properties"][key] = shape | {"description": "; ".join(filter(None, words))}
+    free: Any = getattr(kind, "_filled", ())
+    if issubclass(kind, Table):  # a file that it names has the columns
+        table["properties"]["file"] = FILE
+        free = table["properties"]
+    table["required"] = [key for key in table.get("required", ()) if key not in free]
+
+
+def _of_files(shape: Any, measured: bool) -> Any:
+    """A value's schema without nulls and titles; numbers that are measured may also be quantities."""
+    if isinstance(shape, list):
+        return [_of_files(inner, measured) for inner in shape if inner != {"type": "null"}]
+    if not isinstance(shape, dict):
+        return shape
+    bare = {key: _of_files(inner, measured) for key, inner in shape.items() if key != "title"}
+    if bare.get("default", 0) in (None, []):
+        del bare["default"]
+    if len(bare.get("anyOf", ())) == 1:
+        bare |= bare.pop("anyOf")[0]
+    if measured and bare.get("type") == "number":
+        rest = {key: bare.pop(key) for key in ("default",) if key in bare}
+        return rest | {"anyOf": [bare, QUANTITY]}
+    return bare
