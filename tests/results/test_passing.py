@@ -5,6 +5,7 @@ import pytest
 from drives import errors_of, marine_values, put, two_sprockets
 
 from warpchain import Trajectory, dumps_drive, loads_drive
+from warpchain.assembly.tooth_hold import top_radius
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.results.batch_means import share_below
@@ -13,7 +14,7 @@ from warpchain.results.joint_wear import bearing_area, elongation_rate, joint_we
 from warpchain.results.losses import friction_power, joint_rates
 from warpchain.results.shaft_signals import hub_forces
 from warpchain.results.signals import seen_at
-from warpchain.results.tooth_jump import jump_margin, top_radius
+from warpchain.results.tooth_jump import jump_margin
 
 UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
 

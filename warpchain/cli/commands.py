@@ -178,6 +178,16 @@ def tensioner(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def jump(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.jump_command import jump_lines
+    from warpchain.engine import start_warp
+
+    start_warp(precompiled=False)
+    for line in jump_lines(_load(arguments), arguments):
+        print(line)
+    return DONE
+
+
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine import start_warp

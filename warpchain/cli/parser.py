@@ -208,6 +208,26 @@ def _tensioner(commands: Any) -> None:
     add_options(parser, "--set")
 
 
+def _jump(commands: Any) -> None:
+    text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
+    parser = _add(commands, do.jump, text, "warpchain jump industrial --by wear --direction forward")
+    add_options(parser, "drive")
+    parser.add_argument("--by", choices=["torque", "wear"], default="torque", help="what grows (default torque)")
+    on = "sprocket or shaft whose load grows, default the largest; with --by wear, the chain"
+    parser.add_argument("--on", metavar="NAME", help=on)
+    ways = ["forward", "reverse", "both"]
+    parser.add_argument("--direction", choices=ways, default="both", help="the way that the drive runs (default both)")
+    most = "largest [N m], [1] (default what breaks the chain; 0.1)"
+    parser.add_argument("--most", type=number, metavar="X", help=most)
+    parser.add_argument("--tolerance", type=number, default=0.02, metavar="X", help="relative (default 0.02)")
+    parser.add_argument("--values", type=whole_number, default=8, metavar="N", help="runs of a round (default 8)")
+    parser.add_argument("--duration", type=number, metavar="SECONDS", help="of each run; default the drive's own")
+    parser.add_argument("--device", help='"cpu", "cuda", "cuda:1"; default what should finish first')
+    parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
+    parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
+    add_options(parser, "--set", "--workers", "--quiet")
+
+
 def _run(commands: Any) -> None:
     parser = _add(
         commands,
@@ -389,6 +409,7 @@ COMMANDS = (
     _fit,
     _modes,
     _tensioner,
+    _jump,
     _run,
     _view,
     _plot,

@@ -12,15 +12,13 @@ more: at its ends they come and go over the tips anyway.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
-from warpchain.drive import Drive
-from warpchain.drive.tooth_shape import half_gap_outline
+from warpchain.assembly.tooth_hold import top_radius
 from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
@@ -38,18 +36,6 @@ class JumpMargin(NamedTuple):
     margin: Array
     angle: Array
     height: float
-
-
-def top_radius(drive: Drive, s: int) -> float:
-    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m] (a)."""
-    tooth, radius, points = drive.tooth(s), drive.pitch_radius(s), 9
-    tip = half_gap_outline(tooth, drive.sprockets[s].teeth, radius, points)[2 * points - 2]
-    half = 0.5 * tooth.seat_angle
-    normal = np.array([math.cos(half), -math.sin(half)])
-    if math.isfinite(tooth.flank_radius):
-        end = [radius, 0.0] + tooth.seat_radius * np.array([-math.cos(half), math.sin(half)])
-        normal = (tip - end) / tooth.flank_radius + normal
-    return float(np.hypot(*(tip + drive.chain.roller_radius * normal)))
 
 
 def jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:

@@ -1,0 +1,91 @@
+r"""What a sprocket's teeth hold at rest: an estimate of the load, or of the wear, at which the chain jumps a tooth.
+
+A roller in its gap, z teeth, has two links at the angles pi/z below the gap's tangent, with the tensions T and T', and
+the tooth's force N at the angle theta from the gap's middle. Without friction
+
+    N cos(theta) = (T + T') sin(pi/z),     N sin(theta) = (T - T') cos(pi/z),
+
+so that from one link to the next the tension falls at most to 1/q of it,
+
+    q = cos(theta - pi/z) / cos(theta + pi/z),                                                                     (a)
+
+theta half of the seating angle, where the flank begins and which straight flanks keep to their tips. The rollers of a
+wrap psi, n = psi z / 2 pi, hold T_1 / T_2 <= q^n: beyond it they climb, all of them. Until they come over the tips, at
+the radius rho_top, the wrap takes in length of the slack side, which pulls the harder. So the chain jumps where even so
+
+    T_1 > q^n T_2,    N p (e - e') = psi (rho_top - r') + sum over other sprockets of psi_o (r_o - r_o'),          (b)
+
+T_1 and T_2 those of a chain of the elongation e' in place of e, less the centrifugal part, which presses no tooth, and
+r, r' the radii at which rollers of either ride. A tensioner of constant force leaves T_2 as it was, and (b) is that
+T_1 > q^n T_2. On fixed centers T_2 stays until the slack of the chain, its stretch with it, is psi (rho_top - R).
+Tensions are those of `warpchain.assembly.statics`: oil that has no time to leak, vibration and friction are not in
+them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly import statics
+from warpchain.assembly.assembly import assemble
+from warpchain.drive import Drive
+from warpchain.drive.tooth_shape import half_gap_outline
+from warpchain.errors import DriveError
+
+LEAST_CHANGE = 1e-9
+"""Tension that is none [N]."""
+ROUNDS = 8
+"""Of a fixed point whose error falls by psi R / N p, a fifth or so, each."""
+
+
+def top_radius(drive: Drive, s: int) -> float:
+    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m]."""
+    tooth, radius, points = drive.tooth(s), drive.pitch_radius(s), 9
+    tip = half_gap_outline(tooth, drive.sprockets[s].teeth, radius, points)[2 * points - 2]
+    half = 0.5 * tooth.seat_angle
+    normal = np.array([math.cos(half), -math.sin(half)])
+    if math.isfinite(tooth.flank_radius):
+        end = [radius, 0.0] + tooth.seat_radius * np.array([-math.cos(half), math.sin(half)])
+        normal = (tip - end) / tooth.flank_radius + normal
+    return float(np.hypot(*(tip + drive.chain.roller_radius * normal)))
+
+
+def ratio_held(drive: Drive, s: int) -> float:
+    """Tension over that of the next link that a tooth of sprocket s holds at most, q of (a)."""
+    phi, step = drive.tooth(s).pressure_angle(drive.sprockets[s].teeth), math.tau / drive.sprockets[s].teeth
+    return math.sin(phi + step) / math.sin(phi) if phi > 0.0 else math.inf
+
+
+def jumps(drive: Drive, s: int) -> bool:
+    """Whether the chain jumps on sprocket s at rest, (b); also where it comes to no rest on its teeth.
+
+    Raises:
+        DriveError: a chain that does not fit.
+    """
+    wraps = assemble(drive).path.wrap_angle
+    if top_radius(drive, s) <= drive.riding_radius(s):
+        return True
+    try:
+        found = statics.running(_risen(drive, s, wraps))
+    except DriveError:  # no chain so short goes around: there is no slack to climb with
+        return False
+    if found.failure is not None:
+        return True
+    low, high = sorted(float(found.tension[k]) - found.centrifugal for k in (s - 1, s))
+    held = drive.sprockets[s].teeth * float(wraps[s]) / math.tau
+    return high > LEAST_CHANGE and (low <= 0.0 or math.log(high / low) > held * math.log(ratio_held(drive, s)))
+
+
+def _risen(drive: Drive, s: int, wraps: NDArray[np.float64]) -> Drive:
+    """The drive with a chain that is as short as if it stood on the tips of sprocket s, (b)."""
+    chain, others = drive.chain, [o for o in range(len(drive.sprockets)) if o != s]
+    risen, top = drive, top_radius(drive, s)
+    for _ in range(ROUNDS):
+        taken = wraps[s] * (top - risen.riding_radius(s))
+        taken += sum(wraps[o] * (drive.riding_radius(o) - risen.riding_radius(o)) for o in others)
+        shorter = chain.elongation - float(taken) / (chain.links * chain.pitch)
+        risen = drive.model_copy(update={"chain": chain.model_copy(update={"elongation": shorter})})
+    return risen

@@ -1,0 +1,75 @@
+"""The command `warpchain jump`: the load or the wear at which a chain jumps a tooth, printed or as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict
+
+from warpchain.drive import Drive
+from warpchain.engine.jump import BOTH, UNITS, Jump, find_jumps
+
+
+def jump_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """Searches as asked, and returns the lines to print."""
+    quiet = arguments.quiet
+    found = find_jumps(
+        drive,
+        arguments.by,
+        arguments.on,
+        directions=BOTH if arguments.direction == "both" else (arguments.direction,),
+        most=arguments.most,
+        tolerance=arguments.tolerance,
+        values=arguments.values,
+        duration=arguments.duration,
+        device=arguments.device,
+        precision=arguments.precision,
+        workers=arguments.workers,
+        progress=not quiet and sys.stderr.isatty(),
+        report=(lambda line: None) if quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr),
+    )
+    if arguments.json:
+        directions = {jump.direction: _values(jump, arguments.by) for jump in found}
+        return [json.dumps({"units": "SI", "by": arguments.by, "unit": UNITS[arguments.by], **directions}, indent=2)]
+    return [line for jump in found for line in _lines(jump, arguments.by)]
+
+
+def margin(jump: Jump, by: str) -> float | None:
+    """The torque that holds over the drive's own, or the wear that holds less its own; None if it has no torque."""
+    if by == "wear":
+        return jump.holds - jump.own
+    return jump.holds / abs(jump.own) if jump.own else None
+
+
+def _values(jump: Jump, by: str) -> dict[str, object]:
+    values = {key: value for key, value in asdict(jump).items() if key != "direction"}
+    known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
+    return known | {"margin": margin(jump, by)}
+
+
+def _lines(jump: Jump, by: str) -> list[str]:
+    def said(value: float) -> str:
+        return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
+
+    chain = f" of {jump.on}" if by == "wear" and jump.on else ""
+    if jump.jumps is None:
+        return [f"{jump.direction}: no jump up to {said(jump.holds)}; {_own(jump, by)}"]
+    where = "the chain breaks down" if jump.sprocket is None else f"the chain jumps on {jump.sprocket}"
+    lines = [f"{jump.direction}: {where} at {said(jump.jumps)}, and holds at {said(jump.holds)}; {_own(jump, by)}"]
+    if not math.isnan(jump.tension):
+        beside = f", {jump.tight:.4g} and {jump.slack:.4g} N in the mean beside it" if jump.sprocket else ""
+        lines.append(f"  tension there: {jump.tension:.4g} N at most{beside}")
+    if jump.sprocket is not None:
+        words = "none in the range" if jump.estimate is None else said(jump.estimate)
+        lines.append(f"  estimate at rest: {words} (docs/jump.md)")
+    return lines
+
+
+def _own(jump: Jump, by: str) -> str:
+    """The drive's own value, and the margin to it."""
+    far = margin(jump, by)
+    if by == "wear":
+        return f"its own is {100.0 * jump.own:.3g} %"
+    return "it has none of its own" if far is None else f"{far:.3g} times its own, {abs(jump.own):.4g} N m"

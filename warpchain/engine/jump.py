@@ -1,0 +1,302 @@
+"""The load or the wear at which a chain jumps a tooth: bisection, many values at once, forward and in reverse."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from warpchain.arguments import PositiveNumber, Range, checked
+from warpchain.assembly import tooth_hold
+from warpchain.assembly.assembly import assemble
+from warpchain.drive import Drive
+from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.reversing import reverse
+from warpchain.drive.rings import loaded_rings, rings_of, with_shafts
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
+from warpchain.engine.simulation import simulate
+from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.results.judgement import Limits
+from warpchain.results.run import Record
+
+By = Literal["torque", "wear"]
+Direction = Literal["forward", "reverse"]
+BOTH: tuple[Direction, ...] = ("forward", "reverse")
+UNITS = {"torque": "N m", "wear": "1"}
+LONGEST = 0.1
+"""Largest wear that is tried: that of drive files."""
+APART, HALVINGS, LEAST = 1.5, 3, 1e-3
+"""Of an estimate: ratio of the values between which it is sought, which are then halved so often, and of the range the
+part that counts as none."""
+
+Tolerance = Annotated[float, Range("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
+Values = Annotated[int, Range("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A drive's tooth jump in one direction.
+
+    Attributes:
+        direction: "forward", or "reverse" (`warpchain.drive.reversing`).
+        on: what carries the torque, or the chain that wears, "" for the only one.
+        own: the drive's own torque [N m] or wear [-].
+        holds: the largest value that was run without a jump below the first with one.
+        jumps: the smallest that was run with a jump; None if none is within the range.
+        sprocket: where; None where runs broke down before anything was seen of it.
+        tension: largest of any link at `holds` [N]; nan where that was not run, as at 0.
+        tight, slack: means of the strands beside that sprocket at `holds` [N], likewise.
+        estimate: where the teeth cease to hold at rest (`warpchain.assembly.tooth_hold`); None if not in the range.
+    """
+
+    direction: Direction
+    on: str
+    own: float
+    holds: float
+    jumps: float | None
+    sprocket: str | None
+    tension: float
+    tight: float
+    slack: float
+    estimate: float | None
+
+
+@dataclass
+class _Search:
+    """The search in one direction: a chain that holds at `low` and jumps at `high`, once that is known."""
+
+    direction: Direction
+    drive: Drive
+    low: float
+    values: list[float]
+    high: float | None = None
+    held: tuple[Drive, dict[str, Any]] | None = None
+    sprocket: str | None = None
+    over: bool = False
+
+
+@checked(SimulationError)
+def find_jumps(
+    drive: Drive,
+    by: By = "torque",
+    on: str | None = None,
+    *,
+    directions: Sequence[Direction] = BOTH,
+    most: PositiveNumber | None = None,
+    tolerance: Tolerance = 0.02,
+    values: Values = 8,
+    report: Callable[[str], None] = lambda line: None,
+    **options: Any,
+) -> list[Jump]:
+    """Finds where the chain jumps a tooth, or leaves the teeth, over all of a run from its start on.
+
+    Every round runs `values` values a direction, all in one ensemble: first each twice the one before, up to `most`
+    (wear: evenly), then evenly between the last that holds and the first that jumps.
+
+    Args:
+        drive: the drive.
+        by: what grows: the constant part of a load's torque, or the elongation of a chain.
+        on: sprocket or shaft with that load, default the one that takes most power; of several chains, the chain.
+        directions: in which the drive runs.
+        most: largest value; None is the torque of the chain's breaking load at the pitch circle, or a wear of 0.1.
+        tolerance: of what was found, relative; of wear, of the range.
+        values: runs of a round and direction.
+        report: called with a line after each round.
+        options: duration, device, precision, memory, workers and progress, as `warpchain.simulate` takes them.
+
+    Returns:
+        One for each direction.
+
+    Raises:
+        DriveError: no such load or chain, or a drive that cannot run in reverse.
+        SimulationError: an argument that is not allowed.
+    """
+    on, own, limit = _torque(drive, on) if by == "torque" else _wear(drive, on)
+    most = limit if most is None else most
+    first = [most / 2.0**k for k in reversed(range(values))] if by == "torque" else _even(own, most, values)
+    searches = [
+        _Search(d, drive if d == "forward" else reverse(drive), 0.0 if by == "torque" else own, first)
+        for d in directions
+    ]
+    scale = 0.0 if by == "torque" else abs(most - own)
+    while todo := [search for search in searches if not search.over]:
+        _round(todo, lambda of, value: _changed(of, by, on, value), options)
+        for search in todo:
+            report(_told(search, by))
+            if search.high is None or search.high - search.low <= tolerance * max(scale, search.high):
+                search.over = True
+            search.values = _even(search.low, search.high or most, values + 1)[:-1]
+    return [_found(search, by, on, own, most) for search in searches]
+
+
+def _even(low: float, high: float, count: int) -> list[float]:
+    """`count` values that divide low to high evenly, the last of them high."""
+    return np.linspace(low, high, count + 1)[1:].tolist()
+
+
+def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
+    """Name of what carries the load, its own torque, and the one that the chain breaks at [N m]."""
+    bodies = [*with_shafts(drive), *(() if drive.chains else drive.shafts)]
+    loads = {bodies[b].name: (b, load) for b, load in loads_of(drive)}
+    if on is not None and on not in loads:
+        raise DriveError(f"{on}: has no load; allowed is one of {', '.join(loads) or 'none, as the drive has no load'}")
+    if not loads:
+        raise DriveError("load: no sprocket or shaft of the drive has one; give one, or search by wear")
+    if on is None:
+        speed = drive.driver_speed
+        turning = {name: abs(_ratio(drive, b)) for name, (b, _) in loads.items()}
+        on = max(loads, key=lambda name: loads[name][1].steady(turning[name] * speed) * turning[name])
+    b, load = loads[on]
+    s = nearest_sprocket(drive, b)
+    assert s is not None  # every load is tied to a chain
+    ring, k = _place(drive, s)
+    chain = ring.drive.chain
+    breaking = chain.breaking_load or chain.stiffness * chain.pitch * ELONGATION_AT_BREAKING_LOAD
+    return on, load.torque, breaking * ring.drive.pitch_radius(k) / (1.0 if b == s else abs(speed_ratio(drive, b, s)))
+
+
+def _ratio(drive: Drive, b: int) -> float:
+    """Speed of a body over the driver's, by the teeth of chains."""
+    s = nearest_sprocket(drive, b)
+    if drive.chains or s is None:
+        return 1.0
+    beside = 1.0 if b == s else speed_ratio(drive, b, s)
+    return beside * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+
+
+def _place(drive: Drive, s: int) -> tuple[Any, int]:
+    """The chain of sprocket s, and its place on it."""
+    return next((ring, k) for ring in rings_of(drive) for k, i in enumerate(ring.places["sprockets"]) if i == s)
+
+
+def _wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
+    """Name of the chain, its own elongation, and the largest that it still goes around with."""
+    chains = {ring.name: ring.drive for ring in rings_of(drive)}
+    if on is None:
+        on = next(iter(chains))
+    if on not in chains:
+        allowed = (
+            f"allowed is one of {', '.join(chains)}" if drive.chains else "the drive has one chain, which has no name"
+        )
+        raise DriveError(f"{on}: no such chain; {allowed}")
+    own, most = float(chains[on].chain.elongation), LONGEST
+    while most > own and not _goes_around(_changed(drive, "wear", on, most)):
+        most -= 0.05 * LONGEST
+    return on, own, max(most, own + 0.01 * LONGEST)
+
+
+def _goes_around(drive: Drive) -> bool:
+    try:
+        for ring in rings_of(drive):
+            assemble(ring.drive)
+    except DriveError:
+        return False
+    return True
+
+
+def _changed(drive: Drive, by: str, on: str, value: float) -> Drive:
+    """The drive with a torque of this size, in the sense that its own has, or with this wear."""
+    if by == "wear":
+        return drive.with_values({f"chains.{on}.elongation" if drive.chains else "chain.elongation": value})
+    kind, place = next(
+        (kind, i) for kind in ("shafts", "sprockets") for i, part in enumerate(getattr(drive, kind))
+        if part.name == on and part.load is not None
+    )  # fmt: skip
+    path = f"{kind}.{place}.load.torque"
+    return drive.with_values({path: -value if drive.get_value(path) < 0.0 else value})
+
+
+def _round(todo: list[_Search], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
+    """Runs all values of a round, and narrows each search."""
+    drives = [changed(search.drive, value) for search in todo for value in search.values]
+    with warnings.catch_warnings():
+        for kind in (SuspectWarning, LayoutWarning):
+            warnings.simplefilter("ignore", kind)
+        length = options.get("duration") or drives[0].run.duration
+        run = simulate(drives, record=Record(variants="none"), window=(0.0, length), **options)
+    if run.info.ended != "complete":
+        raise KeyboardInterrupt
+    rows = iter(zip(drives, run.metrics.to_pylist(), strict=True))
+    for search in todo:
+        own = [next(rows) for _ in search.values]
+        jumped = [jumped_on(drive, row) for drive, row in own]
+        first = next((k for k, (found, _) in enumerate(jumped) if found), len(own))
+        if first:
+            search.low, search.held = search.values[first - 1], own[first - 1]
+        if first < len(own):
+            search.high = search.values[first]
+            search.sprocket = next((where for _, where in jumped[first:] if where is not None), search.sprocket)
+
+
+def jumped_on(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
+    """Whether the chain jumped, or came off, in a run with these metrics, and on which sprocket that is worst."""
+    if row["diverged"]:
+        return True, None
+    names = [sprocket.name for sprocket in drive.sprockets]
+    slips, worst = max((row[f"{name}.slips"], name) for name in names)
+    engaged, loosest = min((row[f"{name}.engaged"], name) for name in names)
+    if slips > 0:
+        return True, worst
+    return (True, loosest) if engaged < Limits().engaged else (False, None)
+
+
+def _told(search: _Search, by: str) -> str:
+    """A line on how far a search has come."""
+    unit, low = (" N m", search.low) if by == "torque" else (" %", 100.0 * search.low)
+    if search.high is None:
+        return f"{search.direction}: holds up to {low:.4g}{unit}"
+    high = search.high if by == "torque" else 100.0 * search.high
+    return f"{search.direction}: holds at {low:.4g}{unit}, jumps at {high:.4g}{unit}"
+
+
+def _found(search: _Search, by: str, on: str, own: float, most: float) -> Jump:
+    tension = tight = slack = float("nan")
+    if search.held is not None:
+        drive, row = search.held
+        several = [f"{chain.name}." for chain in drive.chains] or [""]
+        tension = max(row[f"{before}tension_max"] for before in several)
+        if search.sprocket is not None:
+            slack, tight = sorted(row[f"{name}.tension_mean"] for name in _beside(drive, search.sprocket))
+    estimate = None
+    if search.high is not None and search.sprocket is not None:
+        estimate = _estimate(search, by, on, own, most)
+    return Jump(search.direction, on, own, search.low, search.high, search.sprocket, tension, tight, slack, estimate)
+
+
+def _beside(drive: Drive, name: str) -> list[str]:
+    """The two strands beside a sprocket."""
+    ring, k = _place(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
+    before = f"{ring.name}." if ring.name else ""
+    return [f"{before}{ring.drive.strand_names[i]}" for i in (k - 1, k)]
+
+
+def _estimate(search: _Search, by: str, on: str, own: float, most: float) -> float | None:
+    """Where the sprocket that jumped ceases to hold at rest, by bisection."""
+    name = search.sprocket
+
+    def jumps(value: float) -> bool:
+        for ring in loaded_rings(_changed(search.drive, by, on, value)):
+            names = [sprocket.name for sprocket in ring.drive.sprockets]
+            if name in names:
+                return tooth_hold.jumps(ring.drive, names.index(name))
+        return False
+
+    begin = 0.0 if by == "torque" else own
+    assert search.high is not None
+    high = search.high - begin
+    if jumps(begin + high):
+        while high > LEAST * (most - begin) and jumps(begin + high / APART):
+            high /= APART
+    else:
+        while not jumps(begin + high):
+            if begin + high >= most:
+                return None
+            high = min(APART * high, most - begin)
+    low = high / APART
+    for _ in range(HALVINGS):
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if jumps(begin + middle) else (middle, high)
+    return begin + high
