@@ -262,7 +262,11 @@ def view(arguments: argparse.Namespace) -> int:
         worst = None if study is None else study.record.worst
         recorded = recorded_variants(results, path.parent, arguments.variant, worst)
     objectives = _objectives(arguments)
-    if objectives is None and study is not None and set(study.wanted) <= set(results.table.column_names):
+    if (
+        objectives is None
+        and study is not None
+        and {o.metric for o in study.objectives} <= set(results.table.column_names)
+    ):
         objectives = {objective.metric: objective.sense for objective in study.objectives}
     view_study(results, recorded, arguments.factor, arguments.metric, objectives, arguments.save)
     return 0
@@ -288,6 +292,7 @@ def _study_in(folder: Path) -> Any:
 def _wanted(source: Path) -> Any:
     """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
+    from warpchain.study.spec.noise import Noise
     from warpchain.view.chosen import NEEDED
 
     study = _study_in(source)
@@ -295,7 +300,8 @@ def _wanted(source: Path) -> Any:
         return None
     most = study.optimize.recommend if study.optimize is not None else Wanted.most
     played = set(NEEDED) <= set(study.record.channels)
-    return Wanted(study.objectives, study.bounds, str(source), most, played)
+    keep = (study.noise or Noise()).keep
+    return Wanted(study.objectives, study.bounds, str(source), most, played, keep)
 
 
 def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
@@ -405,10 +411,11 @@ def _print_found(found: Any) -> None:
     """Prints the recommended designs, and how to play them."""
     from warpchain.results.units import quantity
 
-    results = found.results
-    print(f"{len(results.status)} variants in {found.rounds} rounds, {int(results.ok.sum())} of them ok")
+    results, runs = found.designs, len(found.results.status)
+    over = f" of {len(results.status)} designs over the same noise" if found.results.noise else ""
+    print(f"{runs} variants{over} in {found.rounds} rounds, {int(found.results.ok.sum())} of them ok")
     for k, one in enumerate(found.recommended):
-        print(f"\ndesign {k + 1}: variant {one.variant}")
+        print(f"\ndesign {k + 1}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
         for line in one.reasons:
             print(f"  {line}")
         for name in results.factors:
@@ -418,7 +425,10 @@ def _print_found(found: Any) -> None:
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
                 unit = results.unit(name)
-                print(f"  {name}: {quantity(mean, unit, deviation)} (its run: {quantity(one.measured[name], unit)})")
+                measured = f"its run{'s' if one.spreads else ''}: {quantity(one.measured[name], unit)}"
+                print(f"  {name}: {quantity(mean, unit, deviation)} ({measured})")
+        for of in one.spreads:
+            print(f"  spread of {of.metric} over the noise comes of: {of.parts_words()}")
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]
