@@ -48,6 +48,7 @@ STUDY_LEVELS = (
     ("optimize",),
     ("plan",),
     ("report",),
+    ("grow_until",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")
 

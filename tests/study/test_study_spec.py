@@ -54,7 +54,7 @@ def test_a_whole_file_reads_back_equal():
     study = loads_study(WHOLE)
     assert loads_study(dumps_study(study)) == study
     kinds = "uniform truncated-normal levels choice expression"
-    assert [factor.kind for factor in study.factors] == kinds.split()
+    assert [factor.form for factor in study.factors] == kinds.split()
     assert study.factors[0].values is None and study.factors[2].values == (130, 135.5)
     with pytest.raises(ValueError):
         study.run.duration = 1.0

@@ -1,4 +1,4 @@
-"""The commands `warpchain study run | plan | status | merge | report | view | play`, and `optimize`."""
+"""The commands `warpchain study run | plan | grow | status | merge | report | view | play`, and `optimize`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.arguments import add_command, add_options, part, wanted_precision, woehler_curve, workers
+from warpchain.cli.arguments import (
+    add_command,
+    add_options,
+    part,
+    wanted_precision,
+    whole_number,
+    woehler_curve,
+    workers,
+)
 from warpchain.cli.commands import DONE, UNFINISHED
 from warpchain.errors import StudyError
 from warpchain.files import read_text
@@ -66,6 +74,19 @@ def add_commands(commands: Any) -> None:
     )
     plan.set_defaults(study_run=_plan)
 
+    text = "double a study until its main effects are known well enough"
+    grow = add_command(commands, "grow", text, "warpchain study grow DIR --until 'se(main effects) < 1 %%'")
+    grow.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
+    grow.add_argument(
+        "--until",
+        metavar="CONDITION",
+        required=True,
+        help="'se(main effects) < 1 %%' of each metric's mean, or 'se(main effects of METRIC) < VALUE'",
+    )
+    grow.add_argument("--most", metavar="ROWS", type=whole_number, default=10_000, help="rows at most (default 10000)")
+    add_options(grow, "--quiet")
+    grow.set_defaults(study_run=_grow)
+
     status = commands.add_parser("status", help="how far a study is", description="Print how far a study is.")
     status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     status.set_defaults(study_run=_status)
@@ -76,7 +97,7 @@ def add_commands(commands: Any) -> None:
     merge.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder to make of several, which stay")
     merge.set_defaults(study_run=_merge)
 
-    for parser in (run, plan, merge):
+    for parser in (run, plan, grow, merge):
         parser.add_argument("--workers", metavar="N", type=workers, help="CPU threads of a shard; default all cores")
         add_options(parser, "--memory")
 
@@ -138,6 +159,37 @@ def _plan(arguments: argparse.Namespace) -> int:
     for line in plan_lines(plan, wanted):
         print(line)
     return DONE
+
+
+def _grow(arguments: argparse.Namespace) -> int:
+    from warpchain.engine import start_warp
+    from warpchain.study.grow_until import Reached, Until, grow_until
+
+    until = Until.of(arguments.until)
+    start_warp(precompiled=False)
+
+    def say(now: Reached) -> None:
+        if not arguments.quiet:
+            of = f" ({now.metric} over {now.factor})" if now.factor else ""
+            print(f"{now.rows} variants: largest standard error of main effects {until.words(now.error)}{of}")
+
+    try:
+        found = grow_until(
+            arguments.folder,
+            until,
+            most=arguments.most,
+            workers=arguments.workers,
+            memory=arguments.memory,
+            progress=not arguments.quiet and sys.stderr.isatty(),
+            report=say,
+        )
+    except KeyboardInterrupt:
+        print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)
+        return UNFINISHED
+    if not found.done:
+        print(f"not reached: twice as many rows would be more than --most {arguments.most}")
+    print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
+    return DONE if found.done else UNFINISHED
 
 
 def _status(arguments: argparse.Namespace) -> int:
@@ -262,7 +314,11 @@ def view(arguments: argparse.Namespace) -> int:
         worst = None if study is None else study.record.worst
         recorded = recorded_variants(results, path.parent, arguments.variant, worst)
     objectives = _objectives(arguments)
-    if objectives is None and study is not None and set(study.wanted) <= set(results.table.column_names):
+    if (
+        objectives is None
+        and study is not None
+        and {o.metric for o in study.objectives} <= set(results.table.column_names)
+    ):
         objectives = {objective.metric: objective.sense for objective in study.objectives}
     view_study(results, recorded, arguments.factor, arguments.metric, objectives, arguments.save)
     return 0
@@ -288,6 +344,7 @@ def _study_in(folder: Path) -> Any:
 def _wanted(source: Path) -> Any:
     """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
+    from warpchain.study.spec.noise import Noise
     from warpchain.view.chosen import NEEDED
 
     study = _study_in(source)
@@ -295,7 +352,8 @@ def _wanted(source: Path) -> Any:
         return None
     most = study.optimize.recommend if study.optimize is not None else Wanted.most
     played = set(NEEDED) <= set(study.record.channels)
-    return Wanted(study.objectives, study.bounds, str(source), most, played)
+    keep = (study.noise or Noise()).keep
+    return Wanted(study.objectives, study.bounds, str(source), most, played, keep)
 
 
 def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
@@ -405,10 +463,11 @@ def _print_found(found: Any) -> None:
     """Prints the recommended designs, and how to play them."""
     from warpchain.results.units import quantity
 
-    results = found.results
-    print(f"{len(results.status)} variants in {found.rounds} rounds, {int(results.ok.sum())} of them ok")
+    results, runs = found.designs, len(found.results.status)
+    over = f" of {len(results.status)} designs over the same noise" if found.results.noise else ""
+    print(f"{runs} variants{over} in {found.rounds} rounds, {int(found.results.ok.sum())} of them ok")
     for k, one in enumerate(found.recommended):
-        print(f"\ndesign {k + 1}: variant {one.variant}")
+        print(f"\ndesign {k + 1}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
         for line in one.reasons:
             print(f"  {line}")
         for name in results.factors:
@@ -418,7 +477,10 @@ def _print_found(found: Any) -> None:
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
                 unit = results.unit(name)
-                print(f"  {name}: {quantity(mean, unit, deviation)} (its run: {quantity(one.measured[name], unit)})")
+                measured = f"its run{'s' if one.spreads else ''}: {quantity(one.measured[name], unit)}"
+                print(f"  {name}: {quantity(mean, unit, deviation)} ({measured})")
+        for of in one.spreads:
+            print(f"  spread of {of.metric} over the noise comes of: {of.parts_words()}")
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]

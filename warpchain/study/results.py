@@ -37,6 +37,8 @@ BOOKKEEPING = ("variant", *OUTCOME, *ARCHIVED, *ADJUSTED, *RUN_COLUMNS, *SETTLIN
 
 
 Array = NDArray[np.float64]
+NOISE, TIED = "noise", "tied noise"
+"""A noise factor, and an expression that follows one, in its field's metadata under `kind`."""
 DISTRIBUTION = "distribution"
 """Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
 NAMED = 12
@@ -156,6 +158,19 @@ class Results:
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
         return "" if unit == "1" else unit
+
+    @property
+    def noise(self) -> tuple[str, ...]:
+        """The factors that nobody can choose, those that follow others by an expression among them."""
+        return tuple(name for name in self.factors if self._kind(name) in (NOISE, TIED))
+
+    @property
+    def noise_sources(self) -> tuple[str, ...]:
+        """The noise factors that follow no others."""
+        return tuple(name for name in self.factors if self._kind(name) == NOISE)
+
+    def _kind(self, factor: str) -> str:
+        return (self.table.schema.field(factor).metadata or {}).get(b"kind", b"").decode()
 
     def distribution(self, factor: str) -> dict[str, Any] | None:
         """The keys of a study file that say how a factor is distributed; None where the table has none."""

@@ -16,6 +16,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.pure_error import pure_error, standard_errors
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
+from warpchain.study.spec.noise import Noise
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SENSES = {"min": 1.0, "max": -1.0}
@@ -120,10 +121,12 @@ class Goals:
     Attributes:
         objectives: what should be small or large.
         bounds: limits on metrics.
+        keep: share of the noise in which they must be kept.
     """
 
     objectives: tuple[Objective, ...]
     bounds: tuple[Bound, ...] = ()
+    keep: float = Noise().keep
 
     @property
     def metrics(self) -> tuple[str, ...]:
@@ -218,4 +221,4 @@ def goals_of(study: Study) -> Goals:
     """
     if not study.objectives:
         raise StudyError("objectives: none; a study that is optimized needs at least one [[objectives]]")
-    return Goals(study.objectives, study.bounds)
+    return Goals(study.objectives, study.bounds, (study.noise or Noise()).keep)

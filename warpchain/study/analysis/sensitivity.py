@@ -92,7 +92,7 @@ def problem_of_factors(factors: Iterable[Any]) -> Problem:
     """
     names, bounds, dists = [], [], []
     for factor in factors:
-        kind = factor.kind
+        kind = factor.form
         if kind == "expression":
             continue
         if kind not in DISTRIBUTIONS:

@@ -2,7 +2,7 @@
 
 A dimension of a design is a factor, or a group of factors that vary together. Coded units are -1 at the low end and +1
 at the high end, in the logarithm for a log-uniform factor; a normal factor has mean - std and mean + std there, a
-lognormal one likewise in the logarithm.
+lognormal one likewise in the logarithm, an empirical one the quantiles of 16 and 84 %.
 
 Means over a factor's distribution are sums over its nodes: Gauss-Hermite nodes for normal and lognormal factors,
 Gauss-Legendre nodes for ranges, the values themselves for levels, choices and whole numbers of a uniform range.
@@ -58,7 +58,7 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
     """The dimensions of a study, in the order of its factors."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
-        if factor.kind != "expression":
+        if factor.form != "expression":
             groups.setdefault(f"group {factor.group}" if factor.group else factor.name, []).append(factor)
     return tuple(Dimension(name, tuple(factors)) for name, factors in groups.items())
 
@@ -67,7 +67,10 @@ def from_unit(factor: Factor, u: Array) -> list[Any]:
     """Values at cumulated probabilities u (R,) in [0, 1)."""
     if factor.values is not None:
         return [factor.values[i] for i in np.minimum((u * len(factor.values)).astype(int), len(factor.values) - 1)]
-    if factor.kind in ("normal", "truncated-normal"):
+    if factor.form == "empirical":
+        ordered = np.sort(_sample(factor))
+        return _whole(factor, ordered[np.minimum((u * len(ordered)).astype(int), len(ordered) - 1)])
+    if factor.form in ("normal", "truncated-normal"):
         from scipy.stats import norm, truncnorm
 
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
@@ -76,13 +79,13 @@ def from_unit(factor: Factor, u: Array) -> list[Any]:
             return _whole(factor, norm.ppf(inner, factor.mean, factor.std))
         low, high = ((end - factor.mean) / factor.std for end in factor.range)
         return _whole(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
-    if factor.kind == "lognormal":
+    if factor.form == "lognormal":
         from scipy.stats import norm
 
         center, width = log_moments(factor)
         return _whole(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
     assert factor.range is not None  # the factor's own rule
-    if factor.integer and factor.kind == "uniform":
+    if factor.integer and factor.form == "uniform":
         first, last = math.ceil(factor.range[0]), math.floor(factor.range[1])
         return [int(first + step) for step in np.floor(u * (last - first + 1))]
     return from_coded(factor, 2.0 * u - 1.0)
@@ -92,18 +95,33 @@ def from_coded(factor: Factor, x: Array) -> list[Any]:
     """Values at coded units x (R,); of two levels or choices, the first below 0 and the second from there."""
     if factor.values is not None:
         return [factor.values[int(place >= 0.0)] for place in x]
-    if factor.kind == "normal":
+    if factor.form == "empirical":
+        from scipy.stats import norm
+
+        return from_unit(factor, np.asarray(norm.cdf(x)))
+    if factor.form == "normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         return _whole(factor, factor.mean + factor.std * x)
-    if factor.kind == "lognormal":
+    if factor.form == "lognormal":
         center, width = log_moments(factor)
         return _whole(factor, np.exp(center + width * x))
     assert factor.range is not None  # the factor's own rule
     low, high = factor.range
     share = 0.5 * (1.0 + x)
-    if factor.kind == "log-uniform":
+    if factor.form == "log-uniform":
         return _whole(factor, low ** (1.0 - share) * high**share)
     return _whole(factor, low * (1.0 - share) + high * share)
+
+
+def _sample(factor: Factor) -> Array:
+    """The sample of an empirical factor (N,).
+
+    Raises:
+        StudyError: it is in a file, which is read with the study file.
+    """
+    if factor.sample is None:
+        raise StudyError(f"factors.{factor.name}.file: not read; load the study from its file")
+    return np.array(factor.sample, dtype=float)
 
 
 def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
@@ -126,7 +144,7 @@ def _whole(factor: Factor, values: Array) -> list[Any]:
 
 def tied(study: Study) -> tuple[Factor, ...]:
     """The factors with an expression, each behind those that it needs."""
-    waiting = {factor.name: factor for factor in study.factors if factor.kind == "expression"}
+    waiting = {factor.name: factor for factor in study.factors if factor.form == "expression"}
     ordered: list[Factor] = []
     while waiting:
         for name, factor in list(waiting.items()):
@@ -185,21 +203,24 @@ def nodes(factor: Factor) -> tuple[Array, Array] | None:
         if any(isinstance(value, (str, bool)) for value in factor.values):
             return None
         return np.array(factor.values, dtype=float), np.full(len(factor.values), 1.0 / len(factor.values))
-    if factor.kind in ("normal", "lognormal"):
+    if factor.form == "empirical":
+        sample = _sample(factor)
+        return sample, np.full(len(sample), 1.0 / len(sample))
+    if factor.form in ("normal", "lognormal"):
         z, weight = np.polynomial.hermite_e.hermegauss(NODES)
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         weight = weight / weight.sum()
-        if factor.kind == "normal":
+        if factor.form == "normal":
             return factor.mean + factor.std * z, weight
         center, width = log_moments(factor)
         return np.exp(center + width * z), weight
     if factor.range is None:
         return None
     low, high = factor.range
-    if factor.kind == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
+    if factor.form == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
         whole = np.arange(math.ceil(low), math.floor(high) + 1, dtype=float)
         return whole, np.full(len(whole), 1.0 / len(whole))
-    if factor.kind == "truncated-normal":
+    if factor.form == "truncated-normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         near = [factor.mean - FARTHEST * factor.std, factor.mean + FARTHEST * factor.std]
         inner = max(low, near[0]), min(high, near[1])
@@ -207,10 +228,10 @@ def nodes(factor: Factor) -> tuple[Array, Array] | None:
             low, high = inner
     x, weight = np.polynomial.legendre.leggauss(NODES)
     share = 0.5 * (1.0 + x)
-    if factor.kind == "log-uniform":
+    if factor.form == "log-uniform":
         return low ** (1.0 - share) * high**share, 0.5 * weight
     value = low * (1.0 - share) + high * share
-    if factor.kind == "truncated-normal":
+    if factor.form == "truncated-normal":
         assert factor.mean is not None and factor.std is not None
         z = (value - factor.mean) / factor.std
         weight = weight * np.exp(-0.5 * (z * z - (z * z).min()))
@@ -228,7 +249,7 @@ class Cube:
         self.study = study
         self.axes: tuple[Dimension, ...] = dimensions(study)
         for factor in study.factors:
-            if factor.kind is None:
+            if factor.form is None:
                 raise StudyError(f"factors.{factor.name}: has neither range nor values to choose from")
         if not self.axes:
             raise StudyError("factors: all are expressions; at least one must vary by itself")

@@ -31,7 +31,8 @@ from warpchain.study.design.factor_values import (
     on_grid,
     tied,
 )
-from warpchain.study.results import DISTRIBUTION
+from warpchain.study.design.noise import crossed, noise_rows
+from warpchain.study.results import DISTRIBUTION, NOISE, TIED
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,7 +60,12 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
         StudyError: too many rows or dimensions, or a table that cannot be used.
     """
     columns = _columns(study, source, before)
-    return _completed(study, (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)))
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    if set(columns) >= set(study.noise_names) - {factor.name for factor in tied(study)}:
+        return _completed(study, rows)  # no noise, or a table that holds it
+    noise = noise_rows(study)
+    _check_count(len(rows) * len(noise), source)
+    return _completed(study, crossed(rows, noise))
 
 
 def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
@@ -71,7 +77,7 @@ def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     Raises:
         StudyError: a factor without expression is missing, or its values make no column.
     """
-    given = [factor.name for factor in study.factors if factor.kind != "expression"]
+    given = [factor.name for factor in study.factors if factor.form != "expression"]
     for i, values in enumerate(rows):
         for name in given:
             if values.get(name) is None:
@@ -92,10 +98,13 @@ def _completed(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
 
 
 def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Values of the factors that have no expression."""
+    """Values of the design factors that have no expression; of a table that holds them, of noise factors too."""
+    whole, study = study, study.designs
     design, axes = study.design, dimensions(study)
     if design.kind == "table":
-        return _read(study, source)
+        return _read(whole, source)
+    if not axes and whole.noise_names:
+        raise StudyError(f"{source}: factors: all are noise; a study needs at least one design factor that varies")
     if not axes:
         raise StudyError(f"{source}: factors: all are expressions; at least one must vary by itself")
     if design.kind == "factorial":
@@ -221,7 +230,9 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     assert study.design.file is not None  # the design's own rule
     path = Path(source).parent / study.design.file
     table = read_table(path)
-    wanted = [factor.name for factor in study.factors if factor.kind != "expression"]
+    wanted = [factor.name for factor in study.factors if factor.form != "expression"]
+    if not any(factor.name in table.column_names for factor in study.noise_alone.factors):
+        wanted = [name for name in wanted if name not in study.noise_names]
     missing = [name for name in wanted if name not in table.column_names]
     extra = [name for name in table.column_names if name not in wanted]
     if missing:
@@ -245,7 +256,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     for factor in study.factors:
         outside = next((i for i, v in enumerate(columns.get(factor.name, ())) if not _of_factor(factor, v)), None)
         if outside is not None:
-            value, said = columns[factor.name][outside], "range" if factor.range else factor.kind
+            value, said = columns[factor.name][outside], "range" if factor.range else factor.form
             raise StudyError(
                 f"{path}: column {factor.name}, row {outside}: {value_text(value)}; must be of the factor's "
                 f"{said} = {value_text(getattr(factor, str(said)))}"
@@ -256,7 +267,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
 def _of_factor(factor: Factor, value: Any) -> bool:
     """Whether a value is one that a factor can take, as far as it says which."""
     if factor.values is not None:
-        return value in factor.column(factor.values)
+        return value in factor.cells(factor.values)
     if factor.range is None:
         return True
     slack = 1e-9 * (factor.range[1] - factor.range[0])
@@ -267,7 +278,7 @@ def distribution(factor: Factor) -> dict[str, str]:
     """A factor's distribution as metadata of its column; empty for ranges and levels, which are as they ran."""
     if factor.distribution in (None, "uniform"):
         return {}
-    keys = ("distribution", "range", "mean", "std", "integer")
+    keys = ("distribution", "range", "mean", "std", "sample", "integer")
     given = factor.model_dump(include=set(keys), exclude_none=True, exclude_defaults=True)
     return {DISTRIBUTION: json.dumps(given, sort_keys=True)}
 
@@ -277,14 +288,17 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
     arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
+    noise = study.noise_names
     for factor in study.factors:
-        column = factor.column(columns[factor.name])
+        column = factor.cells(columns[factor.name])
         try:
             arrays.append(pa.array(column, _kind(column)))
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
         facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.unit or "", **distribution(factor)}
+        if factor.name in noise:
+            facts["kind"] = TIED if factor.form == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]

@@ -16,6 +16,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import dumps_drive, load_drive
@@ -23,8 +24,10 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.progress import interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
+from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.design.noise import nominal
 from warpchain.study.optimize.bench import Bench, Report, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.results import ARCHIVED, Results, read_results
@@ -41,6 +44,7 @@ class Found:
         folder: its folder.
         goals: what was wanted.
         results: all rows.
+        designs: what was compared: the rows, or with noise the designs over it (`analysis.over_noise`).
         rounds: how many there were.
         recommended: designs, the best compromise first.
         drives: their drive files.
@@ -50,6 +54,7 @@ class Found:
     folder: Path
     goals: Goals
     results: Results
+    designs: Results
     rounds: int
     recommended: tuple[Recommended, ...]
     drives: tuple[Path, ...]
@@ -109,9 +114,10 @@ def optimize(
         if report is not None:
             report(f"round {rounds}: {_line(results, optimizer.goals)}")
     results = read_results(folder / "results.parquet", bench.shown)
-    chosen = tuple(recommend(results, optimizer.goals, search.recommend))
-    drives, archives = _recorded(folder, bench, results, chosen)
-    return Found(folder, optimizer.goals, results, rounds, chosen, drives, archives)
+    designs, over = designs_of(results, optimizer.goals)
+    chosen = tuple(recommend(designs, over, search.recommend))
+    drives, archives = _recorded(folder, bench, results, _nominal_rows(bench, designs, chosen), chosen)
+    return Found(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
 
 
 def _made(path: Path, bench: Bench) -> Path:
@@ -148,8 +154,11 @@ def _line(results: Results, goals: Goals) -> str:
     """Status of a search in one line."""
     from warpchain.results.units import quantity
 
+    runs = len(results.status)
+    results, goals = designs_of(results, goals)
     measured = goals.measured(results)
-    words = f"{len(results.status)} variants, {int(results.ok.sum())} ok"
+    over = f" of {len(results.status)} designs" if isinstance(results, Designs) else ""
+    words = f"{runs} variants{over}, {int(results.ok.sum())} ok"
     if goals.bounds:
         words += f", {int(measured.kept.sum())} keep the limits"
     rows = measured.kept if measured.kept.any() else measured.ok
@@ -160,12 +169,20 @@ def _line(results: Results, goals: Goals) -> str:
     return words
 
 
+def _nominal_rows(bench: Bench, designs: Results, chosen: Sequence[Recommended]) -> list[dict[str, Any]]:
+    """Values by factor of the recommended rows; of designs, noise factors are where the base drive has them."""
+    if not isinstance(designs, Designs):
+        return list(designs.table.select(bench.factors).take([one.row for one in chosen]).to_pylist())
+    names = [factor.name for factor in bench.study.designs.factors]
+    rows = designs.runs.table.select(names).take([designs.rows[one.row][0] for one in chosen]).to_pylist()
+    return [nominal(bench.study, bench.drive, row) for row in rows]
+
+
 def _recorded(
-    folder: Path, bench: Bench, results: Results, chosen: tuple[Recommended, ...]
+    folder: Path, bench: Bench, results: Results, rows: list[dict[str, Any]], chosen: tuple[Recommended, ...]
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
     """Writes the recommended designs as drive files, and records a run of each."""
     place = folder / "recommended" / f"{len(results.status):04d}"
-    rows = results.table.select(bench.factors).take([one.row for one in chosen]).to_pylist()
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = with_column(table_of_rows(study, rows), "variant", [one.variant for one in chosen])
     table = bench.run_table(bench.run_folder_of(study, place, design))

@@ -13,10 +13,12 @@ import numpy as np
 
 from warpchain.arguments import Count, checked
 from warpchain.errors import StudyError
+from warpchain.study.analysis.over_noise import designs_of, goals_over
 from warpchain.study.analysis.pareto import Measured, goals_of
 from warpchain.study.design import make_design
 from warpchain.study.design.factor_values import Cube
 from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.design.noise import crossed, noise_rows
 from warpchain.study.optimize.bayes import propose
 from warpchain.study.results import Array, read_results
 from warpchain.study.spec import Study
@@ -80,6 +82,9 @@ class Population:
 class Optimizer:
     """A search for a study's objectives within its limits.
 
+    With noise factors it is one for designs: what is asked for is each of them with every row of noise, and what is
+    told of these is taken together (`analysis.over_noise`).
+
     Args:
         study: the study; its design is what is asked for first.
         source: the study file, which errors name.
@@ -92,16 +97,19 @@ class Optimizer:
         self.study = study
         self.settings = study.optimize or Search()
         self.goals = goals_of(study)
-        self.cube = Cube(study)
+        self._designs = study.designs
+        self._noise = noise_rows(study)
+        self.cube = Cube(self._designs)
         self._source = source
-        self._factors = [factor.name for factor in study.factors]
+        self._factors = [factor.name for factor in self._designs.factors]
+        self._over = goals_over(self.goals, self._factors) if study.noise_names else self.goals
         self._tables: list[pa.Table] = []
         self._points: list[Array] = []
         self._population: Population | None = None
 
     @property
     def observed(self) -> int:
-        """Number of rows whose results are known."""
+        """Number of rows, or of designs over noise, whose results are known."""
         return sum(table.num_rows for table in self._tables)
 
     @checked(StudyError)
@@ -109,10 +117,14 @@ class Optimizer:
         """The next rows, values by factor: the study's design first, then what the engine proposes.
 
         Args:
-            count: how many; None takes `optimize.batch`. Of the design, and of a population's generations, all.
+            count: how many, each with every row of noise; None takes `optimize.batch`. Of the design, and of a
+                population's generations, all.
         """
         if not self._tables:
-            return make_design(self.study, self._source).select(self._factors).to_pylist()
+            return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
+        return crossed(self._proposed(count), self._noise)
+
+    def _proposed(self, count: int | None) -> list[dict[str, Any]]:
         if self.settings.engine == "population":
             return self.cube.rows(self._engine().ask())
         import pyarrow as pa
@@ -129,6 +141,9 @@ class Optimizer:
         Raises:
             StudyError: a column is missing, or other rows than a population has asked for.
         """
+        if self.study.noise_names:
+            factors = [factor.name for factor in self.study.factors]
+            table = designs_of(read_results(table, factors, ()), self.goals, self.study.noise_names)[0].table
         rows, measured = table.to_pylist(), self._measured(table)
         points = self.cube.points(rows)
         if self._tables and self.settings.engine == "population":
@@ -137,19 +152,19 @@ class Optimizer:
         self._points.append(points)
 
     def _measured(self, table: pa.Table) -> Measured:
-        return self.goals.measured(read_results(table, self._factors, ()))
+        return self._over.measured(read_results(table, self._factors, ()))
 
     def _engine(self) -> Population:
         """The population, led through the results so far."""
         if self._population is None:
-            sizes = len(self.goals.objectives), len(self.goals.bounds), self.settings.batch
+            sizes = len(self._over.objectives), len(self._over.bounds), self.settings.batch
             self._population = Population(np.vstack(self._points), *sizes, self.settings.seed)
             self._population.observe(self._measured(self._tables[0]))
         return self._population
 
     def _follow(self, rows: Sequence[dict[str, Any]], measured: Measured) -> None:
         """Gives the population the results of its generation."""
-        asked = table_of_rows(self.study, self.cube.rows(self._engine().ask())).to_pylist()
+        asked = table_of_rows(self._designs, self.cube.rows(self._engine().ask())).to_pylist()
         if [[row[n] for n in self._factors] for row in asked] != [[row[n] for n in self._factors] for row in rows]:
             raise StudyError(
                 "observe: other rows than the population asked for; rows of an earlier run are of another version "

@@ -2,7 +2,9 @@
 
 A row's metric scatters, and the best of many rows is the best partly by luck. So rows are compared by surrogates that
 all rows speak through (`study.surrogate`): the mean of each metric, how sure it is, and with which probability each
-limit is kept. Only rows that were run and ended well are recommended: each can be played.
+limit is kept. Only rows that were run and ended well are recommended: each can be played. With noise, rows are designs
+and metrics are statistics of their runs (`analysis.over_noise`): what is recommended names design factors only, and
+tells how its metrics spread and in which share of the noise it keeps the limits.
 """
 
 from __future__ import annotations
@@ -14,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.over_noise import Designs, Spread, spread
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
+from warpchain.study.analysis.pure_error import standard_errors
 from warpchain.study.results import Array, Results
+from warpchain.study.spec.noise import metric_in
 from warpchain.study.surrogate import best_surrogate
 
 SURE = 0.95
@@ -46,8 +51,9 @@ class Recommended:
         reasons: why, one line each.
         believed: mean and standard deviation by metric.
         measured: what its run gave, by metric.
-        chance: probability that it keeps all limits.
+        chance: probability that it keeps all limits; with noise, the share of its runs that do.
         alike: number of other rows that do not differ from it, within their deviations, in what it is recommended for.
+        spreads: with noise, how metrics of its runs spread.
     """
 
     row: int
@@ -57,6 +63,7 @@ class Recommended:
     measured: dict[str, float]
     chance: float
     alike: int
+    spreads: tuple[Spread, ...] = ()
 
 
 def believed(results: Results, metric: str) -> Believed:
@@ -71,6 +78,8 @@ def believed(results: Results, metric: str) -> Believed:
         mean[taken], deviation[taken] = found.predict(results.table.filter(taken))
         return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
+    if isinstance(results, Designs) and (errors := standard_errors(results, metric)) is not None:
+        scatter = errors
     return Believed(np.where(rows, values, np.nan), scatter, "as measured; no surrogate predicts it")
 
 
@@ -176,9 +185,18 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
     alike = int((np.abs(gap) <= 2.0 * width)[:, objectives].all(axis=1).sum()) - 1
     lines = [reason for reason, _ in reasons]
     chance = float(judged.chance[row])
-    if goals.bounds:
-        kept = f"keeps the limits with a probability of {100.0 * chance:.0f} %"
-        lines.append(kept if chance >= SURE else f"{kept}; no variant does so with {100.0 * SURE:.0f} %")
+    spreads: tuple[Spread, ...] = ()
+    if isinstance(results, Designs):
+        metrics = dict.fromkeys(metric_in(n) for n in goals.metrics if n not in results.factors)
+        spreads = tuple(spread(results, row, metric) for metric in metrics)
+    if isinstance(results, Designs) and results.bounds:
+        wanted = f"no design surely keeps them in {100.0 * goals.keep:g} % of the noise"
+        lines.append(results.kept_words(row) + ("" if chance >= SURE else f". {wanted}"))
+        kept, count = results.kept(row)
+        chance = kept / count
+    elif goals.bounds:
+        words = f"keeps the limits with a probability of {100.0 * chance:.0f} %"
+        lines.append(words if chance >= SURE else f"{words}; no variant does so with {100.0 * SURE:.0f} %")
     if alike > 0:
         lines.append(
             f"{alike} other variant{'s' if alike > 1 else ''} cannot be told from it within two standard deviations"
@@ -191,4 +209,5 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
         {name: float(results.values(name)[row]) for name in goals.metrics},
         chance,
         max(alike, 0),
+        spreads,
     )

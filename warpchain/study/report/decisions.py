@@ -11,15 +11,19 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
+from warpchain.study.analysis.over_noise import SHOWN, Designs
 from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_front
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
 from warpchain.study.results import ARCHIVED, Results
+from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.view import html
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+SHOWN_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
+"""Heads of `SHOWN`."""
 FRONT, LISTED = 30, 60
 """Most variants in the tables of the front, and of those that are not ok."""
 MOST_AXES, MATRIX = 12, 5
@@ -35,6 +39,7 @@ class Wanted:
         folder: of the study, for the commands that play variants; None gives none.
         most: designs to recommend.
         recorded: whether the study's archives hold what playback needs.
+        keep: share of the noise in which limits must be kept.
     """
 
     objectives: tuple[Objective, ...] = ()
@@ -42,11 +47,12 @@ class Wanted:
     folder: str | None = None
     most: int = 4
     recorded: bool = True
+    keep: float = Goals.keep
 
     @property
     def goals(self) -> Goals:
         """The objectives and limits."""
-        return Goals(self.objectives, self.bounds)
+        return Goals(self.objectives, self.bounds, self.keep)
 
 
 def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wanted | None) -> Wanted:
@@ -64,10 +70,11 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
         found = replace(found, objectives=given)
     held = results.table.column_names
     if objectives is None:  # of a study of which nothing ran, metrics have no columns
-        objectives_held = tuple(o for o in found.objectives if o.metric in held)
-        found = replace(found, objectives=objectives_held, bounds=tuple(b for b in found.bounds if b.metric in held))
+        objectives_held = tuple(o for o in found.objectives if metric_in(o.metric) in held)
+        bounds_held = tuple(b for b in found.bounds if metric_in(b.metric) in held)
+        found = replace(found, objectives=objectives_held, bounds=bounds_held)
     for metric in found.goals.metrics:
-        results.values(metric)
+        results.values(metric_in(metric) if results.noise else metric)
     return found
 
 
@@ -100,27 +107,44 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | No
     except StudyError as error:
         return html.section("designs", "Recommended designs", html.text(str(error))), []
     asked = [f"{o.metric} {'low' if o.sense == 'min' else 'high'}" for o in wanted.objectives]
-    kept = []
-    for bound in wanted.bounds:
-        unit = results.unit(bound.metric)
-        ends = [
-            f"{word} {quantity(end, unit)}"
-            for word, end in (("at least", bound.min), ("at most", bound.max))
-            if end is not None
-        ]
-        kept.append(f"{bound.metric} {' and '.join(ends)}")
+    kept = [_bound_words(results, bound) for bound in wanted.bounds]
+    over = isinstance(results, Designs)
     parts = [
         html.text(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
         html.text(
-            "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it: "
+            f"\N{PLUS-MINUS SIGN} is one standard deviation of the {'statistic' if over else 'metric'} itself as a "
+            f"surrogate of all {'designs' if over else 'variants'} has it: "
             "the best of many runs is the best partly by luck, and this takes that out.",
             muted=True,
         ),
     ]
+    if isinstance(results, Designs):
+        parts.append(html.text(noise_words(results, wanted.keep)))
     for k, one in enumerate(found):
         parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted))
+    if isinstance(results, Designs):
+        parts.append(
+            panels.chart(panels.over_noise(results, [one.row for one in found], LETTERS), "runs over the noise")
+        )
     parts.append(rows_table(results, [one.row for one in found], results.factors, LETTERS[: len(found)]))
     return html.section("designs", "Recommended designs", *parts), found
+
+
+def _bound_words(results: Results, bound: Bound) -> str:
+    unit = results.unit(bound.metric)
+    ends = (("at least", bound.min), ("at most", bound.max))
+    return f"{bound.metric} {' and '.join(f'{word} {quantity(end, unit)}' for word, end in ends if end is not None)}"
+
+
+def noise_words(designs: Designs, keep: float) -> str:
+    """The noise that designs are compared over, in words."""
+    names, count = ", ".join(designs.runs.noise), max(len(rows) for rows in designs.rows)
+    held = [_bound_words(designs.runs, bound) for bound in designs.bounds]
+    limits = f" Each run is held to: {'; '.join(held)}; in {100.0 * keep:g} % of the noise at least." if held else ""
+    return (
+        f"Noise, which nobody can choose and no design names: {names}. Each design was run {count} times, all with the "
+        f"same noise; a design's variant is its worst run.{limits}"
+    )
 
 
 def play_command(wanted: Wanted, results: Results, row: int) -> str:
@@ -141,11 +165,29 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
             lines.append((name, quantity(mean, unit), "", "set"))
             continue
         lines.append((name, quantity(mean, unit, deviation), quantity(one.measured[name], unit), ""))
-    lines_table = html.table(("metric", "believed", "its run gave", ""), lines)
+    lines_table = html.table(("metric", "believed", "its runs gave" if one.spreads else "its run gave", ""), lines)
+    if one.spreads:
+        lines_table += html.table(("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one))
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
-    play = command and f"<p>Play it: <code>{command}</code></p>"
-    head = html.heading(f"{letter}: variant {one.variant}")
+    play = command and f"<p>Play {'its worst run' if one.spreads else 'it'}: <code>{command}</code></p>"
+    chosen = [_factor_words(results, name, one.row) for name in results.factors] if one.spreads else []
+    head = html.heading(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
     return f'<div class="design">{head}{html.bullets(one.reasons)}{lines_table}{play}</div>'
+
+
+def _factor_words(results: Results, name: str, row: int) -> str:
+    value = results.table[name][row].as_py()
+    words = quantity(value, results.unit(name)) if isinstance(value, float) else str(value)
+    return f"{name} {words}"
+
+
+def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
+    """Statistics of the metrics of a design's runs spread: a line a statistic, a column a metric."""
+    lines = []
+    for word, head in zip(SHOWN, SHOWN_HEADS, strict=True):
+        held = [(of.statistics[word], results.unit(f"mean({of.metric})")) for of in one.spreads]
+        lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
+    return [*lines, ("its spread comes of", *(of.parts_words() for of in one.spreads))]
 
 
 def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.Section | None:

@@ -22,6 +22,7 @@ from warpchain.files import read_text
 from warpchain.results.units import shown_unit
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.analysis.effects import MedianEffect, _groups
+from warpchain.study.analysis.over_noise import Designs
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import CrossValidation, Surrogate
@@ -113,6 +114,29 @@ def distributions(results: Results, metrics: Sequence[str]) -> list[Panel]:
         ]
         top = float(1.08 * counts.max())
         panels.append({"x": {"label": axis.name}, "y": {"label": "variants", "range": [0, top]}, "series": series})
+    return panels
+
+
+def over_noise(designs: Designs, chosen: Sequence[int], letters: str) -> list[Panel]:
+    """Runs of designs over the noise for each metric: all of them, their mean, and from 5 to 95 %."""
+    panels = []
+    for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
+        axis, x = Axis(designs.runs, metric), np.arange(len(chosen))
+        values = [designs.runs.values(metric)[designs.rows[row]] for row in chosen]
+        at = np.concatenate([place + np.linspace(-0.28, 0.28, len(of)) for place, of in zip(x, values, strict=True)])
+        mean, low, high = (designs.values(f"{word}({metric})")[list(chosen)] for word in ("mean", "q5", "q95"))
+        named = [{"label": label} if k == 0 else {} for label in ("runs, by noise row", "5 to 95 %", "mean")]
+        series: list[dict[str, Any]] = [
+            {"kind": "points", "x": rounded(at), "y": axis.of(np.concatenate(values)), "color": PALE, "size": 1.8},
+            {"kind": "errors", "x": x.tolist(), "low": axis.of(low), "high": axis.of(high), "color": ACCENT},
+            {"kind": "points", "x": x.tolist(), "y": axis.of(mean), "color": MARK, "size": 3.2},
+        ]
+        series = [one | name for one, name in zip(series, named, strict=True)]
+        ends = [end for b in designs.bounds if b.metric == metric for end in (b.min, b.max)]
+        for end in (end for end in ends if end is not None):
+            series.append({"kind": "level", "x": [0], "y": axis.of([end]), "color": INK, "label": "limit"})
+        words = [letters[place % len(letters)] for place in range(len(chosen))]
+        panels.append({"x": {"label": "design", "words": words}, "y": {"label": axis.name}, "series": series})
     return panels
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
+from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.analysis.surface import TRUSTED
@@ -29,6 +31,8 @@ from warpchain.study.report.decisions import (
 )
 from warpchain.study.report.search_history import search_section
 from warpchain.study.results import STATUSES, Results, read_results
+from warpchain.study.spec.noise import metric_in
+from warpchain.study.spec.study_tables import Objective
 from warpchain.study.store import write_text
 from warpchain.study.surrogate import Surrogate, best_surrogate
 from warpchain.study.surrogate.indices import best_indices
@@ -99,9 +103,12 @@ def report_html(
     for metric in metrics:
         results.values(metric)
     wanted = wanted_of(results, objectives, wanted)
-    named = tuple(metric for metric in wanted.goals.metrics if metric not in results.factors)
+    wished = dict.fromkeys(metric_in(metric) for metric in wanted.goals.metrics)
+    named = tuple(metric for metric in wished if metric not in results.factors)
     shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
-    chosen = wanted.goals.senses or {metric: "min" for metric in shown[:2]}
+    sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))
+    designs, over = designs_of(results, sought.goals)
+    chosen = over.senses
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
     effects = {metric: main_effects(results, metric) for metric in enough}
     chances = {metric: scatter_share(results, metric) for metric in enough}
@@ -110,13 +117,14 @@ def report_html(
     if not enough:
         few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
         return panels.report_page(title, [summary, _inputs(results), ends, few])
-    designs, recommended = designs_section(results, wanted)
+    judged = replace(wanted, objectives=over.objectives if wanted.objectives else (), bounds=over.bounds)
+    first, recommended = designs_section(designs, judged)
     surrogates = _surrogates(results, enough)
     sections = [
         summary,
-        designs,
-        search_section(results, wanted, recommended),
-        front_section(results, chosen, not wanted.goals.senses),
+        first,
+        search_section(designs, judged, recommended),
+        front_section(designs, chosen, not wanted.objectives),
         html.section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
         _inputs(results),
         ends,
@@ -132,7 +140,9 @@ def report_html(
         _sobol(results, surrogates, wanted.folder),
         _extremes(results, enough),
     ]
-    data = rows_data(results, shown, _telling_factors(effects), chosen, wanted, recommended)
+    telling = [name for name in _telling_factors(effects) if name in designs.factors]
+    explored = designs.metrics if results.noise else shown
+    data = rows_data(designs, explored, telling, chosen, judged, recommended)
     return panels.report_page(title, [section for section in sections if section], data)
 
 
@@ -230,6 +240,7 @@ def _inputs(results: Results) -> html.Section:
             unit = axis.unit
             span = ends[0] if distinct == 1 else " to ".join(ends)
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
+        note = "noise" if factor in results.noise else note
         rows.append((factor, unit, span, distinct, note))
     return html.section("inputs", "What was varied", html.table(("factor", "unit", "range", "values", ""), rows))
 

@@ -47,7 +47,7 @@ FREE = ("shard", "device", "keep_states")
 """Run settings that may differ."""
 WANTED = ("objectives", "bounds", "optimize")
 """Fields of a study that no run depends on."""
-SPREAD = ("range", "levels", "choice", "points", "distribution", "mean", "std", "group")
+SPREAD = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
 """Keys of a factor that say how its values are spread, not what they do."""
 ROWS, MERGED = "rows.parquet", "merged.parquet"
 """The joined design's table, and what its rows were before."""
@@ -148,7 +148,7 @@ def _widened(factors: Sequence[Factor]) -> Factor | None:
     first = factors[0].model_copy(update={"points": None})
     if all(factor.model_copy(update={"points": None}) == first for factor in factors):
         return first
-    kinds, changed = {factor.kind for factor in factors}, dict[str, Any]()
+    kinds, changed = {factor.form for factor in factors}, dict[str, Any]()
     if kinds in ({"uniform"}, {"log-uniform"}):
         ends = [end for factor in factors for end in factor.range or ()]
         changed["range"] = (min(ends), max(ends))
@@ -288,7 +288,7 @@ def _write(place: Path, opened: Sequence[Folder], study: Study, pool: _Pool) -> 
     import pyarrow as pa
 
     (place / "shards").mkdir()
-    given = [factor.name for factor in study.factors if factor.kind != "expression"]
+    given = [factor.name for factor in study.factors if factor.form != "expression"]
     columns = {name: [row[name] for row in pool.rows] for name in given}
     write_table(place / ROWS, pa.table(columns))
     copies = study.design.copies

@@ -30,6 +30,7 @@ from warpchain.study.run.folder import REPLICATES, Folder, differences, make_fol
 from warpchain.study.run.shard_plan import Block
 from warpchain.study.spec import Study, check_drive, dumps_study, load_study
 from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.noise import statistic_of
 from warpchain.study.spec.study_file import Subject
 from warpchain.study.spec.study_tables import (
     SAMPLED,
@@ -225,13 +226,15 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
     factors = [factor.name for factor in study.factors]
     wanted = (("objectives", [o.metric for o in study.objectives]), ("limits", [b.metric for b in study.bounds]))
     for key, metrics in wanted:
-        for i, metric in enumerate(metrics):
+        for i, name in enumerate(metrics):
+            of = statistic_of(name)
+            metric, known = (name, factors) if of is None else (of.metric, [])
             if metric in recorded:
                 if study.record.every != 1:
-                    yield f'{key}.{i}.metric = "{metric}": is of recorded variants; it needs record.every = 1'
-            elif metric not in (*names, *factors):
-                known = [*factors, *names, *recorded]
-                yield f'{key}.{i}.metric = "{metric}": no such metric; {nearest(metric, known, 8)}'
+                    yield f'{key}.{i}.metric = "{name}": is of recorded variants; it needs record.every = 1'
+            elif metric not in (*names, *known):
+                near = nearest(metric, [*known, *names, *recorded], 8)
+                yield f'{key}.{i}.metric = "{name}": no such metric; {near}'
 
 
 def growable(known: Study, other: Study) -> bool:

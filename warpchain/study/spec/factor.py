@@ -79,16 +79,23 @@ Texts = Annotated[
     BeforeValidator(plain_sequence),
     Value("must be a list of texts that are not empty"),
 ]
+Sample = Annotated[
+    tuple[_Number, ...],
+    Field(min_length=2),
+    BeforeValidator(plain_sequence),
+    Value("must be a list of at least 2 finite numbers"),
+]
 Range = Annotated[
     tuple[_Number, _Number],
     BeforeValidator(plain_sequence),
     Value("must be two finite numbers [low, high], low below high"),
 ]
 Distribution = Annotated[
-    Literal["uniform", "log-uniform", "normal", "truncated-normal", "lognormal"],
-    Value('must be "uniform", "log-uniform", "normal", "truncated-normal" or "lognormal"'),
+    Literal["uniform", "log-uniform", "normal", "truncated-normal", "lognormal", "empirical"],
+    Value('must be "uniform", "log-uniform", "normal", "truncated-normal", "lognormal" or "empirical"'),
 ]
 Along = Annotated[Literal["normal"] | Direction, Value('must be "normal", or two finite numbers [x, y], not both 0')]
+Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Points = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer of at least 2")]
 
 NEEDS = {
@@ -97,6 +104,7 @@ NEEDS = {
     "normal": ("mean", "std"),
     "truncated-normal": ("mean", "std", "range"),
     "lognormal": ("mean", "std"),
+    "empirical": (),
 }
 """The keys that each distribution takes."""
 
@@ -117,9 +125,12 @@ class Factor(Part):
         relative: the value multiplies the drive's own.
         offset: the value is added to the drive's own.
         hidden: varied, but no factor of the results: what it does is scatter.
-        distribution: "uniform", "log-uniform", "normal", "truncated-normal" or "lognormal".
+        kind: "design", what an engineer chooses (default), or "noise", what nobody can: designs are compared over it.
+        distribution: "uniform", "log-uniform", "normal", "truncated-normal", "lognormal" or "empirical".
         range: (low, high): the ends of a distribution, or of a grid.
         mean, std: those of a normal distribution, or a lognormal one (of the value, not of its logarithm).
+        sample: numbers that were measured, each as likely, of an empirical distribution.
+        file, column: a CSV or Parquet file, relative to the study file, and its column that holds them instead.
         levels: numbers in the order of a grid.
         choice: numbers, texts or switches without an order.
         expression: arithmetic of other factors.
@@ -137,10 +148,14 @@ class Factor(Part):
     relative: Switch = False
     offset: Switch = False
     hidden: Switch = False
+    kind: Annotated[Literal["design", "noise"], Value('must be "design" or "noise"')] | None = None
     distribution: Distribution | None = None
     range: Range | None = None
     mean: Finite | None = None
     std: Positive | None = None
+    sample: Sample | None = None
+    file: Text | None = None
+    column: Text | None = None
     levels: Numbers | None = None
     choice: Scalars | None = None
     expression: Text | None = None
@@ -150,16 +165,16 @@ class Factor(Part):
     unit: Text | None = None
 
     @property
-    def kind(self) -> str | None:
+    def form(self) -> str | None:
         """The distribution's name, "levels", "choice" or "expression"; None if a table gives the values."""
-        return kind_of(self)
+        return form_of(self)
 
     @property
     def values(self) -> tuple[Any, ...] | None:
         """The values of levels or a choice."""
         return self.levels if self.levels is not None else self.choice
 
-    def column(self, values: Iterable[Any]) -> list[Any]:
+    def cells(self, values: Iterable[Any]) -> list[Any]:
         """Values as a column of a table holds them: of a choice of numbers and "auto", as texts."""
         return [str(value) for value in values] if self._mixed else list(values)
 
@@ -182,7 +197,9 @@ class Factor(Part):
         if get(node, "path") is not None and get(node, "paths"):
             yield Problem(("paths",), get(node, "paths"), "not together with path; give one of the two")
         yield from _place_rules(node)
-        yield from _kind_rules(cls, node)
+        yield from _form_rules(cls, node)
+        yield from _noise_rules(node)
+        yield from _sample_rules(node)
         ends = get(node, "range")
         if isinstance(ends, (list, tuple)) and len(ends) == 2 and numbers(*ends):
             if ends[0] >= ends[1]:
@@ -191,8 +208,8 @@ class Factor(Part):
                 yield Problem(("range",), ends, "must be two positive numbers with a log-uniform distribution")
 
 
-def kind_of(node: Any) -> str | None:
-    """The source of a factor's values (see `Factor.kind`), also of a mapping that should become one."""
+def form_of(node: Any) -> str | None:
+    """The source of a factor's values (see `Factor.form`), also of a mapping that should become one."""
     for key in ("expression", "levels", "choice"):
         if get(node, key) is not None:
             return key
@@ -222,9 +239,9 @@ def _place_rules(node: Any) -> Iterator[Problem]:
             yield Problem((key,), True, "needs numbers as choice")
 
 
-def _kind_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
-    """Each kind of factor takes its own keys."""
-    kind = kind_of(node)
+def _form_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
+    """Each form of factor takes its own keys."""
+    kind = form_of(node)
     if kind in ("expression", "levels", "choice"):
         for key in ("levels", "choice", "distribution", "range", "mean", "std", "points"):
             if key != kind and get(node, key) is not None:
@@ -244,3 +261,32 @@ def _kind_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
         elif key not in needed and given is not None:
             text = f'not with distribution "{kind}"' if kind else 'needs distribution "normal" or "truncated-normal"'
             yield Problem((key,), given, text)
+
+
+def _noise_rules(node: Any) -> Iterator[Problem]:
+    """Noise has a distribution of its own."""
+    if get(node, "kind") != "noise":
+        return
+    for key in ("expression", "points"):
+        if get(node, key) is not None:
+            yield Problem((key,), get(node, key), 'not with kind "noise"')
+    if get(node, "hidden") is True:
+        yield Problem(("hidden",), True, 'not with kind "noise"')
+    if form_of(node) is None:
+        text = 'missing; needed with kind "noise": give range, a distribution, levels or choice'
+        yield Problem(("distribution",), None, text, BARE)
+
+
+def _sample_rules(node: Any) -> Iterator[Problem]:
+    """An empirical distribution has a sample, or a file and a column that hold it."""
+    sample, file, column = (get(node, key) for key in ("sample", "file", "column"))
+    if form_of(node) != "empirical":
+        for key in ("sample", "file", "column"):
+            if get(node, key) is not None:
+                yield Problem((key,), get(node, key), 'only with distribution "empirical"')
+    elif sample is None and file is None:
+        yield Problem(("sample",), None, "missing; give sample, or file and column", BARE)
+    elif sample is not None and (file is not None or column is not None):
+        yield Problem(("sample",), sample, "not together with file or column")
+    elif sample is None and column is None:
+        yield Problem(("column",), None, "missing; the column of the file that holds the sample", BARE)

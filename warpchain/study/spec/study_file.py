@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from warpchain.drive import Drive
@@ -21,7 +22,8 @@ from warpchain.files import read_text
 from warpchain.results.judgement import Limits
 from warpchain.results.replicate_metrics import COPY, COUNT
 from warpchain.study.spec.expression import Expression, parse
-from warpchain.study.spec.factor import NEEDS, Factor, kind_of
+from warpchain.study.spec.factor import NEEDS, Factor, form_of
+from warpchain.study.spec.noise import NOISE, Noise, metric_in, noise_names, noise_rules, with_sample
 from warpchain.study.spec.study_tables import (
     Adjust,
     Bound,
@@ -146,8 +148,8 @@ def design_rules(node: Any) -> Iterator[Problem]:
     kind = get(get(node, "design"), "kind")
     factors = elements(node, "factors")
     for i, factor in enumerate(factors):
-        given = kind_of(factor)
-        if given == "expression":
+        given = form_of(factor)
+        if given == "expression" or get(factor, "kind") == NOISE:
             continue
         if kind == "table":
             if get(factor, "points") is not None:
@@ -225,6 +227,7 @@ class Study(Part):
         objectives: what should be small or large.
         bounds: limits on metrics, the entries of a list `limits` that name one.
         optimize: settings of the search for designs.
+        noise: rows of noise, and the share of them in which limits must be kept.
 
     Raises:
         DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
@@ -243,11 +246,30 @@ class Study(Part):
     objectives: Annotated[tuple[Objective, ...], Allowed("must be a list of objectives")] = ()
     bounds: Annotated[tuple[Bound, ...], Allowed("must be a list of limits on metrics")] = ()
     optimize: Search | None = None
+    noise: Noise | None = None
 
     @property
     def wanted(self) -> tuple[str, ...]:
-        """The metrics and factors that objectives and limits name."""
-        return tuple(dict.fromkeys([*(o.metric for o in self.objectives), *(b.metric for b in self.bounds)]))
+        """The metrics and factors that objectives and limits name, or statistics of theirs."""
+        named = [*(objective.metric for objective in self.objectives), *(bound.metric for bound in self.bounds)]
+        return tuple(dict.fromkeys(map(metric_in, named)))
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Names of the noise factors, and of expressions that follow them; none where all is design."""
+        return noise_names(self)
+
+    @property
+    def designs(self) -> Study:
+        """The study with its design factors alone; itself where there is no noise."""
+        noise = self.noise_names
+        kept = tuple(factor for factor in self.factors if factor.name not in noise)
+        return self if len(kept) == len(self.factors) else self.model_copy(update={"factors": kept})
+
+    @property
+    def noise_alone(self) -> Study:
+        """The study with its noise factors alone."""
+        return self.model_copy(update={"factors": tuple(f for f in self.factors if f.kind == NOISE)})
 
     @classmethod
     def _source(cls) -> str:
@@ -268,6 +290,7 @@ class Study(Part):
         yield from design_rules(node)
         yield from fatigue_rules(node)
         yield from objective_rules(node)
+        yield from noise_rules(node)
 
 
 def loads_study(text: str, source: str = "<text>") -> Study:
@@ -281,7 +304,9 @@ def loads_study(text: str, source: str = "<text>") -> Study:
     except DriveError as error:
         raise StudyError(str(error)) from None
     try:
-        return Study(**values)
+        study = Study(**values)
+        factors = tuple(with_sample(factor, Path(source).parent) for factor in study.factors)
+        return study if factors == study.factors else study.model_copy(update={"factors": factors})
     except DriveError as error:
         raise StudyError("\n".join(f"{source}: {as_written(line, values)}" for line in error.errors)) from None
 

@@ -29,7 +29,7 @@ from warpchain.drive.schema import (
     plain_sequence,
 )
 from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.study.spec.factor import Switch, Texts
+from warpchain.study.spec.factor import Switch, Texts, Whole
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
@@ -40,7 +40,6 @@ Count = Annotated[
     int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
 ]
 Copies = Annotated[int, Field(strict=True, ge=1, le=MOST_COPIES), Value(f"must be an integer from 1 to {MOST_COPIES}")]
-Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
     BeforeValidator(plain_sequence),

@@ -1,0 +1,110 @@
+"""Rows of noise, the same for every design, and designs crossed with them.
+
+The noise of a study is a Latin hypercube of its noise factors, so that designs meet common random numbers: what tells
+two of them apart is not in which noise they were run. Its columns get the wanted rank correlations, or none, by
+reordering alone, which leaves each factor's values as they are (Iman and Conover 1982). With scores S (n, d), normal
+quantiles of ranks in random order, T their correlation and C the wanted one,
+
+    R = S chol(T)^-T chol(C)^T,                                                                              (a)
+
+whose columns correlate as C; each factor's values take the order of its column of R. As ranks of R do not quite, it is
+done again with the scores of these. For ranks correlated as r, normal
+scores correlate as 2 sin(pi r / 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.drive import Drive
+from warpchain.study.design.factor_values import Array, complete, dimensions, from_unit, tied
+from warpchain.study.spec.noise import Noise, normal_correlation
+
+if TYPE_CHECKING:
+    from warpchain.study.spec import Study
+    from warpchain.study.spec.factor import Factor
+
+Row = Mapping[str, Any]
+TURNS = 4
+"""Times that eq. (a) is taken."""
+
+
+def noise_points(study: Study, count: int, seed: int) -> Array:
+    """Points (count, D) of the unit cube of a study's noise, with its rank correlations."""
+    from scipy.stats import qmc
+
+    axes, noise = dimensions(study.noise_alone), study.noise or Noise()
+    rng = np.random.default_rng(seed)
+    points = np.asarray(qmc.LatinHypercube(len(axes), rng=rng).random(count))
+    wanted = np.eye(len(axes))
+    places = [[axis.name for axis in axes].index(name) for name in noise.correlated]
+    if places:
+        wanted[np.ix_(places, places)] = normal_correlation(np.array(noise.ranks))
+    return with_correlation(points, wanted, rng) if count > len(axes) + 1 else points
+
+
+def with_correlation(points: Array, wanted: Array, rng: np.random.Generator) -> Array:
+    """Points (n, d) with each column reordered so that normal scores of its ranks correlate as wanted, eq. (a)."""
+    from scipy.stats import norm, rankdata
+
+    n, d = points.shape
+    scores = np.asarray(norm.ppf(np.arange(1, n + 1) / (n + 1.0)))
+    s = np.stack([rng.permutation(scores) for _ in range(d)], axis=1)
+    for _ in range(TURNS):
+        own = np.linalg.cholesky(np.corrcoef(s, rowvar=False).reshape(d, d))
+        r = s @ np.linalg.inv(own).T @ np.linalg.cholesky(wanted).T
+        order = np.stack([rankdata(column, "ordinal") - 1 for column in r.T], axis=1)
+        s = scores[order]
+    return np.take_along_axis(np.sort(points, axis=0), order, axis=0)
+
+
+def noise_rows(study: Study) -> list[dict[str, Any]]:
+    """The rows of noise that each design is run with, values by factor; one without any where there is no noise."""
+    noise = study.noise or Noise()
+    axes = dimensions(study.noise_alone)
+    if not axes:
+        return [{}]
+    return rows_at(study, noise_points(study, noise.count, noise.seed))
+
+
+def rows_at(study: Study, points: Array) -> list[dict[str, Any]]:
+    """Values of the noise factors at points (R, D)."""
+    inner = np.clip(points, 0.0, 1.0 - 1e-12)
+    columns = {
+        factor.name: from_unit(factor, inner[:, k])
+        for k, axis in enumerate(dimensions(study.noise_alone))
+        for factor in axis.factors
+    }
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def crossed(designs: Sequence[Row], noise: Sequence[Row]) -> list[dict[str, Any]]:
+    """Designs with every row of noise, design by design."""
+    return [{**design, **row} for design in designs for row in noise]
+
+
+def nominal(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
+    """A design's row with its noise factors where the base drive has them, or at their medians where it says nothing.
+
+    Args:
+        study: with noise.
+        drive: the base drive.
+        design: values of the design factors.
+    """
+    row = dict(design) | {factor.name: _own(factor, drive) for factor in study.noise_alone.factors}
+    complete(study, tied(study), row)
+    return row
+
+
+def _own(factor: Factor, drive: Drive) -> Any:
+    if factor.relative:
+        return 1.0
+    if factor.offset or factor.shift is not None:
+        return 0.0
+    own = [drive.get_value(path) for _, path in factor.targets()]
+    if own and isinstance(own[0], (bool, int, float, str)) and all(value == own[0] for value in own):
+        return own[0]
+    return from_unit(factor, np.array([0.5]))[0]

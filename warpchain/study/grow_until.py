@@ -1,0 +1,160 @@
+"""A study grown until its main effects are known as well as asked: doubled, looked at, and doubled again.
+
+The means of a metric in groups of a factor's values have standard errors (`analysis.effects`), which fall with the root
+of the number of variants. Each doubling is a growth of the folder (`run.prepare`), so that it can be killed and gone on
+with like any study.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from warpchain.engine.simulation import MEMORY, available_cores
+from warpchain.errors import StudyError
+from warpchain.study.analysis.effects import main_effects
+from warpchain.study.results import Results, read_results
+from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.prepare import grown, shard_size
+from warpchain.study.run.runner import run_folder
+from warpchain.study.spec.study_tables import SAMPLED
+
+_TEXT = re.compile(r"\s*se\(\s*main effects(?:\s+of\s+(.+?))?\s*\)\s*<\s*([-+.\deE]+)\s*(%?)\s*")
+_ALLOWED = 'must be such as "se(main effects) < 1 %", "se(main effects of METRIC) < 1 %" or "... of METRIC) < 50"'
+
+
+@dataclass(frozen=True)
+class Until:
+    """A condition on the standard errors of main effects.
+
+    Attributes:
+        metric: which; None is those that the study's objectives and limits name, or else the telling ones.
+        most: the largest error that is allowed, in the metric's unit, or as a part of its mean [-].
+        relative: whether it is a part of the mean.
+    """
+
+    metric: str | None
+    most: float
+    relative: bool
+
+    @classmethod
+    def of(cls, text: str) -> Until:
+        """The condition that a text says.
+
+        Raises:
+            StudyError: none is said.
+        """
+        found = _TEXT.fullmatch(text)
+        try:
+            value = float(found[2]) if found else math.nan
+        except ValueError:
+            value = math.nan
+        if found is None or not (math.isfinite(value) and value > 0.0):
+            raise StudyError(f"--until {text!r}: {_ALLOWED}")
+        if not found[3] and found[1] is None:
+            raise StudyError(f"--until {text!r}: a value without % needs a metric: {_ALLOWED}")
+        return cls(found[1], value / 100.0 if found[3] else value, bool(found[3]))
+
+    def words(self, error: float) -> str:
+        """An error in words."""
+        return f"{100.0 * error:.3g} %" if self.relative else f"{error:.4g}"
+
+
+@dataclass(frozen=True)
+class Reached:
+    """State of a study that grows.
+
+    Attributes:
+        rows: its rows.
+        error: largest standard error of a mean; infinite where a group is too small to tell.
+        metric, factor: of which.
+        count: `design.count` of it.
+        done: whether the condition is met.
+    """
+
+    rows: int
+    error: float
+    metric: str
+    factor: str
+    count: int
+    done: bool
+
+
+def largest_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
+    """The largest standard error of a group's mean, its metric and its factor.
+
+    Raises:
+        StudyError: no variant is ok, or an unknown metric.
+    """
+    if not results.ok.any():
+        raise StudyError("no variant is ok: there are no main effects to know")
+    worst = (0.0, "", "")
+    for metric in metrics:
+        rows = results.rows_for(metric)
+        if rows.sum() < 2:
+            return math.inf, metric, ""
+        scale = abs(float(results.values(metric)[rows].mean())) if relative else 1.0
+        for effect in main_effects(results, metric):
+            errors = np.where(np.isfinite(effect.errors), effect.errors, math.inf)
+            error = float(errors.max())
+            worst = max(
+                worst, (error / scale if scale > 0.0 else math.inf if error > 0.0 else 0.0, metric, effect.factor)
+            )
+    return worst
+
+
+def grow_until(
+    out: str | os.PathLike[str],
+    until: Until,
+    *,
+    most: int = 10_000,
+    workers: int | None = None,
+    memory: int = MEMORY,
+    progress: bool = False,
+    report: Callable[[Reached], object] | None = None,
+) -> Reached:
+    """Grows a study's folder until a condition is met, or until it would have more than so many rows.
+
+    Args:
+        out: the folder of a study whose design is sampled.
+        until: the condition.
+        most: rows at most.
+        workers, memory, progress: as of `run_study`.
+        report: called after each growth, and at the beginning.
+
+    Raises:
+        StudyError: no folder, a design that does not grow, an unknown metric, or no variant that is ok.
+    """
+    folder = open_folder(Path(out))
+    if folder.study.design.kind not in SAMPLED:
+        raise StudyError(f'{out}: design.kind = "{folder.study.design.kind}" does not grow; {", ".join(SAMPLED)} do')
+    while True:
+        run_folder(folder, workers=workers, memory=memory, progress=progress)
+        results = read_results(folder.results)
+        metrics = (until.metric,) if until.metric is not None else _metrics(folder, results)
+        error, metric, factor = largest_error(results, metrics, until.relative)
+        count = folder.study.design.count or 0
+        reached = Reached(folder.rows, error, metric, factor, count, error < until.most)
+        if report is not None:
+            report(reached)
+        if reached.done or 2 * folder.rows > most:
+            return reached
+        design = folder.study.design.model_copy(update={"count": 2 * count})
+        study = folder.study.model_copy(update={"design": design})
+        runs = 2 * folder.rows * design.copies
+        size = study.run.shard or shard_size(study, folder.drive, runs, 1, workers or available_cores(), memory)
+        folder = grown(folder, study, folder.path / "study.toml", size)
+
+
+def _metrics(folder: Folder, results: Results) -> tuple[str, ...]:
+    """Metrics that the study's objectives and limits name, or else the telling ones."""
+    from warpchain.study.report.study_sections import telling_metrics
+
+    named = tuple(name for name in folder.study.wanted if name in results.metrics)
+    return named or telling_metrics(results)

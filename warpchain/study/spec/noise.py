@@ -1,0 +1,181 @@
+"""Noise in a study file: what nobody can choose, how it is sampled, and statistics of metrics over it.
+
+A statistic is written as an objective's or a limit's `metric`: "mean(M)", "std(M)" or a quantile such as "q95(M)", M a
+metric. A metric alone means its mean where it is an objective; a limit on it is one that each run keeps.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.schema import BARE, Part, Problem, Value, elements, get, numbers, plain_sequence
+from warpchain.errors import StudyError
+from warpchain.study.results import NOISE
+from warpchain.study.spec.expression import parse
+from warpchain.study.spec.factor import Texts, Whole, form_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from warpchain.study.spec.factor import Factor
+
+_STATISTIC = re.compile(r"(mean|std|q(\d{1,2}(?:\.\d+)?))\((.+)\)")
+_Row = Annotated[tuple[Annotated[float, Field(strict=True, ge=-1.0, le=1.0)], ...], BeforeValidator(plain_sequence)]
+Ranks = Annotated[
+    tuple[_Row, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
+]
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A statistic of a metric over noise.
+
+    Attributes:
+        word: "mean", "std", or a quantile as it was written, such as "q95".
+        metric: of which.
+        level: probability of a quantile [-]; None of the others.
+    """
+
+    word: str
+    metric: str
+    level: float | None = None
+
+
+def statistic_of(name: str) -> Statistic | None:
+    """The statistic that a name says; None for the name of a metric or factor."""
+    found = _STATISTIC.fullmatch(name)
+    if found is None or (found[2] is not None and float(found[2]) == 0.0):
+        return None
+    return Statistic(found[1], found[3], None if found[2] is None else float(found[2]) / 100.0)
+
+
+def metric_in(name: str) -> str:
+    """The metric that a name is of: itself, or that of its statistic."""
+    found = statistic_of(name)
+    return name if found is None else found.metric
+
+
+class Noise(Part):
+    """The noise that designs are compared over: the same rows for each.
+
+    Attributes:
+        count: rows of noise; each design is run with all of them.
+        seed: seed of their sampling.
+        correlated: noise factors that vary together.
+        ranks: rank correlations of these (Spearman's), a symmetric matrix with 1 on its diagonal.
+        keep: share of the noise in which limits on metrics must be kept.
+    """
+
+    count: Annotated[int, Field(strict=True, ge=4, le=100_000), Value("must be an integer from 4 to 100000")] = 32
+    seed: Whole = 0
+    correlated: Texts = ()
+    ranks: Ranks = ()
+    keep: Annotated[float, Field(strict=True, gt=0.0, lt=1.0), Value("must be a number between 0 and 1")] = 0.95
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        names, ranks = elements(node, "correlated"), elements(node, "ranks")
+        if not names and not ranks:
+            return
+        if len(names) < 2 or len(set(names)) < len(names):
+            yield Problem(("correlated",), list(names), "must be at least 2 different noise factors")
+        elif not _square(ranks, len(names)):
+            text = f"must be a symmetric matrix of {len(names)} rows with 1 on its diagonal"
+            yield Problem(("ranks",), None, text, BARE)
+        elif np.linalg.eigvalsh(normal_correlation(np.array(ranks, dtype=float))).min() <= 1e-9:
+            yield Problem(
+                ("ranks",), None, "no factors can be correlated so: the matrix is not positive definite", BARE
+            )
+
+
+def _square(ranks: Any, size: int) -> bool:
+    """Whether rows are a symmetric matrix of numbers with a diagonal of 1."""
+    if len(ranks) != size or any(not isinstance(r, (list, tuple)) or len(r) != size or not numbers(*r) for r in ranks):
+        return False
+    matrix = np.array(ranks, dtype=float)
+    return bool((matrix == matrix.T).all() and (np.diag(matrix) == 1.0).all() and (np.abs(matrix) <= 1.0).all())
+
+
+def normal_correlation(ranks: Any) -> Any:
+    """Correlation of normal variables whose ranks are correlated so: 2 sin(pi r / 6) (Pearson 1907)."""
+    return 2.0 * np.sin(np.pi * ranks / 6.0)
+
+
+def noise_names(node: Any) -> tuple[str, ...]:
+    """Names of a study's noise factors, and of the expressions that reach one."""
+    found = [str(get(factor, "name")) for factor in elements(node, "factors") if get(factor, "kind") == NOISE]
+    tied = {
+        str(get(factor, "name")): _names_in(get(factor, "expression"))
+        for factor in elements(node, "factors")
+        if form_of(factor) == "expression"
+    }
+    count = -1
+    while found and count != len(found):
+        count = len(found)
+        found += [name for name, needs in tied.items() if name not in found and set(needs) & set(found)]
+    return tuple(found)
+
+
+def _names_in(text: Any) -> tuple[str, ...]:
+    try:
+        return parse(text).names if isinstance(text, str) else ()
+    except StudyError:
+        return ()  # its own rule says so
+
+
+def noise_rules(node: Any) -> Iterator[Problem]:
+    """The noise of a study agrees with its factors, objectives and limits."""
+    factors, noise = elements(node, "factors"), noise_names(node)
+    own = [str(get(f, "name")) for f in factors if get(f, "kind") == NOISE]
+    if get(node, "noise") is not None and not noise:
+        yield Problem(("noise",), None, 'needs at least one factor of kind "noise"', BARE)
+    groups: dict[str, Any] = {}
+    for i, factor in enumerate(factors):
+        group = get(factor, "group")
+        if isinstance(group, str) and groups.setdefault(group, get(factor, "kind") == NOISE) != (
+            get(factor, "kind") == NOISE
+        ):
+            yield Problem(("factors", i, "group"), group, "factors of a group must be of one kind")
+    for name in elements(get(node, "noise"), "correlated"):
+        grouped = [get(f, "group") for f in factors if get(f, "name") == name]
+        if name not in own or grouped[0] is not None:
+            text = f"{name} is not a noise factor without a group; they are {', '.join(own)}"
+            yield Problem(("noise", "correlated"), name, text)
+    for i, constraint in enumerate(elements(node, "constraints")):
+        reached = [name for name in _names_in(get(constraint, "require")) if name in noise]
+        if reached:
+            text = f"{reached[0]} is noise, which nobody can choose: constrain design factors"
+            yield Problem(("constraints", i, "require"), get(constraint, "require"), text)
+    for key in ("objectives", "bounds"):
+        for i, entry in enumerate(elements(node, key)):
+            metric = get(entry, "metric")
+            if metric in noise:
+                yield Problem((key, i, "metric"), metric, "is noise, which nobody can choose")
+            elif isinstance(metric, str) and statistic_of(metric) is not None and not noise:
+                yield Problem((key, i, "metric"), metric, 'is a statistic over noise: needs a factor of kind "noise"')
+
+
+def with_sample(factor: Factor, folder: Path) -> Factor:
+    """A factor whose sample is in a file, with the sample instead.
+
+    Raises:
+        StudyError: the file cannot be read, or its column holds no numbers.
+    """
+    from warpchain.study.store import read_table
+
+    if factor.file is None or factor.column is None:
+        return factor
+    path = folder / factor.file
+    table = read_table(path)
+    if factor.column not in table.column_names:
+        raise StudyError(f"{path}: no column {factor.column}; it has {', '.join(table.column_names)}")
+    values = table[factor.column].to_pylist()
+    if len(values) < 2 or not numbers(*values) or not np.isfinite(values).all():
+        raise StudyError(f"{path}: column {factor.column}: must hold at least 2 numbers, all finite")
+    return factor.model_copy(update={"sample": tuple(values), "file": None, "column": None})
