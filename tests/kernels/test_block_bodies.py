@@ -6,6 +6,9 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    led,
+    led_light,
+    led_rk4,
     light_trains,
     moving_sprockets,
     pushed_slider,
@@ -35,6 +38,9 @@ KINDS = (
     swung_light,
     swung_rk4,
     swung_trains,
+    led,
+    led_light,
+    led_rk4,
     *TRAINS,
 )
 USUAL = [
@@ -46,6 +52,8 @@ USUAL = [
     (bending_rk4, True, "float32"),
     (swung, False, "float64"),
     (swung_light, True, "float32"),
+    (led, True, "float64"),
+    (led_light, False, "float32"),
 ]
 
 
