@@ -165,7 +165,10 @@ class Gear:
 
 @wp.struct
 class Mount:
-    """Mount of a body's center, and its balance wheel; all zero for a fixed center without a wheel."""
+    """Mount of a body's center, and its balance wheel; all zero for a fixed center without a wheel.
+
+    An arm whose pivot is led has one, with its own center of mass as that of the wheel and without weight.
+    """
 
     active: wp.int32  # 1: the center can move or there is a wheel
     moves: wp.int32  # 0 held, 1 prescribed, 2 on springs
@@ -175,6 +178,8 @@ class Mount:
     amplitude: wp.float64  # [m]
     frequency: wp.float64  # 2 pi f [rad/s]
     phase: wp.float64  # [rad]
+    x_table: Tabulated  # of prescribed motion over time, on top [m]
+    y_table: Tabulated
     mass: wp.float64  # of body and wheel [kg]
     inverse_mass: wp.mat22d  # 1 / mass along the free directions, else 0 [1/kg]
     stiffness: wp.mat22d  # [N/m]
@@ -209,6 +214,7 @@ class Arm:
     stop_stiffness: wp.float64  # of a stop [N m/rad]
     stop_damping: wp.float64  # [N m s/rad]
     reach: wp.float64  # how far from the pivot the chain may touch it [m]
+    mass: wp.float64  # where its pivot is led: with what it carries; else 0 [kg]
     mass_moment: wp.vec2d  # mass times its center of mass from the pivot, as drawn [kg m]
     gravity: wp.vec2d  # [m/s^2]
 
@@ -548,6 +554,7 @@ class ArmSums:
     angle_square: wp.float64
     moment: wp.float64  # of contacts about its pivot [N m s]
     dissipated: wp.float64  # in its damper and stops [J]
+    work: wp.float64  # done on it by what leads its pivot [J]
 
 
 @wp.struct

@@ -187,14 +187,17 @@ def add_bearing(sums: Any, power: Any, weight: Any):
 
 
 @wp.func
-def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
-    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take."""
+def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, weight: Any):
+    """One arm's angle, the contacts' moment on it, the power that its damper and stops take, and that of what leads
+    its pivot.
+    """
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
     sums.angle = added(sums.angle, weight * body.angle)
     sums.angle_square = added(sums.angle_square, weight * body.angle * body.angle)
     sums.moment = added(sums.moment, weight * moment)
     sums.dissipated = added(sums.dissipated, weight * power)
+    sums.work = added(sums.work, weight * led)
     return sums
 
 

@@ -247,6 +247,22 @@ def swung(**values):
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
 
+def led():
+    """Those idlers with the pivots of their arms led along a table, the second with its last sprocket's center, too."""
+    table = {"time": [0.0, 4e-4, 1e-3, 2e-3], "x": [0.0, 1e-5, -2e-5, 0.0], "y": [0.0, -1e-5, 1e-5, 3e-5]}
+    first, second = swung(**{"arms.0.pivot_table": table})
+    center = {"kind": "prescribed", "table": {"time": table["time"], "y": table["x"], "factor": 0.5}}
+    return [first, second.with_values({"sprockets.auger.mount": center})]
+
+
+def led_light():
+    return [drive.with_values(LIGHT) for drive in led()]
+
+
+def led_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in led()]
+
+
 def swung_trains():
     """Those idlers, the first on a shaft that a coupling ties to another."""
     shafts = [{"name": "on it", "inertia": 2e-3}, {"name": "beside", "inertia": 5e-3, "load": {"torque": 1.0}}]

@@ -12,7 +12,7 @@ import warp as wp
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
 from ..native import accessors
-from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pose_of
+from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pivot_power, pose_of
 from ..physics.motion import load_moment_at_speed, prescribed_acceleration
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
@@ -123,8 +123,15 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
         body = body_now(ensemble, state, b, now.time, now.lag)
-        power = arm_dissipation(body, ensemble.arms[i])
-        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, now.weight)
+        power, led = arm_dissipation(body, ensemble.arms[i]), wp.float64(0.0)
+        mount = ensemble.mounts[b]
+        if mount.active == 1:
+            whole = bodies.wrench_on(ensemble, state, drive, b)
+            whole.load = bodies.load_on(ensemble, drive, body, b, now.time) + whole.bearing
+            off, motion = off_home(body.center, mount), ensemble.motions[b]
+            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
+            led = pivot_power(led, body, ensemble.arms[i])
+        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, now.weight)
 
     @wp.func
     def add_push(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):

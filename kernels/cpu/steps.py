@@ -14,6 +14,7 @@ from ..physics.body import (
     heading_of,
     in_box,
     leapfrog_body,
+    led_center,
     own_moment,
     pose_of,
     solved,
@@ -228,7 +229,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
-            moved = leapfrog_body(time + drive.step, kick, drive.step, body, rates, ahead, motion, mount)
+            moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
+            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble.curves)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             if drive.hubs != 0:
@@ -263,7 +265,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
             angle, driven = prescribed_at(time, motion, ensemble.curves)
-        return body_at(time, lag, state.bodies[b], state.rates[b], driven, motion, ensemble.mounts[b])
+        body, rates, mount = state.bodies[b], state.rates[b], ensemble.mounts[b]
+        return body_at(time, lag, body, rates, driven, motion, mount, ensemble.curves)
 
     @wp.func
     def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
@@ -333,7 +336,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if drive.tied != 0:
             pass_on(ensemble, state, drive, PREDICTING, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
+            if (ensemble.mounts[b].active == 0 or arm_of(drive, b) >= 0) and ensemble.motions[b].prescribed == 0:
                 rates = rates_of(ensemble, state, drive, b, memory.time)
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])

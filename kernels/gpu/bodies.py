@@ -16,6 +16,7 @@ from ..physics.body import (
     in_box,
     in_plain,
     leapfrog_body,
+    led_center,
     own_moment,
     posed,
     solved,
@@ -231,8 +232,8 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         if b < wp.static(mounted):
             angle, speed = led_at(ensemble, shared, mine, b, step)
             pose.exact_speed = speed
-            if wp.static(moving):
-                shared.mounts[b] = ensemble.mounts[own.first_body + mine.number]
+        if wp.static(moving):
+            shared.mounts[b] = ensemble.mounts[own.first_body + mine.number]
         share_hub(ensemble, shared, mine.variant, mine.row, b)
         if b < wp.static(sprockets):
             at = drive.first_sprocket + b
@@ -295,11 +296,13 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def mount_of(shared: Shared, b: int):
-        """The mount of body b; an arm's does not move."""
+        """The mount of body b."""
         mount = kinds.Mount()
         if wp.static(moving):
-            if b < wp.static(kind.parts.mounted):
-                mount = shared.mounts[b]
+            mount = shared.mounts[b]
+            if wp.static(kind.parts.tabulated == 0):
+                mount.x_table.cells = 0  # so that the compiler knows
+                mount.y_table.cells = 0
         return mount
 
     @wp.func
@@ -383,13 +386,15 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     def predict_rates(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
-        if motion.prescribed == 0 and mount_of(shared, mine.body).active == 0:
+        mount = mount_of(shared, mine.body)
+        if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            moving = turning(ensemble, shared, mine, with_bearing(wrench))
+            by, body, apart = turning(ensemble, shared, mine, with_bearing(wrench)), state_of(pose), off(pose, mount)
             if wp.static(kind.parts.rings > 1):
                 wrench.yielding = yielding_together(ensemble, shared, mine)
-            acceleration = (moving.moment + moving.load) * motion.inverse_inertia
-            shared.poses[mine.body].angular = solved(pose.angular, acceleration, wrench, motion)
+            time = time_of(mine, now)
+            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble.curves)
+            shared.poses[mine.body].angular = solved(pose.angular, rates[2], wrench, motion)
 
     @wp.func
     def with_bearing(wrench: Wrench):
@@ -416,12 +421,13 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = turning(ensemble, shared, mine, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
-        seen = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
+        lag = leapfrog_lag(now.step, h)
+        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
-            after = time + step_number(mine)
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
-            moved = leapfrog_body(after, kick, h, body, rates, angle, motion, mount)
+            moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
+            moved = led_center(time + step_number(mine), h, moved, mount, ensemble.curves)
             moved = expecting(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))

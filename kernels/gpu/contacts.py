@@ -248,7 +248,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
             arm = shared.hubs[s].arm
             if arm != GROUND:
                 lever = leading(difference(shared.poses[s].center, shared.poses[arm].center))
-                add_moment(shared, mine, arm, j, reaction(lever, force))
+                add_wrench(shared, mine, arm, j, reaction(lever, force), force, now.measured)
                 add_yielding(shared, mine, now, arm, j, lever, normal, answer)
 
     @wp.func

@@ -53,7 +53,7 @@ def block_types(Real: type) -> SimpleNamespace:
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         # after them, of several chains with light bodies: how contacts answer accelerations [kg m^2]
-        mounts: wp.array[kinds.Mount]  # of all bodies but arms, where centers move
+        mounts: wp.array[kinds.Mount]  # (B,), where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
         turning: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
@@ -163,7 +163,7 @@ class Parts:
 
     @property
     def mounted(self) -> int:
-        """Bodies that may have mounts: sprockets and others, which stand before the arms."""
+        """Bodies whose angle may be prescribed: sprockets and others, which stand before the arms."""
         return self.sprockets + self.others
 
     @property

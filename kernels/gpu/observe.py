@@ -12,7 +12,15 @@ import warp as wp
 
 from ..native import accessors, by_device
 from ..number import leading
-from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by
+from ..physics.body import (
+    arm_dissipation,
+    arm_energy,
+    body_energy,
+    heading_of,
+    held_by,
+    own_moment,
+    pivot_power,
+)
 from ..physics.link import roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
@@ -304,11 +312,32 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
 
     @wp.func
-    def observe_arm(ensemble: Ensemble, sums: kinds.Sums, mine: Mine, now: Now, seen: kinds.Instant, moment: Real):
-        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m]."""
+    def leading_power(
+        ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, before: Pose, seen: kinds.Instant, whole: Wrench
+    ):
+        """Power [W] of what leads the pivot of the thread's arm; arguments as of `observe_sprocket`."""
+        led = Real(0.0)
+        if wp.static(moving):
+            arm, motion = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm], shared.motions[mine.body]
+            mount = steps.mount_of(shared, mine.body)
+            if mount.active != 0:
+                off, to = steps.off(before, mount), heading_seen(before, seen)
+                whole.load = own_moment(seen, to, arm)
+                acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
+                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble.curves)
+                led = pivot_power(power, seen, arm)
+        return led
+
+    @wp.func
+    def observe_arm(
+        ensemble: Ensemble, sums: kinds.Sums, mine: Mine, now: Now, seen: kinds.Instant, moment: Real, led: Real
+    ):
+        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `led` the power
+        of what leads its pivot [W].
+        """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
         power = arm_dissipation(seen, ensemble.arms[at])
-        sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, now.weight)
+        sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, led, now.weight)
 
     @wp.func
     def observe_energy(

@@ -100,7 +100,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
         "passed": kind.parts.bodies * (kind.parts.tied + several * kind.parts.light),
-        "mounts": kind.parts.mounted * kind.moving,
+        "mounts": kind.parts.bodies * kind.moving,
         "hubs": sprockets * kind.parts.hubs,
         "bearings": sprockets * kind.parts.hubs,
         "turning": kind.parts.bodies * kind.parts.hubs,

@@ -144,7 +144,8 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, vec2(acting[1], acting[2]), now.weight)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
-                    observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment)
+                    led = observe.leading_power(ensemble, shared, mine, now, before, seen, whole)
+                    observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment, led)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):

@@ -1,8 +1,9 @@
 """Bodies: what carries teeth and guides and is moved by the chain's wrench on it.
 
 A body has three coordinates, its center (x, y) and its angle; each is free, held, or prescribed. A sprocket whose
-center is fixed and that has no balance wheel, or an arm, only turns (`Mount.active` = 0); the others follow `mount`.
-What is prescribed takes its mean speed over a leapfrog step, which leads it exactly from place to place.
+center is fixed and that has no balance wheel, or an arm about a fixed pivot, only turns (`Mount.active` = 0); the
+others follow `mount`. What is prescribed takes its mean speed over a leapfrog step, which leads it exactly from place
+to place.
 
 `body_rates` has the accelerations of all coordinates, `leapfrog_body` and `stage_body` take a body on by an
 integrator, `body_at` observes it. A new kind of body adds its own moment to the load on its angle.
@@ -146,25 +147,31 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
             turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, curves), zero)
         driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
-            place, velocity, driven = prescribed_center(time, mount)
+            place, velocity, driven = prescribed_center(time, mount, curves)
         rates = accelerations(driven, off, body, heading, wrench, turning, mount)
     return rates
 
 
 @wp.func
-def leapfrog_body(after: Any, kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
-    """A body a step `h` on, at `after` [s]; `kick` as `leapfrog_kick`, `ahead` its angle then if that is prescribed."""
+def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
+    """A body a step `h` on; `kick` as `leapfrog_kick`, `ahead` its angle then if that is prescribed."""
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
     body.angle = wp.where(led, ahead, body.angle + h * speed)
     body.speed = speed
-    if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(after, mount)
-        body.velocity = (center - body.center) * reciprocal(h)
-        body.center = center
-    elif mount.active != 0:
+    if mount.active != 0 and mount.moves != PRESCRIBED:
         body.velocity = body.velocity + kick * wp.vector(rates[0], rates[1])
         body.center = body.center + h * body.velocity
+    return body
+
+
+@wp.func
+def led_center(after: Any, h: Any, body: Any, mount: Any, curves: Any):
+    """A body with its center where it is led at `after` [s], a leapfrog step `h` on; at its mean velocity there."""
+    if mount.moves == PRESCRIBED:
+        center, velocity, growth = prescribed_center(after, mount, curves)
+        body.velocity = (center - body.center) * reciprocal(h)
+        body.center = center
     return body
 
 
@@ -239,21 +246,21 @@ def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: 
         body.angle = angle
         body.speed = number_of(speed)
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(at.after, mount)
+        center, velocity, growth = prescribed_center(at.after, mount, curves)
         body.center = center
         body.velocity = number_of(velocity)
     return body, stages
 
 
 @wp.func
-def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any):
+def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, curves: Any):
     """A body in plain numbers with its rates at `time`, `lag` after their instant; `driven` is the speed of a
     prescribed angle.
     """
     seen = in_plain(body)
     seen.speed = wp.where(motion.prescribed == 1, driven, seen.speed + lag * rates[2])
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(time, mount)
+        center, velocity, growth = prescribed_center(time, mount, curves)
         seen.velocity = velocity
     else:
         seen.velocity = seen.velocity + lag * wp.vector(rates[0], rates[1])
@@ -341,9 +348,15 @@ def arm_energy(kinetic: Any, body: Any, heading: Any, arm: Any):
     energy = kinetic + half * arm.stiffness * turned * turned
     beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
     energy += half * arm.stop_stiffness * beyond * beyond
-    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
-    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
+    x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1] + arm.mass * (body.center[0] - arm.pivot[0])
+    y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0] + arm.mass * (body.center[1] - arm.pivot[1])
     return energy - x * arm.gravity[0] - y * arm.gravity[1]
+
+
+@wp.func
+def pivot_power(power: Any, body: Any, arm: Any):
+    """Power [W] of what leads an arm's pivot, with what it lifts; `power` is that without weight (`held_by`)."""
+    return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 
 @wp.func

@@ -27,8 +27,8 @@ def carried_by(body: Any, carrier: Any, hub: Any):
     """A sprocket where the arm that carries it has it (`structs.Hub`)."""
     lever = from_frame(hub.lever, carrier)
     body.center = carrier.center + lever
-    body.velocity = number_of(leading(carrier.speed) * left(leading(lever)))
-    body.straight = carrier.angular * left(leading(lever))
+    body.velocity = carrier.velocity + number_of(leading(carrier.speed) * left(leading(lever)))
+    body.straight = carrier.straight + carrier.angular * left(leading(lever))
     return body
 
 

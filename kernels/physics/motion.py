@@ -69,6 +69,26 @@ def slope_at(x: Any, table: Any, values: Any):
 
 
 @wp.func
+def track_at(x: Any, table: Any, values: Any):
+    """Value of a table at `x`, a number, with its first and second derivatives, rounded; all 0 without a table."""
+    w = rounded(x)
+    value = number_of(type(w)(0.0))
+    slope = type(w)(0.0)
+    bend = type(w)(0.0)
+    if table.cells > 0:
+        cell, place, beyond, rounds = cell_at(x, table)
+        at = table.first + CELL_VALUES * cell
+        value = cubic(place, values[at], values[at + 1], values[at + 2], values[at + 3])
+        if rounded(beyond) == type(w)(0.0):
+            w = rounded(place)
+            c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
+            spacing = rounded(table.spacing)
+            slope = (c1 + w * (type(w)(2.0) * c2 + type(w)(3.0) * w * c3)) / spacing
+            bend = (type(w)(2.0) * c2 + type(w)(6.0) * w * c3) / (spacing * spacing)
+    return value, slope, bend
+
+
+@wp.func
 def integral_at(x: Any, table: Any, values: Any):
     """Value of a table at `x`, and its integral from x = 0."""
     cell, w, beyond, rounds = cell_at(x, table)

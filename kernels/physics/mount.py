@@ -1,6 +1,7 @@
 r"""Motion of a sprocket's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
 
-Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)).
+Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)), or r_0 + (x, y) of a table over
+time. So may an arm's pivot be: the arm is then the wheel of (b), q = m left(r_c - p), its weight part of the load.
 
 On springs and dampers, r_s the center, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and tau
 that turned by +90 degrees, q = m_b r_b tau:
@@ -18,7 +19,8 @@ from typing import Any
 
 import warp as wp
 
-from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub  # noqa: F401
+from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub, vector  # noqa: F401
+from .motion import track_at
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
@@ -40,8 +42,12 @@ def sine_cosine_of(argument: Pair):
 
 
 @wp.func
-def prescribed_center(time: Any, mount: Any):
+def prescribed_center(time: Any, mount: Any, curves: Any):
     """Place [m], velocity and acceleration of a prescribed center."""
+    if mount.x_table.cells + mount.y_table.cells > 0:
+        x, x_rate, x_growth = track_at(time, mount.x_table, curves.tables)
+        y, y_rate, y_growth = track_at(time, mount.y_table, curves.tables)
+        return mount.home + vector(x, y), wp.vector(x_rate, y_rate), wp.vector(x_growth, y_growth)
     sine, cosine = sine_cosine_of(mount.frequency * time + mount.phase)
     along = mount.offset + mount.amplitude * sine
     amplitude, frequency = leading(mount.amplitude), leading(mount.frequency)

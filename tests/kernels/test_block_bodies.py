@@ -8,6 +8,9 @@ from blocks import (
     bending_rk4,
     gear_changes,
     gear_changes_rk4,
+    led,
+    led_light,
+    led_rk4,
     light_trains,
     moving_sprockets,
     pushed_slider,
@@ -37,6 +40,9 @@ KINDS = (
     swung_light,
     swung_rk4,
     swung_trains,
+    led,
+    led_light,
+    led_rk4,
     *TRAINS,
 )
 USUAL = [
@@ -50,6 +56,8 @@ USUAL = [
     (bending_rk4, True, "float32"),
     (swung, False, "float64"),
     (swung_light, True, "float32"),
+    (led, True, "float64"),
+    (led_light, False, "float32"),
 ]
 
 

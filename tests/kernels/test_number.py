@@ -404,7 +404,7 @@ def turning(moment: wp.float64, inverse_inertia: wp.float64, h: wp.float64, step
         body = BLOCKS.BodyState()
         body.angle = pose.angle
         body.speed = pose.speed
-        moved = leapfrog_body(nowhere, step, step, body, rates, nowhere, motion, BLOCKS.Mount())
+        moved = leapfrog_body(step, step, body, rates, nowhere, motion, BLOCKS.Mount())
         pose = swung(posed(pose, moved), difference(moved.angle, body.angle))
     out[0, 0] = whole(pose.angle)
     out[0, 1] = whole(pose.speed)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.archive import archive_format
 from warpchain.drive import Drive
 from warpchain.results.channels import CHANNEL, NAMES, OF_BODIES, OF_ROLLERS, Sizes
+from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory
 from warpchain.results.tension_colors import tension_color
 
@@ -242,9 +243,11 @@ class FrameLayout:
                 angle, center = chunk.sprocket_angle[:, s], chunk.sprocket_center[:, s]  # type: ignore[index]
                 body[f"x_{s}"], body[f"y_{s}"] = center[:, 0], center[:, 1]
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
-            for a, arm in enumerate(chunk.drive.arms if "arm_angle" in self.form.channels else ()):
+            carrying = range(len(chunk.drive.arms)) if "arm_angle" in self.form.channels else ()
+            pivot = pivots(chunk.drive, chunk.time)
+            for a in carrying:
                 angle, s = chunk.arm_angle[:, a], len(self.form.sprockets) + a  # type: ignore[index]
-                body[f"x_{s}"], body[f"y_{s}"] = arm.pivot
+                body[f"x_{s}"], body[f"y_{s}"] = pivot[:, a, 0], pivot[:, a, 1]
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
 
     def views(self, frames: Any) -> dict[str, NDArray[Any]]:

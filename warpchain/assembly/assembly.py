@@ -220,7 +220,7 @@ class _Placement:
         lean = self._own(sprocket.sign * self.drive.riding_lean(s)) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         radius = self.radius[:, s, None]
-        center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket)
+        center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket, self.drive.pivot_table(s))
         across, up = radius * np.cos(polar), radius * np.sin(polar)
         self.position[:, rollers, 0] = center[:, 0, None] + across
         self.position[:, rollers, 1] = center[:, 1, None] + up

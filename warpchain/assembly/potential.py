@@ -398,7 +398,7 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
     spring, pull = np.zeros((count, 2)), np.zeros((count, 2))
     for s, sprocket in enumerate(drive.sprockets):
         mount = sprocket.mount
-        if isinstance(mount, PrescribedMount):
+        if isinstance(mount, PrescribedMount) and mount.direction is not None:
             home[s] += mount.offset * unit(mount.direction)
         elif isinstance(mount, ElasticMount):
             spring[s], pull[s] = mount.stiffness, np.asarray(mount.preload) + moving_mass(sprocket) * gravity

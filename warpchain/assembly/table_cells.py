@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.motion_table import SpeedTable, Table
+from warpchain.drive.motion_table import PlaceColumn, SpeedTable, Table
 from warpchain.drive.trains import names_of, speed_ratio
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 Array = NDArray[np.float64]
+
+Tabled = Table | PlaceColumn
 
 MOST_CELLS = 2**17
 FINEST = 1000  # parts of the smallest distance between rows tried as spacing
@@ -63,17 +65,17 @@ class TableList:
         self.blocks: list[Array] = []
         self.length = 0
         self.rows: dict[tuple[tuple[float, float], ...], int] = {}
-        self.known: dict[tuple[Table, float], tuple[Cells, int]] = {}
-        self.seen: dict[tuple[int, float], tuple[Table, Cells, int]] = {}  # by identity: long tables are slow to hash
+        self.known: dict[tuple[Tabled, float], tuple[Cells, int]] = {}
+        self.seen: dict[tuple[int, float], tuple[Tabled, Cells, int]] = {}  # by identity: long tables are slow to hash
 
-    def add(self, row: Any, table: Table, ratio: float) -> None:
+    def add(self, row: Any, table: Tabled, ratio: float) -> None:
         """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's own angle over that of the table."""
         if (id(table), ratio) not in self.seen:
             self.seen[id(table), ratio] = (table, *self._find(table, ratio))
         _, cells, first = self.seen[id(table), ratio]
         cells.fill(row, first)
 
-    def _find(self, table: Table, ratio: float) -> tuple[Cells, int]:
+    def _find(self, table: Tabled, ratio: float) -> tuple[Cells, int]:
         """The table's cells and where their values stand."""
         key = (table, ratio)
         if key not in self.known:
@@ -110,7 +112,7 @@ def initial_speed(table: SpeedTable) -> float:
     return float(hermite(over, values, slopes_of(table), np.clip([at], over[0], over[-1]))[0][0])
 
 
-def cells_of(table: Table, ratio: float) -> Cells:
+def cells_of(table: Tabled, ratio: float) -> Cells:
     """A table on a uniform grid; speeds over angle become speeds over time."""
     over, values, slopes = np.array(table.over), np.array(table.values), slopes_of(table)
     if table.angle is None:
@@ -123,11 +125,14 @@ def cells_of(table: Table, ratio: float) -> Cells:
     return _with_origin(*_uniform(over, values, slopes), True, True)
 
 
-def slopes_of(table: Table) -> Array | None:
-    """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None.
+def slopes_of(table: Tabled) -> Array | None:
+    """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None; of
+    displacements those of a spline.
 
     A table over angle goes round: the rows beside its ends are those of the turns before and after.
     """
+    if isinstance(table, PlaceColumn):
+        return np.asarray(table.spline(table.over, 1))
     if table.interpolation == "linear":
         return None
     from scipy.interpolate import PchipInterpolator  # here, since it takes a quarter of a second

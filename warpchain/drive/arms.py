@@ -1,9 +1,9 @@
-r"""Arms: bodies that turn about a fixed pivot and carry guides, such as a tensioner's sprung blade.
+r"""Arms: bodies that turn about a pivot and carry guides and sprockets, such as a tensioner's sprung blade.
 
     I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
 
 theta = 0 as drawn, counter-clockwise positive. A stop is a torsion spring with a damper that acts beyond its angle and
-only pushes back.
+only pushes back. A pivot that is led accelerates by a, which acts as g - a in place of g.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.batch_math import hypot, radians, smallest, sqrt
+from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.schema import (
     Name,
     NonNegative,
@@ -47,11 +48,12 @@ STOP_RATIO = 0.5
 
 
 class Arm(Part):
-    """A body that turns about a fixed pivot.
+    """A body that turns about a pivot, which is fixed or led.
 
     Attributes:
         name: unique among all parts.
         pivot: where it turns [m].
+        pivot_table: displacement of its pivot over time; None is a fixed pivot.
         mass: its mass [kg].
         center: its center of mass, at angle 0 [m].
         inertia: its moment of inertia about the pivot [kg m^2].
@@ -65,6 +67,7 @@ class Arm(Part):
 
     name: Name
     pivot: Pair
+    pivot_table: PlaceTable | None = None
     mass: Positive
     center: Pair
     inertia: Positive

@@ -24,7 +24,7 @@ from warpchain.drive.arms import Arm
 from warpchain.drive.batch_math import many
 from warpchain.drive.chain import Chain, WornLink
 from warpchain.drive.drive import Drive
-from warpchain.drive.motion_table import Table
+from warpchain.drive.motion_table import TABLES
 from warpchain.drive.schema import Part
 from warpchain.drive.shafts import Ratios
 from warpchain.errors import DriveError
@@ -129,7 +129,7 @@ class _Columns:
         types = set(map(type, values))
         if types == {float}:
             return self._numbers(values)
-        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, Table | Ratios):
+        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, (*TABLES, Ratios)):
             known = [_mark(value) for value in values]
             return first if len(set(known)) == 1 else self._differ(known)
         if isinstance(first, tuple):
@@ -181,7 +181,7 @@ def _free(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
 
 def _mark(value: Any) -> Hashable:
     """A key that distinguishes a value of several types, or one that is no number, from others."""
-    if isinstance(value, Table):
+    if isinstance(value, TABLES):
         return id(value)  # long ones are slow to compare
     if isinstance(value, Ratios):
         return value
@@ -207,7 +207,7 @@ def picked(value: Value, places: Any) -> Value:
     if is_dataclass(value) and not isinstance(value, type):
         found = {field.name: picked(getattr(value, field.name), places) for field in fields(value)}
         return replace(value, **found)
-    if not isinstance(value, Part) or isinstance(value, Table):
+    if not isinstance(value, Part) or isinstance(value, TABLES):
         return value
     new = {name: picked(inner, places) for name, inner in value.__dict__.items()}
     changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
@@ -225,7 +225,7 @@ def size_of(drive: Drive) -> int:
     while todo:
         for value in todo.pop():
             kind = type(value)
-            if kind in _PLAIN or kind is Table:
+            if kind in _PLAIN or issubclass(kind, TABLES):
                 continue
             if kind is np.ndarray:
                 return len(value)
@@ -240,7 +240,7 @@ def arrays_of(value: Any) -> Iterator[NDArray[np.float64]]:
     elif isinstance(value, tuple):
         for inner in value:
             yield from arrays_of(inner)
-    elif isinstance(value, Part) and not isinstance(value, Table):
+    elif isinstance(value, Part) and not isinstance(value, TABLES):
         yield from arrays_of(tuple(value.__dict__.values()))
 
 

@@ -35,22 +35,24 @@ def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, A
 
 def _tables(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
-    kinds = ("sprockets", "shafts", "couplings")
-    turned = [(kind, i, part) for kind in kinds for i, part in enumerate(elements(values, kind))]
-    for kind, i, sprocket in turned:
-        for part in ("prescribed", "load", "motor", "clutch"):
-            table = get(get(sprocket, part), "table")
+    kinds = ("sprockets", "shafts", "couplings", "arms")
+    named = [(kind, i, part) for kind in kinds for i, part in enumerate(elements(values, kind))]
+    for kind, i, part in named:
+        holding = ("prescribed", "load", "motor", "clutch", "mount")
+        holders = [(f".{key}.table", get(part, key), "table") for key in holding]
+        for keys, holder, key in (*holders, (".pivot_table", part, "pivot_table")):
+            table = get(holder, key)
             if not isinstance(table, dict) or not isinstance(table.get("file"), str):
                 continue
-            where = f"{kind}.{_word(sprocket, i)}.{part}.table.file = {value_text(table['file'])}"
+            where = f"{kind}.{_word(part, i)}{keys}.file = {value_text(table['file'])}"
             try:
-                columns = read_csv(_inside(folder, table["file"]))
+                columns = read_csv(_inside(folder, table["file"]), places=keys in (".mount.table", ".pivot_table"))
             except DriveError as error:
                 problems += [f"{where}: {line}" for line in error.errors]
                 continue
-            for key in columns.keys() & table.keys():
-                problems.append(f"{where}: not together with {key}; the file has that column")
-            sprocket[part]["table"] = {key: value for key, value in table.items() if key != "file"} | columns
+            for column in columns.keys() & table.keys():
+                problems.append(f"{where}: not together with {column}; the file has that column")
+            holder[key] = {column: value for column, value in table.items() if column != "file"} | columns
     return problems
 
 

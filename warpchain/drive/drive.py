@@ -48,6 +48,7 @@ from warpchain.drive.drive_rules import (
 )
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
+from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.paths import changed, lookup, settable
 from warpchain.drive.rings import rings_of, with_shafts
 from warpchain.drive.run_settings import Probe, RunSettings
@@ -346,6 +347,11 @@ class Drive(Part):
         """Index of the arm that carries sprocket s; None where none does."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
+
+    def pivot_table(self, s: int) -> PlaceTable | None:
+        """Table that leads the pivot of the arm that carries sprocket s; None where nothing does."""
+        arm = self.carrier(s)
+        return None if arm is None else self.arms[arm].pivot_table
 
     @among("arms", DriveError)
     def sprockets_on(self, a: int) -> tuple[int, ...]:

@@ -299,6 +299,9 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
     arm, tensioner = valid(Arm, arm_node), valid(Tensioner, node)
     if arm is None or tensioner is None:
         return
+    if arm.pivot_table is not None and tensioner.plunger_mass > 0.0:
+        text = f'must be 0 on "{arm.name}", whose pivot is led; its mass would not go along'
+        yield Problem(("plunger", "mass"), tensioner.plunger_mass, text)
     (x, y), (px, py) = tensioner.unit_direction, arm.pivot
     dx, dy = tensioner.at[0] - px, tensioner.at[1] - py
     lever = dx * y - dy * x

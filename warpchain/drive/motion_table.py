@@ -1,4 +1,5 @@
-"""Speeds and torques as tables over time or angle: in the drive itself, or in a CSV file that its file names.
+"""Tables of speeds and torques over time or angle, of displacements over time: in the drive itself, or in a CSV file
+that its file names.
 
 A drive holds the numbers, so that it stays whole wherever it goes: `load_drive` reads the CSV file that stands beside
 the drive file (`warpchain.drive.csv_files`), and what is written (saved drives, archives) has the table in it.
@@ -9,13 +10,20 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+from warpchain.drive.batch_math import joined
 from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError
 from warpchain.files import read_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from scipy.interpolate import CubicSpline
 
 Interpolation = Annotated[Literal["linear", "cubic"], Value('must be "linear" or "cubic" (monotone between rows)')]
 Factor = Finite
@@ -35,6 +43,9 @@ HEADS = {
     "torque": ("torque", 1.0),
 }
 """Heads of a CSV file's columns: the key that they become, and its unit in the column's."""
+
+PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y": ("y", 1.0), "y_mm": ("y", 1e-3)}
+"""The same of displacements over time, time first."""
 
 
 class Table(Part):
@@ -97,10 +108,10 @@ class Table(Part):
                 return
             if len(values) != len(over):
                 yield Problem((cls._quantity,), list(values), f"must have as many elements as {key}, {len(over)}")
-            for i in range(1, len(over)):
-                if over[i] <= over[i - 1]:
-                    yield Problem((key, i), over[i], f"must be above the element before, {over[i - 1]:g}")
-                    return
+            falling = list(_ascending(key, over))
+            if falling:
+                yield from falling
+                return
             if key == "angle" and len(values) == len(over):
                 yield from _closing(over, values, cls._quantity)
 
@@ -114,6 +125,103 @@ def _closing(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
     elif values[last] != values[0]:
         text = f"must repeat the first element, {values[0]:g}, where the next revolution begins"
         yield Problem((quantity, last), values[last], text)
+
+
+class PlaceTable(Part):
+    """Displacement of a center or of a pivot over time, row by row, and smooth between rows.
+
+    A cubic spline runs through the rows, so that neither speed nor acceleration jumps. It comes to rest at the last
+    row, and stays there; where the first row is later than 0 it has stayed there until then.
+
+    Attributes:
+        time: instants [s], at least 0, ascending.
+        x: displacement to the right [m], 0 in the first row; one of the two that is not given is 0 throughout.
+        y: displacement upward [m], likewise.
+        factor: the displacements are multiplied by it.
+    """
+
+    time: Column
+    x: Column | None = None
+    y: Column | None = None
+    factor: Factor = 1.0
+
+    def along(self, axis: str) -> PlaceColumn | None:
+        """The displacement along "x" or "y" as a table; None where it is 0 throughout."""
+        column = getattr(self, axis)
+        if column is None:
+            return None
+        return PlaceColumn(self.time, tuple(self.factor * place for place in column))
+
+    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Displacement (..., 2) [m] at instants (...) [s]."""
+        within = time.clip(self.time[0], self.time[-1])
+        columns = (self.along(axis) for axis in "xy")
+        x, y = (0.0 * within if column is None else column.spline(within) for column in columns)
+        return joined((x, y))
+
+    @property
+    def start_velocity(self) -> tuple[float, float]:
+        """Velocity at t = 0 [m/s]."""
+        columns = (self.along(axis) for axis in "xy")
+        x, y = (0.0 if column is None else float(column.spline(0.0, 1)) for column in columns)
+        return (x, y) if self.time[0] == 0.0 else (0.0, 0.0)
+
+    @property
+    def farthest(self) -> float:
+        """Largest displacement [m], or somewhat more."""
+        return math.hypot(*(abs(self.factor) * max(map(abs, of), default=0.0) for of in (self.x or (), self.y or ())))
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "file") is not None:
+            yield Problem(("file",), get(node, "file"), "is read by load_drive alone; give the columns themselves")
+            return
+        time = elements(node, "time")
+        if get(node, "x") is None and get(node, "y") is None:
+            yield Problem(("x",), None, "missing; must be a list of numbers, or give y instead", BARE)
+        if numbers(*time):
+            if len(time) > MOST_ROWS:
+                yield Problem(("time",), None, f"has {len(time)} elements; must have at most {MOST_ROWS}", BARE)
+                return
+            if time and time[0] < 0.0:
+                yield Problem(("time", 0), time[0], "must be at least 0, when the run begins")
+            yield from _ascending("time", time)
+        for axis in ("x", "y"):
+            column = elements(node, axis)
+            if get(node, axis) is not None and time and len(column) != len(time):
+                yield Problem((axis,), list(column), f"must have as many elements as time, {len(time)}")
+            if numbers(*column) and column and column[0] != 0.0:
+                yield Problem((axis, 0), column[0], "must be 0: it begins where it is drawn")
+
+
+@dataclass(frozen=True)
+class PlaceColumn:
+    """The displacement along one axis over time, as a table (see `PlaceTable`).
+
+    Attributes:
+        over: instants [s].
+        values: displacements [m].
+    """
+
+    over: tuple[float, ...]
+    values: tuple[float, ...]
+    angle: ClassVar[None] = None
+
+    @property
+    def spline(self) -> CubicSpline:
+        """The spline through the rows."""
+        from scipy.interpolate import CubicSpline  # here, since it takes a quarter of a second
+
+        start = "not-a-knot" if self.over[0] == 0.0 else (1, 0.0)
+        return CubicSpline(self.over, self.values, bc_type=(start, (1, 0.0)))
+
+
+def _ascending(key: str, over: Any) -> Iterator[Problem]:
+    """The first of some numbers that is not above the one before."""
+    for i in range(1, len(over)):
+        if over[i] <= over[i - 1]:
+            yield Problem((key, i), over[i], f"must be above the element before, {over[i - 1]:g}")
+            return
 
 
 class SpeedTable(Table):
@@ -166,11 +274,17 @@ class MotorTable(Table):
     _axes: ClassVar[tuple[str, ...]] = ("time", "angle", "speed")
 
 
+TABLES = (Table, PlaceTable)
+"""What holds columns of numbers."""
+
+
 # --------------------------------------------------------------------------------------------------------- files
 
 
-def read_csv(path: Path) -> dict[str, list[float]]:
-    """The two columns of a CSV file by key, in SI units; a head, then numbers; blank lines and lines from # on pass.
+def read_csv(path: Path, places: bool = False) -> dict[str, list[float]]:
+    """The columns of a CSV file by key, in SI units; a head, then numbers; blank lines and lines from # on pass.
+
+    There are two, or of displacements (`places`) time and one or two.
 
     Raises:
         DriveError: in one line, with the row's number in the file.
@@ -179,16 +293,20 @@ def read_csv(path: Path) -> dict[str, list[float]]:
     if not rows:
         raise DriveError("has no rows; the first must name the columns, such as time,torque")
     number, head = rows[0]
-    known = [HEADS.get(cell, ("", 0.0)) for cell in head]
-    if len(known) != 2 or [key in ("time", "angle") for key, _ in known] != [True, False] or not known[1][0]:
+    known = [(PLACE_HEADS if places else HEADS).get(cell, ("", 0.0)) for cell in head]
+    if places:
+        if [key for key, _ in known] not in (["time", "x"], ["time", "y"], ["time", "x", "y"]):
+            text = "is no head; the columns must be time, then x or x_mm, y or y_mm, or both"
+            raise DriveError(f"row {number}: {value_text(','.join(head))} {text}")
+    elif len(known) != 2 or [key in ("time", "angle") for key, _ in known] != [True, False] or not known[1][0]:
         raise DriveError(
             f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle or "
             f"angle_deg, the second speed, speed_rpm or torque"
         )
     columns: dict[str, list[float]] = {key: [] for key, _ in known}
     for number, row in rows[1:]:
-        if len(row) != 2:
-            raise DriveError(f"row {number}: has {len(row)} cells; must have 2, separated by a comma")
+        if len(row) != len(known):
+            raise DriveError(f"row {number}: has {len(row)} cells; must have {len(known)}, separated by a comma")
         for (key, unit), cell in zip(known, row, strict=True):
             columns[key].append(unit * read_number(cell, number))
         over = columns[known[0][0]]

@@ -17,6 +17,7 @@ from warpchain.drive.batch_math import cos, hypot, joined, largest, power, sin, 
 from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
+    from warpchain.drive.motion_table import PlaceTable
     from warpchain.drive.sprocket import Sprocket
 
 
@@ -34,26 +35,37 @@ def _unit(direction: tuple[float, float]) -> tuple[Any, Any]:
 def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
     """Coordinates of the center at t = 0 [m], numbers or arrays (V,) of a stack."""
     (x, y), mount = sprocket.center, sprocket.mount
-    if not isinstance(mount, PrescribedMount):
+    if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
     (ux, uy), way = _unit(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)
     return x + ux * way, y + uy * way
 
 
-def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
-    """Velocity of the center at t = 0 (2,) [m/s]."""
+def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np.float64]:
+    """Velocity of the center at t = 0 (2,) [m/s]; on an arm that of its pivot, which `pivot` leads."""
     mount = sprocket.mount
+    if isinstance(mount, ArmMount):
+        return start_velocity(pivot)
     if not isinstance(mount, PrescribedMount):
         return np.zeros(2)
+    if mount.direction is None:
+        return start_velocity(mount.table)
     (ux, uy), rate = _unit(mount.direction), 2.0 * math.pi * mount.frequency
     speed = mount.amplitude * rate * cos(mount.phase)
     return joined((ux * speed, uy * speed))
 
 
+def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
+    """Velocity at t = 0 (2,) [m/s] of what a table leads, or nothing."""
+    return np.zeros(2) if table is None else np.array(table.start_velocity)
+
+
 def farthest(sprocket: Sprocket) -> float:
     """Distance from its stated center that a prescribed motion can take the sprocket [m]; 0 for other mounts."""
     mount = sprocket.mount
-    return abs(mount.offset) + abs(mount.amplitude) if isinstance(mount, PrescribedMount) else 0.0
+    if not isinstance(mount, PrescribedMount):
+        return 0.0
+    return abs(mount.offset) + abs(mount.amplitude) + (mount.table.farthest if mount.table is not None else 0.0)
 
 
 def moves(sprocket: Sprocket) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from warpchain.drive.motion_table import SpeedTable, TorqueTable
+from warpchain.drive.motion_table import PlaceTable, SpeedTable, TorqueTable
 from warpchain.drive.schema import (
     BARE,
     Allowed,
@@ -134,10 +134,11 @@ class FixedMount(Part):
 
 
 class PrescribedMount(Part):
-    """The center moves on a line: center + direction (offset + amplitude sin(2 pi frequency t + phase)).
+    """The center is led: center + direction (offset + amplitude sin(2 pi frequency t + phase)), or by a table.
 
     Attributes:
-        direction: direction of the line; only its sense counts, not its length.
+        direction: direction of a line; only its sense counts, not its length; this or a table.
+        table: displacement from the center over time, instead of all else.
         offset: mean displacement along the line [m].
         amplitude: amplitude of the displacement [m].
         frequency: frequency of the displacement [Hz], >= 0.
@@ -145,11 +146,20 @@ class PrescribedMount(Part):
     """
 
     kind: Literal["prescribed"]
-    direction: Direction
+    direction: Direction | None = None
+    table: PlaceTable | None = None
     offset: Finite = 0.0
     amplitude: Finite = 0.0
     frequency: NonNegative = 0.0
     phase: Finite = 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "table") is None and get(node, "direction") is None:
+            yield Problem(("direction",), None, f"missing; {allowed(cls, 'direction')}, or give table instead", BARE)
+        for key in ("direction", "offset", "amplitude", "frequency", "phase"):
+            if get(node, "table") is not None and get(node, key):
+                yield Problem((key,), get(node, key), "not together with table")
 
 
 class ElasticMount(Part):

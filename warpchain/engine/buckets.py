@@ -166,6 +166,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
     drives = packed.drives
     varied = packed.links["varied_links"] > 0
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
+    cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
     return {
         "room": room_for(drives["rollers"]),
         "sprockets": drives["sprockets"],

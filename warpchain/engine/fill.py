@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
-from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
+from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
 from warpchain.drive.batch_math import along, joined, largest, power, where
 from warpchain.drive.friction_coefficients import Rubbing
 from warpchain.drive.laws import LAWS
@@ -31,7 +31,7 @@ from warpchain.drive.mounts import (
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.trains import is_free, leader_of, seen_inertia, turned_part, turning_sign
 from warpchain.drive.turned import turned_on
-from warpchain.engine.fill_bodies import piece_count
+from warpchain.engine.fill_bodies import fill_places, piece_count
 from warpchain.engine.fill_trains import fill_counts
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
@@ -226,9 +226,10 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     for s in range(len(reach)):
         if drive.carrier(s) is not None:
             reach[s] = reach[s] + 2.0 * drive.center_lever(s)  # wherever the arm turns
-    corners = [
-        (joined(s.center) - along(r), joined(s.center) + along(r)) for s, r in zip(drive.sprockets, reach, strict=True)
-    ]
+    margin = margin + max((arm.pivot_table.farthest for arm in drive.arms if arm.pivot_table is not None), default=0.0)
+    places = [sprocket.center for sprocket in drive.sprockets] + [arm.pivot for arm in drive.arms]
+    reach += [0.0] * len(drive.arms)
+    corners = [(joined(p) - along(r), joined(p) + along(r)) for p, r in zip(places, reach, strict=True)]
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
     widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
@@ -258,13 +259,14 @@ def fill_hub(row: Any, drive: Drive, s: int) -> None:
         row["inertia"] = 1.0 / mobility
 
 
-def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
+def fill_body(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
     """Fills a sprocket's `kernels.structs.BodyState` with its initial state."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
-    row["center"], row["velocity"] = assembly.path.center[..., s, :], initial_velocity(sprocket)
+    row["center"] = assembly.path.center[..., s, :]
+    row["velocity"] = initial_velocity(drive.sprockets[s], drive.pivot_table(s))
 
 
-def fill_mount(row: Any, drive: Drive, s: int) -> None:
+def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     """Fills the `kernels.structs.Mount` of sprocket s; it stays zero for a fixed center without a wheel, and on an arm
     but for what says so.
     """
@@ -287,7 +289,8 @@ def fill_mount(row: Any, drive: Drive, s: int) -> None:
         row["wheel"] = along(arm) * joined((np.cos(phase), np.sin(phase)))
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
-        row["direction"] = unit(mount.direction)
+        fill_places(row, mount.table, tables)
+        row["direction"] = 0.0 if mount.direction is None else unit(mount.direction)
         row["offset"], row["amplitude"], row["phase"] = mount.offset, mount.amplitude, mount.phase
         row["frequency"] = 2.0 * math.pi * mount.frequency
     elif isinstance(mount, ElasticMount):

@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
+from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import along, each, joined, largest, power, sqrt, where
 from warpchain.drive.face_profile import Profile
+from warpchain.drive.motion_table import PlaceTable
+from warpchain.drive.mounts import start_velocity
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
+from warpchain.kernels.physics.mount import PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
 MARGIN = 0.25
@@ -96,12 +100,42 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
     if arm.stops is not None:
         row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
-    row["mass_moment"] = along(arm.mass) * (joined(arm.center) - joined(arm.pivot))
-    for s in drive.sprockets_on(a):
-        carried = drive.sprockets[s]
-        row["mass_moment"] += along(carried.mass) * (joined(carried.center) - joined(arm.pivot))
+    row["mass_moment"] = _mass_moment(drive, a)
     row["gravity"] = joined(drive.run.gravity)
-    body["angle"] = assembly.arm_angle[:, a]
+    row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in _moving_masses(drive, a))
+    body["angle"], body["velocity"] = assembly.arm_angle[:, a], start_velocity(arm.pivot_table)
+
+
+def _moving_masses(drive: Drive, a: int) -> list[tuple[float, tuple[float, float]]]:
+    """Masses [kg] and places, as drawn, of arm a and of the sprockets on it."""
+    carried = (drive.sprockets[s] for s in drive.sprockets_on(a))
+    arm = drive.arms[a]
+    return [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
+
+
+def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
+    """Mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
+    pivot, found = joined(drive.arms[a].pivot), np.zeros(2)
+    for mass, place in _moving_masses(drive, a):
+        found = found + along(mass) * (joined(place) - pivot)
+    return found
+
+
+def fill_places(row: Any, table: PlaceTable | None, tables: TableList) -> None:
+    """Fills the tables of a `kernels.structs.Mount` that is led by one."""
+    for axis in "xy":
+        column = None if table is None else table.along(axis)
+        if column is not None:
+            tables.add(row[f"{axis}_table"], column, 1.0)
+
+
+def fill_pivot(row: Any, drive: Drive, a: int, tables: TableList) -> None:
+    """Fills the `kernels.structs.Mount` of arm a, whose pivot is led."""
+    arm = drive.arms[a]
+    row["active"], row["moves"], row["following"], row["home"] = 1, PRESCRIBED, 1.0, joined(arm.pivot)
+    fill_places(row, arm.pivot_table, tables)
+    row["mass"] = sum(mass for mass, _ in _moving_masses(drive, a))
+    row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)
 
 
 STOP_DAMPING = 0.3

@@ -45,6 +45,7 @@ from warpchain.engine.fill import (
 )
 from warpchain.engine.fill_bodies import (
     fill_arm,
+    fill_pivot,
     fill_profile,
     fill_tensioner,
     guide_effective_mass,
@@ -162,6 +163,9 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
         arm, motion = _rows(packed.arms, at["first_arm"] + a), _rows(packed.motions, body)
         with arm as row, motion as turned, _rows(packed.bodies, body) as placed:
             fill_arm(row, turned, placed, drive, a, assembly)
+        if drive.arms[a].pivot_table is not None:
+            with _rows(packed.mounts, body) as row:
+                fill_pivot(row, drive, a, gathered.tables)
     for t in range(len(drive.tensioners)):
         with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
             fill_tensioner(row, drive, t)
@@ -199,7 +203,7 @@ def _pack_sprocket(
     packed: Packed, drive: Drive, s: int, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: Gathered
 ) -> None:
     """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
-    sprocket, mine, body = drive.sprockets[s], at["first_sprocket"] + s, at["first_body"] + s
+    mine, body = at["first_sprocket"] + s, at["first_body"] + s
     with _rows(packed.sprockets, mine) as row:
         fill_sprocket(row, drive, s, gathered.seats)
     with _rows(packed.tooth_sliding, mine) as row:
@@ -209,11 +213,11 @@ def _pack_sprocket(
     with _rows(packed.motions, body) as row:
         fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
     with _rows(packed.mounts, body) as row:
-        fill_mount(row, drive, s)
+        fill_mount(row, drive, s, gathered.tables)
     with _rows(packed.hubs, mine) as row:
         fill_hub(row, drive, s)
     with _rows(packed.bodies, body) as row:
-        fill_body(row, sprocket, assembly, s)
+        fill_body(row, drive, assembly, s)
 
 
 def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64]]) -> None:

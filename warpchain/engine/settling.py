@@ -55,6 +55,8 @@ def elastic(packed: Packed) -> Packed:
     still.without_lag()
     still.guides["deepest_entry"] = np.inf
     still.arms["damping"], still.arms["stop_damping"] = 0.0, 0.0
+    led = (still.mounts["x_table"]["cells"] > 0) | (still.mounts["y_table"]["cells"] > 0)
+    still.mounts[led] = np.zeros((), still.mounts.dtype)  # which stay as drawn
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for _, first, count in packed.alike():
         store(still.rollers, STATE_ROWS * first + 2 * count, np.zeros(2 * count))

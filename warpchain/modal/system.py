@@ -221,6 +221,7 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     still.links["outer_stiffness"] -= np.where(still.links["varied_links"] == 1, potential.push, 0.0)
     still.guides["deepest_entry"] = np.inf
     still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
+    still.mounts["x_table"]["cells"] = still.mounts["y_table"]["cells"] = 0
     for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.face_profile import Profile
+from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
@@ -58,9 +59,9 @@ def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) 
     if arm is None or trajectory.arm_angle is None:
         return x, np.zeros(len(x))
     angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
-    pivot, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
-    r = x - pivot
-    return pivot + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
+    drawn, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
+    r = x - pivots(trajectory.drive, trajectory.time)[frame, arm]
+    return drawn + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
 
 
 STRETCHES = 4

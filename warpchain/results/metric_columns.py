@@ -236,6 +236,12 @@ ARM = Group(
     ),
     source="arm",
 )
+PIVOT = Group(
+    "arm",
+    (Column("pivot_work", "J", "work done on it by what leads its pivot", total("work")),),
+    source="arm",
+    where=lambda drive, index: drive.arms[index].pivot_table is not None,
+)
 TENSIONER = Group(
     "tensioner",
     (
@@ -486,7 +492,7 @@ MEASURED = (
     (STRAND_TENSION, STRAND_DISPLACEMENT),
     (SPROCKET, MOUNT, BEARING, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
-    (ARM,),
+    (ARM, PIVOT),
     (TENSIONER, OIL),
     (SHAFT, MOTOR),
     (COUPLING, SLIPPING),

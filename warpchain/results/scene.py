@@ -15,6 +15,7 @@ from warpchain.drive import Drive
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.tooth_shape import teeth_outline
 from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
+from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
@@ -44,11 +45,13 @@ class Pose(NamedTuple):
         center: (S, 2) of the sprockets [m].
         angle: (S,) of the sprockets [rad].
         arm: (A,) angles of the arms [rad].
+        pivot: (A, 2) of the arms [m]; None is as drawn.
     """
 
     center: Array
     angle: Array
     arm: Array
+    pivot: Array | None = None
 
 
 class Part(NamedTuple):
@@ -85,9 +88,11 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
 def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
     """The bodies at a frame; those of which nothing was recorded are where the run began."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
-    start = pose_at_start(trajectory.drive)
-    held = (own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True))
-    return Pose(*held)
+    start = pose_at_start(trajectory.drive)[:3]
+    center, angle, arm = (
+        own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
+    )
+    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f : f + 1])[0])
 
 
 def chain_line(drive: Drive, path: ChainPath) -> Array:
@@ -112,15 +117,21 @@ def teeth_at(drive: Drive, pose: Pose, arc_points: int = 9) -> list[Part]:
     ]
 
 
+def on_arm(drive: Drive, pose: Pose, a: int, points: Array) -> Array:
+    """Points (..., 2) [m] of arm a, as drawn, where it stands."""
+    drawn = drive.arms[a].pivot
+    return turned(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
+
+
 def parts_at(drive: Drive, pose: Pose) -> list[Part]:
     """Guides, arms and tensioners where the bodies stand."""
     parts = []
     for g, guide in enumerate(drive.guides):
         outline, a = guide_outline(drive, g), drive.arm_of(g)
-        moved = outline if a is None else turned(outline, drive.arms[a].pivot, pose.arm[a])
+        moved = outline if a is None else on_arm(drive, pose, a, outline)
         parts.append(Part("guide", guide.name, moved, a is not None))
     for a, arm in enumerate(drive.arms):
-        parts += [Part("arm", arm.name, turned(line, arm.pivot, pose.arm[a]), True) for line in arm_outline(drive, a)]
+        parts += [Part("arm", arm.name, on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)]
     for t, tensioner in enumerate(drive.tensioners):
         housing, plunger = tensioner_outline(drive, t)
         body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
@@ -128,7 +139,7 @@ def parts_at(drive: Drive, pose: Pose) -> list[Part]:
             way = pose.center[body] - drive.sprockets[body].center
         else:
             a = body - drive.first_arm_body
-            way = turned(at, drive.arms[a].pivot, pose.arm[a]) - at
+            way = on_arm(drive, pose, a, at) - at
         along = np.array(tensioner.unit_direction)
         parts.append(Part("plunger", tensioner.name, plunger + (way @ along) * along, True))
         parts.append(Part("housing", tensioner.name, housing))

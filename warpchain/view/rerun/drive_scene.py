@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
 from warpchain.view.palette import Color, packed_colors, tension_steps, thing_colors
@@ -110,7 +111,7 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
         arm = shown.drive.arm_of(g)
         if arm is not None and shown.arm_angle is not None:
             outline = outline - np.asarray(shown.drive.arms[arm].pivot)
-            _turn(stream, path, shown, np.asarray(shown.drive.arms[arm].pivot), shown.arm_angle[:, arm])
+            _turn(stream, path, shown, pivots(shown.drive, shown.time)[:, arm], shown.arm_angle[:, arm])
         line = rr.LineStrips2D(
             [flipped(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
         )
@@ -125,13 +126,13 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
         return
     drive = shown.drive
     for a, arm in enumerate(drive.arms):
-        path, pivot = entity(root, "drive", "arms", arm.name), np.asarray(arm.pivot)
-        parts = [flipped(line - pivot) for line in arm_outline(drive, a)]
+        path = entity(root, "drive", "arms", arm.name)
+        parts = [flipped(line - np.asarray(arm.pivot)) for line in arm_outline(drive, a)]
         radius = 0.05 * drive.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
         stream.log(entity(root, "drive", "arms", arm.name, "name"), label, static=True)
-        _turn(stream, path, shown, pivot, shown.arm_angle[:, a])
+        _turn(stream, path, shown, pivots(drive, shown.time)[:, a], shown.arm_angle[:, a])
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
