@@ -17,7 +17,7 @@ Around curved and carried guides strands are drawn (`assembly.taut_string`). Of 
     on its stop          an arm finds its balance at assembly against a stop
 
     wrap       a sprocket that passes on a moment, the driver or one with a load, is wrapped by at least 90 degrees
-    idler      one that passes on none has at least three teeth in mesh, z phi / 2 pi, or rollers hammer it one by one
+    idler      at least three teeth in mesh, z phi / 2 pi, or rollers hammer it one by one
     bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
     shoes      the chain lies on curved and carried guides, between their rounded ends
     arms       no arm stands where it would without a chain, at the free angle of its spring
@@ -257,7 +257,7 @@ def _within(first: float, last: float, length: float) -> tuple[float, float]:
 LEAST_WRAP = 90.0
 """Of a sprocket that passes on a moment [degrees]."""
 LEAST_TEETH = 3.0
-"""In mesh, of one that passes on none."""
+"""In mesh, of an idler."""
 NEAR = 0.5
 """Of a pitch: how far a strand may be from where it would ride on a guide-bar, either way."""
 LEAST_SAFETY = 7.0

@@ -105,7 +105,7 @@ class Modes:
         drive: the drive.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
-        names: (K,) the part that moves most, and the how manieth of its modes this is, such as "motor->conveyor 2".
+        names: (K,) the part that moves most, and the number of the mode among its own, such as "motor->conveyor 2".
         parts: (P,) strands, sprockets (turning, with the rollers on them and what turns as one with them), mounts
             ("NAME.mount") that can move, other shafts, arms (without plungers), and tensioners (their plungers); of
             several chains one after the other, "CHAIN.FROM->TO", with shafts that they share apart from sprockets.

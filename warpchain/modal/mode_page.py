@@ -32,7 +32,7 @@ def lines(modes: Modes) -> list[str]:
     state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
     tension = modes.tension
     result = [
-        f"{len(modes)} modes about the standing drive ({state}); link tension "
+        f"{len(modes)} modes about the steady state ({state}); link tension "
         f"{tension.min():.4g} to {tension.max():.4g} N",
         "",
     ]
@@ -87,7 +87,7 @@ def campbell_lines(found: Campbell) -> list[str]:
             f"{c.mode:<{width}}  {c.speed:>8.4g}  {c.frequency:>8.4g}  {100.0 * c.damping_ratio:>7.2g}%  "
             f"{c.order.value:>8.4g}  {c.order.cause}"
         )
-    result += ["", f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  runs away from e = 4 zeta ="]
+    result += ["", f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  unstable above a ripple of tension, 4 zeta"]
     for t in found.tongues():
         result.append(f"{t.mode:<{width}}  {t.speed:>8.4g}  {t.frequency:>8.4g}  {t.threshold:.2g}")
     return result
