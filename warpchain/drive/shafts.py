@@ -190,7 +190,7 @@ class Ratios(Part):
 
 
 class Clutch(Part):
-    """How much moment a coupling bears before it slips.
+    """The moment that a coupling bears before it slips.
 
     Attributes:
         torque: constant [N m]; this or a table.
