@@ -67,6 +67,8 @@ VALUES = [
 """Values of a key or a cell, right or wrong."""
 KEYS = [*Factor.model_fields, *Design.model_fields]
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
+NAMES = "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain"
+"""Example drives whose files are changed."""
 STUDY = """
 [study]
 drive = "marine"
@@ -253,7 +255,7 @@ class Fuzz:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.home = folder, folder / "home"
-        drives = [example(name) for name in ("marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6")]
+        drives = [example(name) for name in NAMES]
         self.base, self.texts = drives[0], [dumps_drive(drive) for drive in drives]
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]

@@ -13,6 +13,7 @@ from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
 from warpchain.assembly.train_report import couplings
 from warpchain.drive.examples import drive_path
+from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
 from warpchain.errors import DriveError
 
@@ -50,6 +51,7 @@ def values(text=PARTS):
 SHAFT = {"name": "more", "inertia": 1.0, "load": {"torque": 1.0}}
 SECOND = {"name": "second", "between": ["driven", "engine"], "teeth": [30, 20], "module": 0.004}
 RING = {"name": "ring", "between": ["driver", "driven"], "teeth": [30, 30], "module": 0.004, "internal": True}
+GEARBOX = {"time": [0.0, 0.1, 0.2], "ratio": [0.0, -2.5, -1.5]}
 WRONG = {
     "a shaft that is not there": (
         {"sprockets/1/shaft": "cam"},
@@ -151,6 +153,14 @@ WRONG = {
         },
         'couplings.cush.ratios.ratio: "engine" and "driven" turn in one ratio by the rest of the drive; must be one',
     ),
+    "ratios that are no numbers": (
+        {"couplings/0/ratios": {"time": [0.0, 0.1], "ratio": [[2.0], "x"]}},
+        'couplings.cush.ratios.ratio = [[2.0], "x"]: must be a list of at least 2 finite numbers',
+    ),
+    "a shaft that is a list": (
+        {"sprockets/1/shaft": ["output"], "couplings/0/ratios": GEARBOX},
+        f'sprockets.driven.shaft = ["output"]: {NAME_TEXT}',
+    ),
     "a clutch without a moment": (
         {"couplings/0/clutch": {}},
         "couplings.cush.clutch.torque: missing; must be a positive number, or give table instead",
@@ -245,9 +255,6 @@ def test_a_coupling_lowers_the_step():
     give = 1.0 / drive.sprockets[1].inertia + 1.0 / 0.9
     assert found.square == pytest.approx(4e4 * give + alone.square, rel=1e-12)
     assert found.rate == pytest.approx(15.0 * give, rel=1e-12)
-
-
-GEARBOX = {"time": [0.0, 0.1, 0.2], "ratio": [0.0, -2.5, -1.5]}
 
 
 def test_a_gearbox_ties_in_its_first_gear():

@@ -69,6 +69,20 @@ def test_two_inertias_on_a_coupling(text, second):
         assert angles[2] / angles[1] == pytest.approx(-1.5, rel=1e-12)
 
 
+def test_two_inertias_over_a_gearbox_and_its_clutch():
+    # omega^2 = k (1/Ja + i^2/Jb) in the gear that is in at the start, and -i Ja/Jb of the first's angle; what slips in
+    # a run holds in a small motion
+    gearbox = PAIR + "ratios = { time = [0.0, 1.0], ratio = [-2.0, 1.0] }\nclutch = { torque = 1e-6 }\n"
+    found = modes(rest(gearbox), count=MANY)
+    omega = math.sqrt(3e4 * (1.0 / 0.5 + 4.0 / 0.3))
+    k = int(np.argmin(np.abs(np.abs(found.eigenvalue) - omega)))
+    assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=1e-6)
+    assert -found.eigenvalue[k].real / omega == pytest.approx(2.0 * omega / (2.0 * 3e4), rel=1e-5)
+    assert found.zeros == 1
+    angles = found.bodies[k, 2:, 2]
+    assert angles[1] / angles[0] == pytest.approx(2.0 * 0.5 / 0.3, rel=1e-5)
+
+
 def test_a_soft_coupling_behind_the_driven_sprocket():
     # the driver stands, the driven sprocket hangs on its tight strand of n links, K_s = k R^2 / n, a shaft behind a
     # coupling soft beside that: both springs in series, 1.5 % of k; teeth that give too are within a tenth of that

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.shafts import first_ratio
 from warpchain.drive.trains import (
     driving_body,
+    first_ratio,
     is_free,
     loads_of,
     names_of,

@@ -11,7 +11,6 @@ q_a - i q_b since the ratio engaged, and b gets i M. A clutch bears so much of M
 from __future__ import annotations
 
 from collections.abc import Iterable
-from fractions import Fraction
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -158,6 +157,8 @@ LEAST_RATIO, MOST_RATIO = 0.01, 100.0
 class Ratios(Part):
     """The ratios of a gearbox, each from its time until that of the next; it engages there without twist.
 
+    Stiffness, damping and lash of the coupling are those at a.
+
     Attributes:
         time: when each is engaged [s], the first at 0, ascending.
         ratio: speed of a over that of b, negative where they turn against each other; 0 between gears: open.
@@ -190,7 +191,7 @@ class Ratios(Part):
 
 
 class Clutch(Part):
-    """How much moment a coupling bears before it slips.
+    """The moment that a coupling bears before it slips.
 
     Attributes:
         torque: constant [N m]; this or a table.
@@ -236,7 +237,7 @@ class Coupling(Part):
         stiffness: k [N m/rad].
         damping: c [N m s/rad].
         lash: play to either side of the middle, b [rad].
-        ratios: of a gearbox, over time; stiffness, damping and lash are those at a. None is 1 throughout.
+        ratios: ratios of a gearbox over time; None is 1 throughout.
         clutch: what it bears before it slips; None never slips.
     """
 
@@ -261,17 +262,6 @@ class Coupling(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from _two(node)
-
-
-def first_ratio(coupling: Any) -> Fraction | None:
-    """The first ratio of a coupling that is not open; None where its ratios are not right. Takes a mapping, too."""
-    ratios = get(coupling, "ratios")
-    if ratios is None:
-        return Fraction(1)
-    values = [value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0]
-    if not values or not LEAST_RATIO <= abs(values[0]) <= MOST_RATIO:
-        return None
-    return Fraction(values[0]).limit_denominator(1_000_000)
 
 
 def _two(node: Any) -> Iterable[Problem]:

@@ -101,17 +101,16 @@ def _plain(value: Any) -> Any:
 
 def _gearboxes(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Ratios are between two shafts, and those that change between two that nothing else ties."""
-    sprockets = elements(drive, "sprockets")
-    on_shaft = {(get(of, "name"), get(of, "shaft")) for of in sprockets}
+    on_shaft = [{str(get(of, "name")), str(get(of, "shaft"))} for of in elements(drive, "sprockets")]
     for c, coupling in enumerate(elements(drive, "couplings")):
-        between = tuple(elements(coupling, "between"))
-        if get(coupling, "ratios") is not None and on_shaft & {between, between[::-1]}:
+        between = set(map(str, elements(coupling, "between")))
+        if get(coupling, "ratios") is not None and between in on_shaft:
             text = "not between a shaft and a sprocket on it; must be between two shafts"
             yield Problem(("couplings", c, "ratios"), None, text, BARE)
     for tie in ties(drive):
         if tie.kind == "couplings":
             ratios = get(elements(drive, "couplings")[int(tie.path[1])], "ratios")
-            several = {value for value in elements(ratios, "ratio") if value != 0.0}
+            several = {value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0}
             others, _ = with_chain(drive, without=tie)
             if len(several) > 1 and others.root[tie.a] == others.root[tie.b]:
                 text = f'"{names[tie.a]}" and "{names[tie.b]}" turn in one ratio by the rest of the drive; must be one'

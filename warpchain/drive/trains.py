@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from warpchain.drive.schema import elements, get
-from warpchain.drive.shafts import first_ratio
+from warpchain.drive.schema import elements, get, numbers
 from warpchain.drive.sprocket import Led, Load
 
 PRESSURE_ANGLE = 20.0
@@ -63,6 +62,15 @@ def has_trains(drive: Any) -> bool:
 def names_of(drive: Any) -> list[Any]:
     """Names of the bodies."""
     return [get(part, "name") for kind in ("sprockets", "shafts") for part in elements(drive, kind)]
+
+
+def first_ratio(coupling: Any) -> Fraction | None:
+    """The first ratio of a coupling that is not open; None where its ratios are not right. Takes a mapping, too."""
+    ratios = get(coupling, "ratios")
+    if ratios is None:
+        return Fraction(1)
+    engaged = [value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0]
+    return (Fraction(engaged[0]).limit_denominator(1_000_000) or None) if engaged else None
 
 
 def ties(drive: Any) -> list[Tie]:

@@ -104,8 +104,8 @@ CHANNELS = (
     Channel("chamber_pressure", "Pa", "tensioner", "absolute pressure in the chamber; without oil the ambient one"),
     Channel("shaft_angle", "rad", "shaft", "angle since the start, counter-clockwise"),
     Channel("shaft_speed", "rad/s", "shaft", "angular velocity, counter-clockwise"),
-    Channel("coupling_twist", "rad", "coupling", "angle of its first shaft less that of its second, since the start"),
-    Channel("coupling_torque", "N m", "coupling", "moment that it passes on to its second shaft, counter-clockwise"),
+    Channel("coupling_twist", "rad", "coupling", "angle of its first shaft less its ratio times that of its second"),
+    Channel("coupling_torque", "N m", "coupling", "moment that it takes from its first shaft, counter-clockwise"),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
