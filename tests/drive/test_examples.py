@@ -26,6 +26,7 @@ def test_names():
     assert NAMES == (
         "car",
         "conveyor",
+        "derailleur",
         "engine",
         "industrial",
         "marine",
@@ -193,3 +194,19 @@ def test_engines_tensioner_holds_its_preload():
 def test_marine_without_guides_is_the_marine_drive_otherwise():
     bare = load("marine").with_values({"guides": (), "contact.guide": None})
     assert load("marine_no_guides") == bare
+
+
+def test_the_derailleurs_cage_swings_with_its_strands():
+    """After its axle has moved the cage stands where a taut chain's path has it, and twitches with both long strands,
+    sqrt(T p / m) / 2 L: their sag takes 0.1 degrees of it, and the swing of one draws on the other, 4 % at most."""
+    script, drive = load_script("drawings.derailleur"), load("derailleur")
+    run = simulate(script.hit(drive), record=Record(rate=2000.0, channels=("arm_angle", "tension")))[0]
+    time, height, level = script.swing_of(run)
+    assert len(time) > 2 and (np.diff(height) < 0.0).all()
+    before, after = (np.degrees(chain_path(one).arm_angle[0]) for one in (drive, script.moved(drive)))
+    sag = np.degrees(run.arm_angle[np.searchsorted(run.time, script.BEGIN), 0]) - before
+    assert level - sag == pytest.approx(after, abs=0.1)
+    path, pull = chain_path(script.moved(drive)), np.asarray(run.tension[run.time > time[-1]]).mean()
+    wave = np.sqrt(pull * drive.chain.pitch / drive.chain.mass)
+    lengths = [np.hypot(*(path.strand_end[k] - path.strand_start[k])) for k in (0, 3)]
+    assert 1.0 / np.diff(time).mean() == pytest.approx(np.mean([wave / (2.0 * length) for length in lengths]), rel=0.04)

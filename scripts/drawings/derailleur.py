@@ -1,0 +1,148 @@
+"""The cage of the example `derailleur` when the rear axle moves, and its free swing with the chain on."""
+
+import argparse
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from common.cases import Line, case
+from common.drives import example
+from matplotlib.figure import Figure
+from scipy.signal import find_peaks
+
+import warpchain
+from warpchain import Drive, Record, assemble, simulate
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.results.run import Trajectory
+from warpchain.results.scene import chain_line, pose_at_start
+
+PIVOT = (-0.02, 0.114)
+"""Of the lower link that carries the rear axle [m], on the idler's axle (published as `link_lwr_front_loc`)."""
+RISE, TIME, BEGIN, END = 0.036, 0.036, 0.1, 0.7  # of the axle [m], in [s], from [s]; of the run [s]
+CASES = ((0.0, 1.0), (0.05, 1.0), (0.1, 1.0), (0.2, 1.0), (0.1, 0.0), (0.1, 2.0))
+"""Friction in the joints, and the cage's damper over that of the example."""
+COG, JOCKEYS = 3, ("sprockets.lower jockey.center", "sprockets.upper jockey.center")
+
+
+def table_of(place: tuple[float, float], turn: float) -> dict[str, list[float]]:
+    """The way of a place that turns about `PIVOT` by an angle [rad], as half a wave of a cosine, as a table."""
+    time = np.linspace(0.0, TIME, 37)
+    angle = 0.5 * turn * (1.0 - np.cos(math.pi * time / TIME))
+    x, y = np.subtract(place, PIVOT)
+    c, s = np.cos(angle) - 1.0, np.sin(angle)
+    return {"time": (BEGIN + time).tolist(), "x": (c * x - s * y).tolist(), "y": (s * x + c * y).tolist()}
+
+
+def turn_of(drive: Drive) -> float:
+    """Angle [rad] by which the rear end turns until its axle is `RISE` higher."""
+    x, y = np.subtract(drive.sprockets[COG].center, PIVOT)
+    radius = math.hypot(x, y)
+    return math.asin(y / radius) - math.asin((y + RISE) / radius)
+
+
+def hit(drive: Drive) -> Drive:
+    """The drive with its crank held and its cog free, whose rear end turns until its axle is `RISE` higher."""
+    turn, cog, pivot = turn_of(drive), drive.sprockets[COG].center, drive.arms[0].pivot
+    return drive.with_values(
+        {
+            "sprockets.chainring.prescribed": {"speed": 0.0},
+            "sprockets.cog.load": None,
+            "sprockets.cog.mount": {"kind": "prescribed", "table": table_of(cog, turn)},
+            "arms.cage.pivot_table": table_of(pivot, turn),
+            "run.duration": END,
+        }
+    )
+
+
+def swing_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
+    """Instants and heights of the cage's swings over where it comes to rest [s, deg], and that angle [deg]."""
+    angle = np.degrees(np.asarray(run.arm_angle)[:, 0])
+    after = run.time > BEGIN + TIME + 0.02
+    level = float(angle[after].min())
+    peaks, _ = find_peaks(angle[after], distance=120, prominence=0.03)
+    time, height = run.time[after][peaks], angle[after][peaks] - level
+    late = slice(int(height.argmax()), None)
+    return time[late], height[late], level
+
+
+def moved(drive: Drive) -> Drive:
+    """The drive as it stands after the axle has moved."""
+    turn, places = turn_of(drive), {}
+    for keys in (("sprockets.cog.center",), ("arms.cage.pivot", "arms.cage.center", *JOCKEYS)):  # as their first
+        way = table_of(drive.get_value(keys[0]), turn)
+        for key in keys:
+            x, y = drive.get_value(key)
+            places[key] = [x + way["x"][-1], y + way["y"][-1]]
+    return drive.with_values(places)
+
+
+def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
+    """The drive before and after, the cage's angle, and the tension of the lower strand."""
+    figure = Figure(figsize=(10.0, 9.0), layout="constrained")
+    where, cage, lower = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 1.0))
+    for one, color, label in ((drive, "0.5", "before"), (moved(drive), "tab:orange", "axle 36 mm higher")):
+        pose = pose_at_start(one)
+        where.plot(*(1e3 * chain_line(one, chain_path(one)).T), color=color, label=label)
+        for s in one.sprockets_on(0):
+            where.plot(*(1e3 * np.array([one.arms[0].pivot, pose.center[s]]).T), "o-", color=color, ms=3)
+    where.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    where.legend(fontsize=8)
+    laid = assemble(drive)
+    links = slice(laid.strand_first[0], laid.strand_first[0] + laid.strand_links[0])
+    for (mu, damper), run in zip(CASES, runs, strict=True):
+        if damper != 1.0:
+            continue
+        cage.plot(1e3 * run.time, np.degrees(np.asarray(run.arm_angle)[:, 0]), lw=1.0, label=f"{mu:g}")
+        lower.plot(1e3 * run.time, np.asarray(run.tension)[:, links].mean(axis=1), lw=0.8)
+    for axes, label in ((cage, "cage [deg]"), (lower, "mean tension, chainring\nto lower jockey [N]")):
+        axes.axvspan(1e3 * BEGIN, 1e3 * (BEGIN + TIME), color="0.9")
+        axes.set(xlabel="time [ms]", ylabel=label, xlim=(60.0, 1e3 * END))
+    lower.set_ylim(25.0, 65.0)
+    cage.legend(title="friction in the joints", fontsize=8)
+    return figure
+
+
+@case()
+def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
+    """The rear axle of the example `derailleur` rises by 36 mm in 36 ms, crank held: what its cage does.
+
+    python scripts/figures.py derailleur
+
+    Prints the table of docs/derailleur.md and draws its figure.
+    """
+    drive = example("derailleur")
+    damping = drive.arms[0].damping
+    drives = [
+        hit(drive).with_values({"chain.joint.friction": mu, "arms.cage.damping": part * damping}) for mu, part in CASES
+    ]
+    drives[0] = drives[0].with_values({"contact.sprocket.friction": 0.0})
+    result = simulate(drives, record=Record(rate=2000.0), window=(BEGIN - 0.02, END - 0.02))
+    runs, rows = [result[v] for v in range(len(drives))], result.metrics.to_pylist()
+    modes = warpchain.modes(hit(drive))
+    for k in range(2):
+        yield f"mode {k + 1} at rest, linear, without friction: {modes.frequency[k]:.2f} Hz"
+    yield (
+        "friction",
+        "damper",
+        "before [deg]",
+        "largest [deg]",
+        "at [ms]",
+        "after [deg]",
+        "swing [Hz]",
+        "decay [1/s]",
+        "most [N]",
+    )
+    for (mu, part), run in zip(CASES, runs, strict=True):
+        time, height, level = swing_of(run)
+        angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
+        before = angle[np.searchsorted(run.time, BEGIN) - 1]
+        top, found = angle.argmax(), ("-", "-")
+        if len(time) > 2:
+            frequency, decay = 1.0 / np.diff(time).mean(), -np.polyfit(time, np.log(height), 1)[0]
+            found = f"{frequency:.1f}", f"{decay:.1f}"
+        numbers = f"{before:.2f}", f"{angle[top]:.2f}", f"{1e3 * (run.time[top] - BEGIN):.0f}", f"{level:.2f}"
+        yield (f"{mu:g}", f"{part:g}", *numbers, *found, f"{tension[run.time > BEGIN - 0.02].max():.0f}")
+    worst = max(abs(row["energy_residual_relative"]) for row in rows)
+    work = [f"{row['cage.pivot_work']:.3f}" for row in rows]
+    yield f"largest energy residual {worst:.1e}; work of what leads the cage's pivot {', '.join(work)} J"
+    yield {"derailleur": figure_of(drive, runs)}
