@@ -125,7 +125,12 @@ def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -
     return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, failure)
 
 
+JOINTED = "not sought for arms that hang on arms"
+
+
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    if any(arm.arm is not None for arm in drive.arms):
+        return _unknown(drive, assembly, frequency, JOINTED)
     if drive.chain.links > MOST:
         return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
@@ -171,6 +176,8 @@ def equilibrium(drive: Drive, speed: float, assembly: Assembly, near: Array | No
     Raises:
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
     """
+    if any(arm.arm is not None for arm in drive.arms):
+        raise SimulationError(f"the state that modes are about is {JOINTED}")
     moments = load_moments(drive, speed)
     potential = Potential(drive, passing_rate(drive, speed), moments, hanging=True)
     if (potential.push >= 0.1 * (potential.stiffness + potential.push)).any():

@@ -108,6 +108,8 @@ def refusal(packed: Packed, first: int = 0) -> str | None:
     drives = packed.drives
     if (drives["rings"] > 1).any():
         return 'drives of several chains are stepped on the CPU only; use device="cpu"'
+    if drives["jointed"].any():
+        return 'drives whose arms hang on arms are stepped on the CPU only; use device="cpu"'
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
         (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),
