@@ -74,7 +74,8 @@ class Drive:
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
-    hubs: wp.int32  # 1: arms carry sprockets, or bearings rub
+    hubs: wp.int32  # 1: arms carry sprockets or arms, or bearings rub
+    jointed: wp.int32  # 1: arms carry arms
     light: wp.int32  # 1: has bodies so light that contacts want their accelerations before forces (`body.solved`)
     step: wp.float64  # h [s]
     steps: wp.int32  # whole run
@@ -203,7 +204,10 @@ class Hub:
 
 @wp.struct
 class Arm:
-    """An arm that turns about a fixed pivot, its body's center; its angle is 0 as drawn (`physics.body`)."""
+    """An arm that turns about a pivot, its body's center; its angle is 0 as drawn (`physics.body`).
+
+    On another arm its springs, damper and stops act between the two, at what it is turned by more (`physics.hub`).
+    """
 
     pivot: wp.vec2d  # [m]
     stiffness: wp.float64  # k_t of its torsion spring [N m/rad]
@@ -215,6 +219,8 @@ class Arm:
     stop_damping: wp.float64  # [N m s/rad]
     reach: wp.float64  # how far from the pivot the chain may touch it [m]
     mass: wp.float64  # where its pivot is led: with what it carries; else 0 [kg]
+    on: wp.int32  # the arm of the drive that carries it, counted from 1; 0: none
+    lever: wp.vec2d  # d: its pivot from that of the arm that carries it, as drawn [m]
     mass_moment: wp.vec2d  # mass times its center of mass from the pivot, as drawn [kg m]
     gravity: wp.vec2d  # [m/s^2]
 

@@ -12,7 +12,16 @@ import warp as wp
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
 from ..native import accessors
-from ..physics.body import arm_dissipation, arm_energy, body_energy, heading_of, held_by, pivot_power, pose_of
+from ..physics.body import (
+    arm_dissipation,
+    arm_energy,
+    body_energy,
+    heading_of,
+    held_by,
+    pivot_power,
+    pose_of,
+)
+from ..physics.hub import against
 from ..physics.motion import load_moment_at_speed, prescribed_acceleration
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
@@ -35,6 +44,7 @@ from ..sums import (
     add_touches,
 )
 from .chain_sums import chain_sums
+from .jointed import carrier_of, joint_energy
 from .joints import joint_passes
 from .rollers import passes, rows
 from .steps import arm_of, moving
@@ -82,7 +92,13 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             arm = arm_of(drive, b)
             if wp.static(not plain):
                 if arm >= 0:
-                    energy = arm_energy(energy, body, heading, ensemble.arms[arm])
+                    of, turned = ensemble.arms[arm], body
+                    on = carrier_of(drive, of.on)
+                    if on >= 0:
+                        carrier = body_now(ensemble, state, on, now.time, now.lag)
+                        turned = against(body, carrier)
+                        energy += joint_energy(body, carrier, of)
+                    energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
                 energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
             total += energy
@@ -123,11 +139,15 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
         body = body_now(ensemble, state, b, now.time, now.lag)
-        power, led = arm_dissipation(body, ensemble.arms[i]), wp.float64(0.0)
+        turned, on = body, carrier_of(drive, ensemble.arms[i].on)
+        if on >= 0:
+            turned = against(body, body_now(ensemble, state, on, now.time, now.lag))
+        power = arm_dissipation(turned, ensemble.arms[i])
+        led = wp.float64(0.0)
         mount = ensemble.mounts[b]
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
-            whole.load = bodies.load_on(ensemble, drive, body, b, now.time) + whole.bearing
+            whole.load = bodies.load_on(ensemble, state, drive, body, b, now.time) + whole.bearing
             off, motion = off_home(body.center, mount), ensemble.motions[b]
             held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
             led = pivot_power(led, body, ensemble.arms[i])

@@ -29,6 +29,7 @@ from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
+from .jointed import carrier_of, jointed
 from .joints import joint_passes
 from .neighbor_list import neighbor_list
 from .rollers import passes, rows
@@ -68,10 +69,25 @@ def hanging(Real: type) -> SimpleNamespace:
                     state.wrenches[arm].bearing = state.wrenches[arm].bearing - moment
                 if stage == 0:
                     state.hub_hold[drive.first_sprocket + s] = holds
+        if drive.jointed != 0:
+            for a in range(drive.arms):
+                b = drive.first_body + drive.bodies - drive.arms + a
+                on = carrier_of(drive, ensemble.arms[drive.first_arm + a].on)
+                if on >= 0:
+                    force = state.wrenches[b].force
+                    moment = moment_of(state.poses[b].center - state.poses[on].center, force)
+                    state.wrenches[on] = with_reaction(state.wrenches[on], force, moment)
 
     @wp.func
     def carry(ensemble: Ensemble, state: State, drive: Drive):
-        """Takes the sprockets on arms along, once these have moved."""
+        """Takes the arms and the sprockets on arms along, once these have moved."""
+        if drive.jointed != 0:
+            for a in range(drive.arms):
+                joint = ensemble.arms[drive.first_arm + a]
+                on = carrier_of(drive, joint.on)
+                if on >= 0:
+                    mine = drive.first_body + drive.bodies - drive.arms + a
+                    state.bodies[mine] = carried_by(state.bodies[mine], pose_of(state.bodies[on]), joint)
         for s in range(drive.sprockets):
             hub = ensemble.hubs[drive.first_sprocket + s]
             if hub.arm != GROUND:
@@ -94,6 +110,8 @@ def hanging(Real: type) -> SimpleNamespace:
 def moving(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that move the bodies of one variant of an ensemble, and observe them."""
     kinds, carry = types(Real), hanging(Real).carry
+    joints = jointed(Real)
+    turned, joints_on, couple = joints.turned, joints.joints_on, joints.couple
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
@@ -108,13 +126,18 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return wrench
 
     @wp.func
-    def load_on(ensemble: Ensemble, drive: Drive, body: BodyState, b: int, time: wp.float64):
+    def load_on(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
         """Moment [N m] of what loads body `b` of all, or of an arm's own spring and weight."""
         load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble.curves)
         if wp.static(not plain):
             arm = arm_of(drive, b)
             if arm >= 0:
                 load = own_moment(body, heading_of(body), ensemble.arms[arm])
+                if drive.jointed != 0:
+                    a = arm - drive.first_arm
+                    seen = turned(ensemble, state, drive, a, body)
+                    load = own_moment(seen, heading_of(body), ensemble.arms[arm])
+                    load = load + joints_on(ensemble, state, drive, a)
         return load
 
     @wp.func
@@ -155,7 +178,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             engage(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
             wrench = wrench_on(ensemble, state, drive, b)
-            moment = wrench.moment + wrench.bearing + load_on(ensemble, drive, state.bodies[b], b, time)
+            moment = wrench.moment + wrench.bearing + load_on(ensemble, state, drive, state.bodies[b], b, time)
             state.passed[b] = moment + motor_on(ensemble, state, drive, b, time)
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
@@ -183,7 +206,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         wrench = wrench_on(ensemble, state, drive, b)
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
-        wrench.load = load_on(ensemble, drive, body, b, time)
+        wrench.load = load_on(ensemble, state, drive, body, b, time)
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
             wrench.load = wrench.load + wrench.bearing
@@ -201,6 +224,13 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 pass_on(ensemble, state, drive, stage, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
+        if wp.static(not plain):
+            if drive.jointed != 0:
+                lag = wp.float64(0.0)
+                if drive.integrator == 0 and time > lag:
+                    lag = wp.float64(0.5) * drive.step
+                for a in range(drive.arms):
+                    couple(ensemble, state, drive, a, lag)
 
     @wp.func
     def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
@@ -336,7 +366,9 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if drive.tied != 0:
             pass_on(ensemble, state, drive, PREDICTING, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if (ensemble.mounts[b].active == 0 or arm_of(drive, b) >= 0) and ensemble.motions[b].prescribed == 0:
+            arm = arm_of(drive, b)
+            free = ensemble.motions[b].prescribed == 0 and not (arm >= 0 and drive.jointed != 0)
+            if free and (ensemble.mounts[b].active == 0 or arm >= 0):
                 rates = rates_of(ensemble, state, drive, b, memory.time)
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])

@@ -333,6 +333,22 @@ def own_moment(body: Any, heading: Any, arm: Any):
 
 
 @wp.func
+def joint_moment(turned: Any, arm: Any):
+    """Moment [N m] on an arm of its spring, damper and stops alone; `turned` as these see it."""
+    stop, elastic = stop_moment(turned.angle, turned.speed, arm)
+    return stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
+
+
+@wp.func
+def mass_moment_now(heading: Any, arm: Any):
+    """Mass of an arm times its center from its pivot, as it heads [kg m]."""
+    return type(heading)(
+        arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1],
+        arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0],
+    )
+
+
+@wp.func
 def relaxed_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
     """An arm after a step of relaxation, omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
     body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular

@@ -3,7 +3,6 @@
 import argparse
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from common.cases import Line, case
@@ -20,8 +19,9 @@ from warpchain.results.scene import chain_line, pose_at_start
 PIVOT = (-0.02, 0.114)
 """Of the lower link that carries the rear axle [m], on the idler's axle (published as `link_lwr_front_loc`)."""
 RISE, TIME, BEGIN, END = 0.036, 0.036, 0.1, 0.7  # of the axle [m], in [s], from [s]; of the run [s]
-FRICTION = (0.0, 0.05, 0.1, 0.2)
-LOWER, COG = "chainring->lower jockey", 3
+CASES = ((0.0, 1.0), (0.05, 1.0), (0.1, 1.0), (0.2, 1.0), (0.1, 0.0), (0.1, 2.0))
+"""Friction in the joints, and the cage's damper over that of the example."""
+COG, JOCKEYS = 3, ("sprockets.lower jockey.center", "sprockets.upper jockey.center")
 
 
 def table_of(place: tuple[float, float], turn: float) -> dict[str, list[float]]:
@@ -33,12 +33,16 @@ def table_of(place: tuple[float, float], turn: float) -> dict[str, list[float]]:
     return {"time": (BEGIN + time).tolist(), "x": (c * x - s * y).tolist(), "y": (s * x + c * y).tolist()}
 
 
-def hit(drive: Drive) -> Drive:
-    """The drive with its crank held and its cog free, whose rear end turns until its axle is `RISE` higher."""
+def turn_of(drive: Drive) -> float:
+    """Angle [rad] by which the rear end turns until its axle is `RISE` higher."""
     x, y = np.subtract(drive.sprockets[COG].center, PIVOT)
     radius = math.hypot(x, y)
-    turn = math.asin(y / radius) - math.asin((y + RISE) / radius)
-    cog, pivot = drive.sprockets[COG].center, drive.arms[0].pivot
+    return math.asin(y / radius) - math.asin((y + RISE) / radius)
+
+
+def hit(drive: Drive) -> Drive:
+    """The drive with its crank held and its cog free, whose rear end turns until its axle is `RISE` higher."""
+    turn, cog, pivot = turn_of(drive), drive.sprockets[COG].center, drive.arms[0].pivot
     return drive.with_values(
         {
             "sprockets.chainring.prescribed": {"speed": 0.0},
@@ -63,18 +67,13 @@ def swing_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
 
 def moved(drive: Drive) -> Drive:
     """The drive as it stands after the axle has moved."""
-    led = hit(drive)
-    ends = {key: (table["x"][-1], table["y"][-1]) for key, table in _tables(led).items()}
-    places = {f"{key}": [a + b for a, b in zip(drive.get_value(key), by, strict=True)] for key, by in ends.items()}
-    shift = ends["arms.cage.pivot"]
-    for key in ("sprockets.lower jockey.center", "sprockets.upper jockey.center", "arms.cage.center"):
-        places[key] = [a + b for a, b in zip(drive.get_value(key), shift, strict=True)]
+    turn, places = turn_of(drive), {}
+    for keys in (("sprockets.cog.center",), ("arms.cage.pivot", "arms.cage.center", *JOCKEYS)):  # as their first
+        way = table_of(drive.get_value(keys[0]), turn)
+        for key in keys:
+            x, y = drive.get_value(key)
+            places[key] = [x + way["x"][-1], y + way["y"][-1]]
     return drive.with_values(places)
-
-
-def _tables(led: Drive) -> dict[str, Any]:
-    cog, cage = led.sprockets[COG].mount.table, led.arms[0].pivot_table
-    return {"sprockets.cog.center": cog.model_dump(), "arms.cage.pivot": cage.model_dump()}
 
 
 def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
@@ -90,7 +89,9 @@ def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
     where.legend(fontsize=8)
     laid = assemble(drive)
     links = slice(laid.strand_first[0], laid.strand_first[0] + laid.strand_links[0])
-    for mu, run in zip(FRICTION, runs, strict=True):
+    for (mu, damper), run in zip(CASES, runs, strict=True):
+        if damper != 1.0:
+            continue
         cage.plot(1e3 * run.time, np.degrees(np.asarray(run.arm_angle)[:, 0]), lw=1.0, label=f"{mu:g}")
         lower.plot(1e3 * run.time, np.asarray(run.tension)[:, links].mean(axis=1), lw=0.8)
     for axes, label in ((cage, "cage [deg]"), (lower, "mean tension, chainring\nto lower jockey [N]")):
@@ -110,7 +111,10 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     Prints the table of docs/derailleur.md and draws its figure.
     """
     drive = example("derailleur")
-    drives = [hit(drive).with_values({"chain.joint.friction": mu}) for mu in FRICTION]
+    damping = drive.arms[0].damping
+    drives = [
+        hit(drive).with_values({"chain.joint.friction": mu, "arms.cage.damping": part * damping}) for mu, part in CASES
+    ]
     drives[0] = drives[0].with_values({"contact.sprocket.friction": 0.0})
     result = simulate(drives, record=Record(rate=2000.0), window=(BEGIN - 0.02, END - 0.02))
     runs, rows = [result[v] for v in range(len(drives))], result.metrics.to_pylist()
@@ -119,6 +123,7 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
         yield f"mode {k + 1} at rest, linear, without friction: {modes.frequency[k]:.2f} Hz"
     yield (
         "friction",
+        "damper",
         "before [deg]",
         "largest [deg]",
         "at [ms]",
@@ -127,7 +132,7 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
         "decay [1/s]",
         "most [N]",
     )
-    for mu, run in zip(FRICTION, runs, strict=True):
+    for (mu, part), run in zip(CASES, runs, strict=True):
         time, height, level = swing_of(run)
         angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
         before = angle[np.searchsorted(run.time, BEGIN) - 1]
@@ -136,7 +141,7 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
             frequency, decay = 1.0 / np.diff(time).mean(), -np.polyfit(time, np.log(height), 1)[0]
             found = f"{frequency:.1f}", f"{decay:.1f}"
         numbers = f"{before:.2f}", f"{angle[top]:.2f}", f"{1e3 * (run.time[top] - BEGIN):.0f}", f"{level:.2f}"
-        yield (f"{mu:g}", *numbers, *found, f"{tension[run.time > BEGIN - 0.02].max():.0f}")
+        yield (f"{mu:g}", f"{part:g}", *numbers, *found, f"{tension[run.time > BEGIN - 0.02].max():.0f}")
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
     work = [f"{row['cage.pivot_work']:.3f}" for row in rows]
     yield f"largest energy residual {worst:.1e}; work of what leads the cage's pivot {', '.join(work)} J"

@@ -244,7 +244,7 @@ class FrameLayout:
                 body[f"x_{s}"], body[f"y_{s}"] = center[:, 0], center[:, 1]
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
             carrying = range(len(chunk.drive.arms)) if "arm_angle" in self.form.channels else ()
-            pivot = pivots(chunk.drive, chunk.time)
+            pivot = pivots(chunk.drive, chunk.time, chunk.arm_angle)
             for a in carrying:
                 angle, s = chunk.arm_angle[:, a], len(self.form.sprockets) + a  # type: ignore[index]
                 body[f"x_{s}"], body[f"y_{s}"] = pivot[:, a, 0], pivot[:, a, 1]

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.assembly.guided import on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
 from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.face_profile import direction
@@ -115,6 +116,14 @@ class StillArm:
             found = found + lever * tensioner.force(self.extension(tensioner, angle))
         return found
 
+    def joint(self, angle: Any) -> Any:
+        """Moment of its spring and stops, and of tensioners that an arm has that carries arms [N m]."""
+        found = -self.arm.stiffness * (angle - self.arm.free_angle_rad) - self.stop * self.over(angle)
+        for tensioner in self.tensioners:
+            lever, _ = self._levers(tensioner, angle)
+            found = found + lever * tensioner.force(self.extension(tensioner, angle))
+        return found
+
     def energy(self, angle: float) -> float:
         """Of which the moment is minus the derivative [J]."""
         arm = self.arm
@@ -182,17 +191,23 @@ def on_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
     return angle <= low + AT_STOP, angle >= high - AT_STOP
 
 
-def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
-    """Moment of the chain on arm a about its pivot [N m]."""
-    levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
-    return tension(drive, path, beyond) * (levers + sum(_lever(drive, path, s) for s in drive.sprockets_on(a)))
+def chain_moment(
+    drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
+) -> Any:
+    """Moment of the chain on arm a, and on the arms on it, about its pivot [N m], which is where it is drawn, or at
+    `pivot` [m].
+    """
+    pivot = drive.arms[a].pivot if pivot is None else pivot
+    levers = 0.0
+    for arm in (a, *drive.arms_on(a)):
+        levers = levers + sum(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
+        levers = levers + sum(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
+    return tension(drive, path, beyond) * levers
 
 
-def _lever(drive: Drive, path: ChainPath | Course, s: int) -> Any:
-    """Lever about its arm's pivot of what the strands of sprocket s pull it with [m]."""
-    arm = drive.carrier(s)
-    assert arm is not None
-    px, py = drive.arms[arm].pivot
+def _lever(drive: Drive, path: ChainPath | Course, s: int, pivot: tuple[Any, Any]) -> Any:
+    """Lever about a pivot [m] of what the strands of sprocket s pull it with [m]."""
+    px, py = pivot
     if isinstance(path, Course):
         (x, y), (ax, ay), (bx, by) = path.center[s], path.end[s - 1], path.start[s]
     else:
@@ -242,10 +257,11 @@ class Balance:
 
     def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
         """The angle of arm a [rad] at which (a) holds, with the others where they are."""
+        drive = self.plan.drive
 
         def moment(angle: Any) -> Any:
             course = self.plan.course([*angles[:a], angle, *angles[a + 1 :]])
-            return self.still[a].moment(angle) + chain_moment(self.plan.drive, course, a, beyond)
+            return self._own(angles, a, angle) + chain_moment(drive, course, a, beyond, self._pivot(angles, a))
 
         quick = _secant(moment, angles[a], self.slopes.get(a))
         if quick is not None:
@@ -254,6 +270,25 @@ class Balance:
         if self.plan.variants > 1:  # by halves, until those that it fails for are alone
             raise Unlike(np.arange(self.plan.variants) < self.plan.variants // 2)
         return _bracketed(moment, self.still[a].arm, angles[a])
+
+    def _pivot(self, angles: Sequence[Any], a: int) -> tuple[Any, Any]:
+        """Where the pivot of arm a is with the arms at angles (A,) [m]."""
+        drive = self.plan.drive
+        return on_arm(drive, drive.parent(a), drive.arms[a].pivot, angles)
+
+    def _own(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
+        """Moment of all but the chain on arm a at an angle [N m], with the weight of what hangs on it."""
+        drive, (gx, gy) = self.plan.drive, self.plan.drive.run.gravity
+        if drive.parent(a) is None and not drive.arms_on(a):
+            return self.still[a].moment(angle)
+        found = self.still[a].joint(angle)
+        turned = [*angles[:a], angle, *angles[a + 1 :]]
+        px, py = self._pivot(angles, a)
+        for arm in (a, *drive.arms_on(a)):
+            for mass, place in self.still[arm].weights:
+                x, y = on_arm(drive, arm, place, turned)
+                found = found + mass * ((x - px) * gy - (y - py) * gx)
+        return found
 
 
 def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float:

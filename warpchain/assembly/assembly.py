@@ -41,7 +41,6 @@ from warpchain.drive.batch_math import (
     Unlike,
     along,
     columns,
-    every,
     hypot,
     joined,
     many,
@@ -307,7 +306,7 @@ def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
             (turned,) = columns(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
             if last or turn == _BALANCES - 1:
                 break
-            last = every(abs(off / slope * turned / moved) <= _NEAR)
+            last = same(abs(off / slope * turned / moved) <= _NEAR)
         known = beyond, off, path.arm_angle
         beyond = beyond - off / slope
         path = balance.path(beyond, columns(path.arm_angle))

@@ -54,7 +54,9 @@ def turned(profile: Profile, pivot: Point, angle: float) -> Profile:
 def profile_at(drive: Drive, g: int, arm_angle: Sequence[float]) -> Profile:
     """The face of guide g where its arm stands at its angle [rad]."""
     arm, profile = drive.arm_of(g), drive.profile(g)
-    return profile if arm is None else turned(profile, drive.arms[arm].pivot, float(arm_angle[arm]))
+    while arm is not None:
+        profile, arm = turned(profile, drive.arms[arm].pivot, float(arm_angle[arm])), drive.parent(arm)
+    return profile
 
 
 def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
@@ -129,18 +131,21 @@ class Placed:
         strand: its strand.
         run: convex arcs over its face, in the order of the chain's travel.
         arm: the arm that carries it; None on the ground.
-        pivot: of that arm [m].
+        pivots: of that arm, and of the arm that carries that, by these arms [m].
     """
 
     strand: int
     run: Run
     arm: int | None
-    pivot: Point
+    pivots: tuple[tuple[int, Point], ...]
 
     def run_at(self, arm_angle: Sequence[float]) -> Run:
         """The arcs where the arms stand at angles (A,) [rad]."""
-        angle = 0.0 if self.arm is None else arm_angle[self.arm]
-        return self.run if same(angle == 0.0) else tuple(_turned(arc, self.pivot, angle) for arc in self.run)
+        run = self.run
+        for arm, pivot in self.pivots:
+            angle = arm_angle[arm]
+            run = run if same(angle == 0.0) else tuple(_turned(arc, pivot, angle) for arc in run)
+        return run
 
 
 def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
@@ -164,7 +169,7 @@ def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
             cut = depth(run, strands[k])
             if not same((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
                 continue
-        found.append(Placed(k, run, arm, (0.0, 0.0) if arm is None else drive.arms[arm].pivot))
+        found.append(Placed(k, run, arm, pivots_of(drive, arm)))
     return tuple(found)
 
 
@@ -243,6 +248,23 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 def _turned(arc: Arc, pivot: Point, angle: Any) -> Arc:
     """An arc turned about a pivot by an angle [rad]."""
     return replace(arc, center=turned_about(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
+
+
+def pivots_of(drive: Drive, arm: int | None) -> tuple[tuple[int, Point], ...]:
+    """An arm, if any, and the arm that carries it, each with its pivot as drawn [m]."""
+    found: list[tuple[int, Point]] = []
+    while arm is not None:
+        found.append((arm, drive.arms[arm].pivot))
+        arm = drive.parent(arm)
+    return tuple(found)
+
+
+def on_arm(drive: Drive, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
+    """A place of an arm [m], as drawn, with the arms at angles (A,) [rad], each from the arm that carries it."""
+    found: tuple[Any, Any] = place
+    for a, pivot in pivots_of(drive, arm):
+        found = turned_about(pivot, found, arm_angle[a])
+    return found
 
 
 def turned_about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.guided import Placed, Run, obstacles, obstructed, turned_about
+from warpchain.assembly.guided import Placed, Run, obstacles, obstructed, on_arm
 from warpchain.assembly.taut_string import Arc, Taut, TautError, circle, taut
 from warpchain.drive.batch import picked, size_of
 from warpchain.drive.batch_math import (
@@ -246,7 +246,7 @@ class Plan:
             return self
         at = copy(self)
         at.center = [
-            place if a is None else turned_about(self.drive.arms[a].pivot, place, arm_angle[a])
+            place if a is None else on_arm(self.drive, a, place, arm_angle)
             for place, a in zip(self.center, self.carrier, strict=True)
         ]
         at.lines, at.ends = at._lines(at.center), at._circles(at.center)

@@ -131,7 +131,12 @@ def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -
     return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
 
 
+JOINTED = "not sought for arms that hang on arms"
+
+
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    if any(arm.arm is not None for arm in drive.arms):
+        return _unknown(drive, assembly, frequency, JOINTED)
     if drive.chain.links > MOST:
         return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments, laid=assembly.sprocket_angle)
@@ -193,6 +198,8 @@ def equilibrium(
     Raises:
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
     """
+    if any(arm.arm is not None for drive in drives for arm in drive.arms):
+        raise SimulationError(f"the state that modes are about is {JOINTED}")
     potentials = []
     for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,6 +84,25 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
             pushed = 0.5 * drive.sprockets[s].teeth * drive.sprocket_stiffness(s)
             stiffness = stiffness + pushed * power(drive.center_lever(s), 2)
         found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
+    return _jointed(drive, found)
+
+
+def _jointed(drive: Drive, found: list[Body]) -> list[Body]:
+    """The bodies, of which arms that hang on arms have all that acts on those in their row, and what is left of their
+    inertia: with d.s of (b) of `kernels.physics.hub`, I_1 I_2 - (d.s)^2 over the other one.
+    """
+    first = len(found) - len(drive.arms)
+    for p, arm in enumerate(drive.arms):
+        row, own, left = drive.arms_on(p), drive.arm_inertia(p), 1.0
+        square, rate = found[first + p].square, found[first + p].rate
+        for k in row:
+            (px, py), inertia = drive.arms[k].pivot, drive.arm_inertia(k)
+            moment = math.hypot(*(sum(m * (c[i] - (px, py)[i]) for m, c in drive.masses_on(k)) for i in (0, 1)))
+            left -= (math.dist((px, py), arm.pivot) * moment) ** 2 / (own * inertia)
+            square += found[first + k].square * (1.0 + inertia / own)
+            rate += found[first + k].rate * (1.0 + inertia / own)
+        for k in (p, *row) if row else ():
+            found[first + k] = replace(found[first + k], square=square / left, rate=rate / left)
     return found
 
 

@@ -54,6 +54,8 @@ class Arm(Part):
         name: unique among all parts.
         pivot: where it turns [m].
         pivot_table: displacement of its pivot over time; None is a fixed pivot.
+        arm: name of the arm that carries it, of which its pivot is a point; spring, damper and stops then act between
+            the two, at what it is turned by more. None is the ground.
         mass: its mass [kg].
         center: its center of mass, at angle 0 [m].
         inertia: its moment of inertia about the pivot [kg m^2].
@@ -68,6 +70,7 @@ class Arm(Part):
     name: Name
     pivot: Pair
     pivot_table: PlaceTable | None = None
+    arm: Name | None = None
     mass: Positive
     center: Pair
     inertia: Positive

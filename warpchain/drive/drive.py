@@ -348,6 +348,23 @@ class Drive(Part):
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
+    @among("arms", DriveError)
+    def parent(self, a: int) -> int | None:
+        """Index of the arm that carries arm a; None on the ground."""
+        name = self.arms[a].arm
+        return None if name is None else self.arm_index(name)
+
+    @among("arms", DriveError)
+    def arms_on(self, a: int) -> tuple[int, ...]:
+        """Indices of the arms that arm a carries."""
+        return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
+
+    def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
+        """Masses [kg] and places, as drawn, of arm a, of sprockets on it and, at their pivots, of arms on it."""
+        arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
+        found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
+        return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
+
     def pivot_table(self, s: int) -> PlaceTable | None:
         """Table that leads the pivot of the arm that carries sprocket s; None where nothing does."""
         arm = self.carrier(s)
@@ -388,13 +405,16 @@ class Drive(Part):
 
     @among("arms", DriveError)
     def arm_inertia(self, a: int) -> float:
-        """Inertia of arm a about its pivot [kg m^2], with plungers that move with it and sprockets' masses at their
-        levers.
+        """Inertia of arm a about its pivot [kg m^2], with plungers that move with it, sprockets' masses at their levers
+        and those of arms on it at their pivots.
         """
-        body = self.first_arm_body + a
+        body, (px, py) = self.first_arm_body + a, self.arms[a].pivot
         carried = 0.0
         for s in self.sprockets_on(a):
             carried = carried + self.sprockets[s].mass * power(self.center_lever(s), 2)
+        for k in self.arms_on(a):
+            (x, y), mass = self.arms[k].pivot, sum(own for own, _ in self.masses_on(k))
+            carried = carried + mass * power(hypot(x - px, y - py), 2)
         return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
     @checked(DriveError)

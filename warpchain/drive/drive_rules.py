@@ -237,17 +237,32 @@ def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Guides and sprockets hang on arms that there are."""
+    """Guides, sprockets and arms hang on arms that there are, arms at most one on another."""
     names = [get(arm, "name") for arm in elements(drive, "arms")]
     places: list[tuple[tuple[str | int, ...], Any]] = [
         (("guides", g), guide) for g, guide in enumerate(elements(drive, "guides"))
     ]
     places += [(("sprockets", s, "mount"), get(part, "mount")) for s, part in enumerate(elements(drive, "sprockets"))]
+    places += [(("arms", a), part) for a, part in enumerate(elements(drive, "arms"))]
     for keys, part in places:
         arm = get(part, "arm")
+        if isinstance(arm, str) and arm in names and keys[0] == "arms":
+            yield from (problem.under(*keys) for problem in _hangs(part, elements(drive, "arms")[names.index(arm)]))
         if isinstance(arm, str) and arm not in names:
             hint = nearest(arm, filter(is_name, names)) if names else "there are none"
             yield Problem((*keys, "arm"), arm, f"must be the name of an arm; {hint}")
+
+
+def _hangs(arm: Any, carrier: Any) -> Iterator[Problem]:
+    """An arm hangs on one that stands on the ground."""
+    name, on = get(arm, "name"), get(carrier, "arm")
+    if get(carrier, "name") == name or on == name:
+        yield Problem(("arm",), get(arm, "arm"), "hangs on itself; one of the arms must stand on the ground")
+    elif on is not None:
+        text = f'hangs on "{on}" itself; at most two arms may stand in a row'
+        yield Problem(("arm",), get(arm, "arm"), text)
+    if get(arm, "pivot_table") is not None:
+        yield Problem(("pivot_table",), None, "not together with arm, which leads the pivot", BARE)
 
 
 def pivot_rules(drive: Any) -> Iterator[Problem]:
@@ -298,6 +313,9 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
     """
     arm, tensioner = valid(Arm, arm_node), valid(Tensioner, node)
     if arm is None or tensioner is None:
+        return
+    if arm.arm is not None:
+        yield Problem(("on",), arm.name, f'must not hang on another arm, as it does on "{arm.arm}"')
         return
     if arm.pivot_table is not None and tensioner.plunger_mass > 0.0:
         text = f'must be 0 on "{arm.name}", whose pivot is led; its mass would not go along'

@@ -221,14 +221,20 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = escape(drive, assembly)[..., None]
-    row["hubs"] = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
+    row["jointed"] = any(arm.arm is not None for arm in drive.arms)
+    carried = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
+    row["hubs"] = carried or row["jointed"]
     reach = [drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)]
     for s in range(len(reach)):
         if drive.carrier(s) is not None:
             reach[s] = reach[s] + 2.0 * drive.center_lever(s)  # wherever the arm turns
+    arms = [2.0 * math.dist(arm.pivot, drive.arms[p].pivot) if (p := drive.parent(a)) is not None else 0.0
+            for a, arm in enumerate(drive.arms)]  # fmt: skip
+    for s in range(len(reach)):
+        reach[s] = reach[s] + (0.0 if (a := drive.carrier(s)) is None else arms[a])
     margin = margin + max((arm.pivot_table.farthest for arm in drive.arms if arm.pivot_table is not None), default=0.0)
     places = [sprocket.center for sprocket in drive.sprockets] + [arm.pivot for arm in drive.arms]
-    reach += [0.0] * len(drive.arms)
+    reach += arms
     corners = [(joined(p) - along(r), joined(p) + along(r)) for p, r in zip(places, reach, strict=True)]
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
+from warpchain.assembly.guided import turned_about
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import along, each, joined, largest, power, sqrt, where
@@ -102,21 +103,20 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
     row["reach"] = drive.arm_lever(a)
     row["mass_moment"] = _mass_moment(drive, a)
     row["gravity"] = joined(drive.run.gravity)
-    row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in _moving_masses(drive, a))
+    row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in drive.masses_on(a))
     body["angle"], body["velocity"] = assembly.arm_angle[:, a], start_velocity(arm.pivot_table)
-
-
-def _moving_masses(drive: Drive, a: int) -> list[tuple[float, tuple[float, float]]]:
-    """Masses [kg] and places, as drawn, of arm a and of the sprockets on it."""
-    carried = (drive.sprockets[s] for s in drive.sprockets_on(a))
-    arm = drive.arms[a]
-    return [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
+    parent = drive.parent(a)
+    if parent is not None:
+        on = drive.arms[parent]
+        row["on"], row["lever"] = parent + 1, joined(arm.pivot) - joined(on.pivot)
+        body["center"] = joined(turned_about(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
+        body["angle"] += assembly.arm_angle[:, parent]
 
 
 def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
     """Mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
     pivot, found = joined(drive.arms[a].pivot), np.zeros(2)
-    for mass, place in _moving_masses(drive, a):
+    for mass, place in drive.masses_on(a):
         found = found + along(mass) * (joined(place) - pivot)
     return found
 
@@ -134,7 +134,7 @@ def fill_pivot(row: Any, drive: Drive, a: int, tables: TableList) -> None:
     arm = drive.arms[a]
     row["active"], row["moves"], row["following"], row["home"] = 1, PRESCRIBED, 1.0, joined(arm.pivot)
     fill_places(row, arm.pivot_table, tables)
-    row["mass"] = sum(mass for mass, _ in _moving_masses(drive, a))
+    row["mass"] = sum(mass for mass, _ in drive.masses_on(a))
     row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)
 
 

@@ -56,6 +56,7 @@ from warpchain.engine.fill_trains import fill_coupling, fill_engaged, fill_gear,
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.physics.mount import CARRIED
 from warpchain.results.schedule import Schedule, schedule_columns
 
 
@@ -163,6 +164,8 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
         arm, motion = _rows(packed.arms, at["first_arm"] + a), _rows(packed.motions, body)
         with arm as row, motion as turned, _rows(packed.bodies, body) as placed:
             fill_arm(row, turned, placed, drive, a, assembly)
+        if drive.parent(a) is not None:
+            packed.mounts["moves"][body] = CARRIED
         if drive.arms[a].pivot_table is not None:
             with _rows(packed.mounts, body) as row:
                 fill_pivot(row, drive, a, gathered.tables)

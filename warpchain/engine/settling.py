@@ -158,6 +158,7 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     packed.rollers[xy] = moved[xy]
     arms = spread(rows["first_body"] + drive.first_arm_body, len(drive.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
+    packed.bodies["center"][arms] = bodies["center"][arms]
     for s in range(len(drive.sprockets)):
         if drive.carrier(s) is not None:
             packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]

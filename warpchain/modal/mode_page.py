@@ -87,7 +87,10 @@ def campbell_lines(found: Campbell) -> list[str]:
             f"{c.mode:<{width}}  {c.speed:>8.4g}  {c.frequency:>8.4g}  {100.0 * c.damping_ratio:>7.2g}%  "
             f"{c.order.value:>8.4g}  {c.order.cause}"
         )
-    result += ["", f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  unstable above a ripple of tension, 4 zeta"]
+    result += [
+        "",
+        f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  unstable above a ripple of tension, 4 zeta",
+    ]
     for t in found.tongues():
         result.append(f"{t.mode:<{width}}  {t.speed:>8.4g}  {t.frequency:>8.4g}  {t.threshold:.2g}")
     return result

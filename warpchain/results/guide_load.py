@@ -60,7 +60,7 @@ def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) 
         return x, np.zeros(len(x))
     angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
     drawn, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
-    r = x - pivots(trajectory.drive, trajectory.time)[frame, arm]
+    r = x - pivots(trajectory.drive, trajectory.time, trajectory.arm_angle)[frame, arm]
     return drawn + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
 
 

@@ -81,8 +81,10 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
         DriveError: as `chain_path`.
     """
     path = chain_path(drive) if path is None else path
-    arms = path.arm_angle if drive.arms else np.zeros(0)
-    return Pose(path.center, np.zeros(len(path.center)), arms)
+    arms = np.zeros(len(drive.arms))
+    for a in range(len(arms)):
+        arms[a] = sum(path.arm_angle[on] for on in (a, drive.parent(a)) if on is not None)
+    return Pose(path.center, np.zeros(len(path.center)), arms, pivots(drive, [0.0], arms[None])[0])
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
@@ -92,7 +94,7 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
     center, angle, arm = (
         own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
     )
-    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f : f + 1])[0])
+    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f : f + 1], arm[None])[0])
 
 
 def chain_line(drive: Drive, path: ChainPath) -> Array:

@@ -111,7 +111,9 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
         arm = shown.drive.arm_of(g)
         if arm is not None and shown.arm_angle is not None:
             outline = outline - np.asarray(shown.drive.arms[arm].pivot)
-            _turn(stream, path, shown, pivots(shown.drive, shown.time)[:, arm], shown.arm_angle[:, arm])
+            _turn(
+                stream, path, shown, pivots(shown.drive, shown.time, shown.arm_angle)[:, arm], shown.arm_angle[:, arm]
+            )
         line = rr.LineStrips2D(
             [flipped(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
         )
@@ -132,7 +134,7 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
         stream.log(entity(root, "drive", "arms", arm.name, "name"), label, static=True)
-        _turn(stream, path, shown, pivots(drive, shown.time)[:, a], shown.arm_angle[:, a])
+        _turn(stream, path, shown, pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:

@@ -1,0 +1,90 @@
+"""Arms that hang on arms: what acts between them, and how each accelerates the other (`physics.hub`, (b))."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..physics.body import heading_of, joint_moment, mass_moment_now, pose_of
+from ..physics.guide import from_frame
+from ..physics.hub import against, moment_of
+from ..physics.mount import left
+from ..structs import Arm, BodyState, Drive, types
+
+
+@wp.func
+def carrier_of(drive: Drive, on: int):
+    """The body of all that arm `on` of the drive is, counted from 1; negative for 0."""
+    return wp.where(on > 0, drive.first_body + drive.bodies - drive.arms + on - 1, -1)
+
+
+@wp.func
+def joint_energy(body: BodyState, carrier: BodyState, arm: Arm):
+    """Kinetic energy [J] that an arm has as its pivot goes along with the arm that carries it."""
+    velocity = carrier.velocity + carrier.speed * left(from_frame(arm.lever, pose_of(carrier)))
+    return body.speed * wp.dot(left(mass_moment_now(heading_of(body), arm)), velocity)
+
+
+@cache
+def jointed(Real: type) -> SimpleNamespace:
+    """The functions of arms on arms of one variant."""
+    kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
+
+    @wp.func
+    def turned(ensemble: Ensemble, state: State, drive: Drive, a: int, body: BodyState):
+        """Arm `a` of the drive, at `body`, as its spring sees it turn."""
+        on = carrier_of(drive, ensemble.arms[drive.first_arm + a].on)
+        if on >= 0:
+            body = against(body, state.bodies[on])
+        return body
+
+    @wp.func
+    def joints_on(ensemble: Ensemble, state: State, drive: Drive, a: int):
+        """Moment [N m] on arm `a` of the drive of the springs, dampers and stops of arms on it."""
+        moment = wp.float64(0.0)
+        for k in range(drive.arms):
+            arm = ensemble.arms[drive.first_arm + k]
+            if arm.on == a + 1:
+                body = state.bodies[drive.first_body + drive.bodies - drive.arms + k]
+                moment = moment - joint_moment(turned(ensemble, state, drive, k, body), arm)
+        return moment
+
+    @wp.func
+    def of_joint(ensemble: Ensemble, state: State, drive: Drive, k: int, lag: wp.float64):
+        """d.s [kg m^2], the right side of the second line and the last term of the first [N m], (b) of arm `k`, and
+        1 / I_2.
+        """
+        arm = ensemble.arms[drive.first_arm + k]
+        b, on = drive.first_body + drive.bodies - drive.arms + k, carrier_of(drive, arm.on)
+        own, carrier = state.bodies[b], state.bodies[on]
+        lever, s = from_frame(arm.lever, pose_of(carrier)), mass_moment_now(heading_of(own), arm)
+        across = moment_of(lever, s)
+        w1, w2 = carrier.speed + lag * carrier.angular, own.speed + lag * own.angular
+        led = wp.vec2d(state.rates[on][0], state.rates[on][1])
+        inverse = wp.float64(ensemble.motions[b].inverse_inertia)
+        right = state.rates[b][2] / inverse - w1 * w1 * across - moment_of(s, led)
+        return wp.vec4d(wp.dot(lever, s), right, w2 * w2 * across, inverse)
+
+    @wp.func
+    def couple(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
+        """Accelerations of arm `a` of the drive, if it carries arms, and of these: (b), from those without it."""
+        first = drive.first_body + drive.bodies - drive.arms
+        rates = state.rates[first + a]
+        inertia = wp.float64(1.0) / ensemble.motions[first + a].inverse_inertia
+        moment = inertia * rates[2]
+        for k in range(drive.arms):
+            if ensemble.arms[drive.first_arm + k].on == a + 1:
+                joint = of_joint(ensemble, state, drive, k, lag)
+                moment = moment + joint[2] - joint[0] * joint[3] * joint[1]
+                inertia = inertia - joint[0] * joint[0] * joint[3]
+        rates[2] = moment / inertia
+        for m in range(drive.arms):
+            if ensemble.arms[drive.first_arm + m].on == a + 1:
+                of = of_joint(ensemble, state, drive, m, lag)
+                turning = state.rates[first + m]
+                turning[2] = of[3] * (of[1] - of[0] * rates[2])
+                state.rates[first + m] = turning
+                state.rates[first + a] = rates
+
+    return SimpleNamespace(**locals())

@@ -1,0 +1,162 @@
+"""A blade of two segments, arms on arms with a torsion spring between them: balance, settling, energy, pictures."""
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from drives import SPRUNG, errors_of
+
+from warpchain import Record, assemble, modes, read_archive, simulate
+from warpchain.assembly.arm_balance import chain_path, tension
+from warpchain.assembly.path import path_at
+from warpchain.assembly.statics import at_rest
+from warpchain.assembly.summary import derive
+from warpchain.drive import Drive
+from warpchain.engine.gpu import refusal
+from warpchain.engine.pack import pack
+from warpchain.errors import SimulationError
+from warpchain.results.scene import parts_at, pose_at_frame
+from warpchain.results.schedule import Schedule
+from warpchain.view.rerun import view
+
+UPPER = {"name": "upper", "pivot": [-0.055, 0.25], "mass": 0.05, "center": [-0.05, 0.2], "inertia": 3e-4,
+         "stiffness": 20.0, "free_angle": 8.0, "damping": 0.05}  # fmt: skip
+LOWER = {"name": "lower", "arm": "upper", "pivot": [-0.042, 0.15], "mass": 0.04, "center": [-0.045, 0.1],
+         "inertia": 2e-4, "stiffness": 8.0, "free_angle": 6.0, "damping": 0.02}  # fmt: skip
+
+
+def values():
+    """Two sprockets, a fixed rail, and the slack strand on a blade of two segments."""
+    found = tomllib.loads(SPRUNG)
+    blade = found["guides"][0]
+    first = blade | {
+        "name": "upper blade",
+        "points": [[-0.050, 0.24], [-0.040, 0.195], [-0.034, 0.155]],
+        "arm": "upper",
+    }
+    last = blade | {"name": "lower blade", "points": [[-0.0335, 0.145], [-0.038, 0.10], [-0.047, 0.05]], "arm": "lower"}
+    return found | {"guides": [first, last, found["guides"][1]], "arms": [UPPER, LOWER]}
+
+
+def blade(**changed):
+    return Drive(**values()).with_values(changed)
+
+
+def length(drive, angles):
+    """Of the line of the chain with arms at angles [m]."""
+    path = path_at(drive, angles)
+    strands = np.linalg.norm(path.strand_end - path.strand_start, axis=1)
+    along = [
+        free if string is None else sum(piece.length for piece in string.pieces)
+        for free, string in zip(strands, path.strings, strict=True)
+    ]
+    return sum(along) + float(path.wrap_angle @ path.radius)
+
+
+def test_the_chain_moves_no_arm_from_its_balance():
+    # virtual work: T dL / d angle of each arm, its lower one with it, is its spring's moment; without weight
+    drive = blade(**{"run.gravity": [0.0, 0.0]})
+    path, d = chain_path(drive), 1e-5
+    angles, pull = path.arm_angle.tolist(), tension(drive, path)
+    for a, arm in enumerate(drive.arms):
+        up, down = ([*angles[:a], angles[a] + x, *angles[a + 1 :]] for x in (d, -d))
+        slope = (length(drive, up) - length(drive, down)) / (2.0 * d)
+        moment = arm.stiffness * (angles[a] - arm.free_angle_rad)
+        assert abs(moment) > 0.1
+        assert moment == pytest.approx(-pull * slope, rel=1e-5)
+
+
+def test_settling_agrees_with_the_balance():
+    # to 0.6 degrees, as a single arm's: settling has rollers on seats and faces, balance a taut string
+    drive = blade()
+    laid = assemble(drive)
+    run = simulate(drive.with_values({"sprockets.crank.prescribed.speed": 0.0}), duration=1e-4, record=Record(rate=1e5))
+    upper, lower = np.asarray(run[0].arm_angle)[0]
+    assert upper == pytest.approx(laid.arm_angle[0], abs=1e-2)
+    assert lower - upper == pytest.approx(laid.arm_angle[1], abs=1e-2)
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_energy_of_a_drive_with_a_jointed_blade(precision):
+    # as of one arm with a blade 4e-4 at "auto", which is twice this step, and it falls with its square
+    row = simulate(
+        blade(**{"run.step": 1.6e-6}), duration=0.04, window=(0.01, 0.04), record=Record("none"), precision=precision
+    ).metrics
+    row = row.to_pylist()[0]
+    assert abs(row["energy_residual_relative"]) < (1.5e-4 if precision == "float64" else 1e-3)
+    assert row["upper.damping_loss"] > 0.0 and row["lower.damping_loss"] > 0.0
+    assert row["lower blade.dissipated"] > 0.0
+
+
+def test_the_same_bits_alone_and_in_a_crowd():
+    drives = [blade(**{"arms.lower.stiffness": k}) for k in (7.0, 8.0, 9.0)]
+    crowd = simulate(drives, record=Record(rate=5000.0), duration=3e-3)
+    alone = simulate(drives[1], record=Record(rate=5000.0), duration=3e-3)[0]
+    assert (alone.position == crowd[1].position).all() and (alone.arm_angle == crowd[1].arm_angle).all()
+
+
+def test_archive_and_pictures_hold_the_joint(tmp_path):
+    drive = blade()
+    run = simulate(drive, record=Record(rate=5000.0), duration=4e-3, archive=tmp_path / "a.mcap")
+    back = read_archive(tmp_path / "a.mcap")[0]
+    assert back.drive == drive and (np.asarray(back.arm_angle) == np.asarray(run[0].arm_angle)).all()
+    last = len(back.time) - 1
+    upper, lower = back.arm_angle[last]
+    drawn = np.subtract(LOWER["pivot"], UPPER["pivot"])
+    c, s = math.cos(upper), math.sin(upper)
+    joint = UPPER["pivot"] + np.array([[c, -s], [s, c]]) @ drawn
+    lines = [part.points for part in parts_at(drive, pose_at_frame(back, last)) if part.name == "lower"]
+    assert lines[0][0] == pytest.approx(joint, abs=1e-9)
+    # the faces of both segments are where the rollers that press on them are
+    for line in (part.points for part in parts_at(drive, pose_at_frame(back, last)) if part.kind == "guide"):
+        gaps = np.linalg.norm(np.asarray(back.position[last])[:, None] - line[None], axis=2)
+        assert gaps.min() < 1.2 * drive.chain.roller_radius + drive.guide_offset(0)
+    view(run, save=tmp_path / "a.rrd")
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000
+
+
+def test_where_arms_on_arms_are_not_yet_taken():
+    drive = blade()
+    assert at_rest(drive).failure == derive(drive)["tensions_estimated"] == "not sought for arms that hang on arms"
+    with pytest.raises(
+        SimulationError, match="the state that modes are about is not sought for arms that hang on arms"
+    ):
+        modes(drive)
+    packed = pack([drive], [Schedule(1e-6, 10, 2, 2, 0)])
+    assert refusal(packed) == 'drives whose arms hang on arms are stepped on the CPU only; use device="cpu"'
+
+
+@pytest.mark.parametrize(
+    ("changed", "error"),
+    [
+        ({"arm": "lower"}, 'arms.lower.arm = "lower": hangs on itself; one of the arms must stand on the ground'),
+        ({"arm": "uper"}, 'arms.lower.arm = "uper": must be the name of an arm; did you mean upper?'),
+        (
+            {"pivot_table": {"time": [0.0, 0.1], "x": [0.0, 1e-3]}},
+            "arms.lower.pivot_table: not together with arm, which leads the pivot",
+        ),
+    ],
+)
+def test_arms_that_hang_wrongly_are_refused(changed, error):
+    found = values()
+    found["arms"][1] = LOWER | changed
+    assert errors_of(found) == (error,)
+
+
+def test_rows_and_circles_of_arms_are_refused():
+    found = values()
+    found["arms"] = [UPPER, LOWER, LOWER | {"name": "third", "arm": "lower"}]
+    assert errors_of(found) == (
+        'arms.third.arm = "lower": hangs on "upper" itself; at most two arms may stand in a row',
+    )
+    found["arms"] = [UPPER | {"arm": "lower"}, LOWER]
+    text = "hangs on itself; one of the arms must stand on the ground"
+    assert errors_of(found) == (f'arms.upper.arm = "lower": {text}', f'arms.lower.arm = "upper": {text}')
+
+
+def test_a_tensioner_does_not_push_an_arm_on_an_arm():
+    found = values()
+    push = {"name": "push", "on": "lower", "at": [-0.055, 0.1], "direction": [1.0, 0.0], "kind": "spring"}
+    found["tensioners"] = [push | {"spring": {"stiffness": 100.0}}]
+    assert errors_of(found) == ('tensioners.push.on = "lower": must not hang on another arm, as it does on "upper"',)
