@@ -42,7 +42,11 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.friction.joints):
             shared.joint[r] = ensemble.joints[variant + r]
         if wp.static(kind.links == "varied"):
-            shared.links[r] = ensemble.links[variant + r]
+            links = ensemble.links[variant + r]
+            if links.varied_links == 0:  # of one of several chains
+                links.outer_stiffness = shared.chain[r].stiffness
+                links.outer_damping = shared.chain[r].damping
+            shared.links[r] = links
 
     @wp.func
     def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):

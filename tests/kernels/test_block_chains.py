@@ -105,3 +105,9 @@ def test_how_many_there_are_does_not_matter(fibers):
     variants = v6()[:1]
     few, many = (run(ensemble(variants, "float64"), variants, [301], [0], each=each) for each in (1, 100))
     assert_same({name: few[name] for name in ("rollers", "bodies", "seat")}, many)
+
+
+def test_the_shaft_of_light_stages_is_light_for_both_its_chains():
+    packed = ensemble(light_stages(), "float64")
+    assert packed.drives["light"].tolist() == [1, 1, 1, 1]
+    assert not ensemble(stages_of_two_chains(), "float64").drives["light"].any()
