@@ -14,6 +14,7 @@ from blocks import (
     stages_of_two_chains,
     stages_rk4,
     unjoined,
+    unjoined_light,
     v6,
     ways,
 )
@@ -23,7 +24,7 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined
+KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light
 USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
 
 
