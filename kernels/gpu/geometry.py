@@ -35,7 +35,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def share_links(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
-        """What the links of chain r are, `drive`."""
+        """Shares the links, joints and box of chain r, `drive`."""
         shared.box[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
         shared.box[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
         shared.chain[r] = ensemble.chains[variant + r]
