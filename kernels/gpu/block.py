@@ -180,9 +180,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         The frames' buffer was begun `since` steps before this launch.
         """
         number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
-        mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_of(state, number)
-        mine = among(ensemble, shared, mine)
+        mine = among(ensemble, shared, mine_of(ensemble.drives[order[number]], order[number], i, body_of(i)))
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)

@@ -356,7 +356,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """How the contacts of all bodies that turn with the thread's, of any chain, answer an acceleration [kg m^2]."""
+        """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
         first = ensemble.drives[mine.variant].first_body
         train = ensemble.ties[place_of(shared, first, mine.body)].train
         total = Real(0.0)

@@ -35,14 +35,18 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def share_links(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
-        """What the links of chain r are, `drive`."""
+        """Shares the links, joints and box of chain r, `drive`."""
         shared.box[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
         shared.box[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
         shared.chain[r] = ensemble.chains[variant + r]
         if wp.static(kind.friction.joints):
             shared.joint[r] = ensemble.joints[variant + r]
         if wp.static(kind.links == "varied"):
-            shared.links[r] = ensemble.links[variant + r]
+            links = ensemble.links[variant + r]
+            if links.varied_links == 0:  # of one of several chains
+                links.outer_stiffness = shared.chain[r].stiffness
+                links.outer_damping = shared.chain[r].damping
+            shared.links[r] = links
 
     @wp.func
     def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):

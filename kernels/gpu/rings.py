@@ -19,7 +19,7 @@ from .sync import sync
 
 @cache
 def block_rings(kind: BlockKind) -> SimpleNamespace:
-    """The functions that tell the chains of one variant on a block apart."""
+    """The functions by which the chains of one variant on a block are kept apart."""
     rings, sprockets, mounted = kind.parts.rings, kind.parts.sprockets, kind.parts.mounted
     several = rings > 1
     kinds = kind.types
@@ -180,7 +180,7 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def tensioners_of(drive: Drive):
-        """How many tensioners a chain has."""
+        """The number of tensioners of a chain."""
         if wp.static(several):
             return drive.tensioners
         else:

@@ -14,6 +14,7 @@ from blocks import (
     stages_of_two_chains,
     stages_rk4,
     unjoined,
+    unjoined_light,
     v6,
     ways,
 )
@@ -23,7 +24,7 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined
+KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light
 USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
 
 
@@ -105,3 +106,9 @@ def test_how_many_there_are_does_not_matter(fibers):
     variants = v6()[:1]
     few, many = (run(ensemble(variants, "float64"), variants, [301], [0], each=each) for each in (1, 100))
     assert_same({name: few[name] for name in ("rollers", "bodies", "seat")}, many)
+
+
+def test_the_shaft_of_light_stages_is_light_for_both_its_chains():
+    packed = ensemble(light_stages(), "float64")
+    assert packed.drives["light"].tolist() == [1, 1, 1, 1]
+    assert not ensemble(stages_of_two_chains(), "float64").drives["light"].any()

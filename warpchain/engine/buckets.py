@@ -285,7 +285,7 @@ class GpuKernels:
         return self._kernels[key]
 
     def buckets_of(self, name: str) -> list[Bucket]:
-        """What a kernel of this name is launched for."""
+        """The buckets that a kernel of this name is launched for."""
         return self.chains if name == "relax" else self.buckets
 
     def wanted(self, *names: str) -> list[Wanted]:
