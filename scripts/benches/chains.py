@@ -31,7 +31,8 @@ def _drive(sprockets: list[dict[str, Any]], **parts: Any) -> Drive:
     driver, *driven = sprockets
     driver["prescribed"], driven[-1]["load"] = {"speed": 200.0 / driver["teeth"]}, {"torque": 300.0}
     own = [{"inertia": 2.0, **sprocket} for sprocket in driven]
-    return Drive(sprockets=[driver, *own], contact={"sprocket": LAW}, run=run, **parts)
+    values: dict[str, Any] = {"sprockets": [driver, *own], "contact": {"sprocket": LAW}, "run": run}
+    return Drive(**values, **parts)
 
 
 def in_a_row(joint: dict[str, float] | None) -> Drive:
