@@ -11,9 +11,10 @@ import pytest
 from loading import load_script
 from matplotlib.figure import Figure
 
-from warpchain import load_drive
+from warpchain import assemble, load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
+from warpchain.drive.rings import rings_of
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
 from warpchain.results.schedule import Schedule
@@ -149,3 +150,19 @@ def test_the_c_program_refuses_what_it_does_not_know(drives):
         cpu.difference(drives.named("rk4"), Path("none"), 1)
     with pytest.raises(SystemExit, match="mounts"):
         cpu.difference(drives.named("engine"), Path("none"), 1)
+
+
+def test_one_chain_has_as_many_rollers_and_partners_as_three():
+    """And as many rollers on its sprockets: halves of 6 with 14 teeth, and 42 of 20 teeth on a star of as long
+    strands; ends of strands are within one roller of each."""
+    chains = load_script("benches.chains")
+    three, one = chains.in_a_row(None), chains.in_a_star(None)
+    assert three.links == one.links == 180
+    assert len(three.sprockets) == len(one.sprockets) == 6
+    assemblies = [assemble(part.drive) for part in rings_of(three)], [assemble(one)]
+    strains = [assembly.strain for of in assemblies for assembly in of]
+    assert strains == pytest.approx([1e-3] * 4, abs=1e-4)
+    strands = [sum(len(a.strand_links) for a in of) for of in assemblies]
+    links = [sum(int(a.strand_links.sum()) for a in of) for of in assemblies]
+    assert strands == [6, 6]
+    assert abs(links[0] - links[1]) <= 6

@@ -9,7 +9,12 @@ import pytest
 from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
+from warpchain.errors import SimulationError
+from warpchain.results.chains import chain_trajectories
+from warpchain.results.measured import compared, source
+from warpchain.results.measured_file import Measured
 from warpchain.results.objectives import from_trajectory
+from warpchain.results.signals import strand_tension
 from warpchain.view.figures.plot import plot_figures
 from warpchain.view.report import report
 from warpchain.view.rerun.run_playback import view
@@ -73,3 +78,19 @@ def test_notebooks_show_each_chain(recorded):
 def test_objectives_of_chains_begin_with_their_names(recorded):
     found = from_trajectory(recorded[1][0], 0.01, 0.02)
     assert {"mid in.transmission_error_rms", "out.transmission_error_rms"} <= found.keys()
+
+
+def test_a_measured_signal_is_laid_over_that_of_its_chain(recorded, tmp_path):
+    # the simulated strand's own tension, given as measured: the same statistics, and orders of both chains' teeth
+    run = recorded[1]
+    one = run[0]
+    second = chain_trajectories(one)["second"]
+    half = slice(len(one.time) // 2, None)
+    name = "second.mid out->out.tension"
+    found = compared(one, Measured(name, "N", one.time[half], strand_tension(second, 0)[half]))
+    assert found.statistics["mean"][0] == pytest.approx(found.statistics["mean"][1], rel=0.05)
+    assert found.simulated == pytest.approx(strand_tension(second, 0))
+    with pytest.raises(SimulationError, match=r'"first\.link I\.tension" with I from 0 to 65, "second\.link I'):
+        source(one, "out.tension")
+    view(run, save=tmp_path / "measured.rrd", measured=[found])
+    assert (tmp_path / "measured.rrd").stat().st_size > 10_000

@@ -168,7 +168,9 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
         mine = search.drive.sprockets[search.index]
         shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
         together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]
-        values = {("sprockets", s, "center", k): value for s in together for k, value in enumerate((x, y))}
+        values: dict[tuple[str | int, ...], float] = {}
+        for s in together:
+            values |= {("sprockets", s, "center", 0): x, ("sprockets", s, "center", 1): y}
         found.append(with_numbers(drive, values))
     return found
 

@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.frequencies import orders
+from warpchain.assembly.frequencies import orders, tooth_orders
+from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
+from warpchain.results.chains import chain_trajectories
 from warpchain.results.measured_file import Measured
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
@@ -68,12 +70,22 @@ class Comparison:
 
 
 def sources(trajectory: Trajectory) -> dict[str, Source]:
-    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on."""
+    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of
+    several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
+    found: dict[str, Source] = {}
+    for chain, own in chain_trajectories(trajectory).items():
+        found |= _chain_sources(own, f"{chain}." if chain else "")
+    return found
+
+
+def _chain_sources(trajectory: Trajectory, before: str) -> dict[str, Source]:
+    """`sources` of a chain; names of its strands and links begin with `before`."""
     drive = trajectory.drive
     found: dict[str, Source] = {}
     for k, name in enumerate(drive.strand_names):
-        found[f"{name}.tension"] = Source("N", "strand tension", partial(strand_tension, trajectory, k))
-        found[f"{name}.displacement"] = Source("m", "displacement", partial(strand_displacement, trajectory, k))
+        found[f"{before}{name}.tension"] = Source("N", "strand tension", partial(strand_tension, trajectory, k))
+        along = partial(strand_displacement, trajectory, k)
+        found[f"{before}{name}.displacement"] = Source("m", "displacement", along)
     parts = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     for p, name in enumerate(parts):
         found[f"{name}.contact"] = Source("N", "contact", partial(_contact, trajectory, p))
@@ -83,7 +95,7 @@ def sources(trajectory: Trajectory) -> dict[str, Source]:
         if trajectory.sprocket_moment is not None:
             found[f"{sprocket.name}.moment"] = Source("N m", "moment", partial(_of, trajectory.sprocket_moment, s))
     for i in range(drive.chain.links):
-        found[f"link {i}.tension"] = Source("N", "tension", partial(_of, trajectory.tension, i))
+        found[f"{before}link {i}.tension"] = Source("N", "tension", partial(_of, trajectory.tension, i))
     return found
 
 
@@ -105,9 +117,11 @@ def source(trajectory: Trajectory, name: str) -> Source:
     need(trajectory, "tension", "position", "sprocket_angle", "sprocket_center", "sprocket_force", "guide_force")
     found = sources(trajectory)
     if name not in found:
-        shown = [word for word in found if not word.startswith("link ")]
-        last = trajectory.drive.chain.links - 1
-        raise SimulationError(f'{name!r}: allowed are {", ".join(shown)}, and "link I.tension" with I from 0 to {last}')
+        chains = {ring.name: ring.drive.chain.links for ring in rings_of(trajectory.drive)}
+        befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
+        shown = [word for word in found if not any(word.startswith(f"{before}link ") for before in befores)]
+        more = ", ".join(f'"{before}link I.tension" with I from 0 to {links - 1}' for before, links in befores.items())
+        raise SimulationError(f"{name!r}: allowed are {', '.join(shown)}, and {more}")
     return found[name]
 
 
@@ -172,9 +186,10 @@ def _orders(
     """Excitation orders, with the amplitudes of both signals there, where both spectra resolve them."""
     if ours is None or theirs is None:
         return {}
-    teeth = trajectory.drive.sprockets[trajectory.drive.driver].teeth
     causes = {order.value: order.cause for order in orders(trajectory.drive)}
-    causes |= {k * float(teeth): f"{k} x tooth passing" for k in range(1, TOOTH_PASSINGS + 1)}
+    for chain, teeth in tooth_orders(trajectory.drive).items():
+        named = f" of {chain}" if chain else ""
+        causes |= {k * float(teeth): f"{k} x tooth passing{named}" for k in range(1, TOOTH_PASSINGS + 1)}
     found = {}
     for value, cause in sorted(causes.items()):
         lines = [round(float(value / spectrum[0][1])) for spectrum in (ours, theirs)]
