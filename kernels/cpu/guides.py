@@ -102,7 +102,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def recall_pieces(w: wp.array[Real], group: Group, memory: Memory):
-        """What the contacts with a profile have kept until now, and the pieces that the rollers were over, -1: none."""
+        """Puts the v0 of contacts with a profile, and the pieces that rollers were over (-1: none), into their rows."""
         i = group.low
         while i < group.high:
             recall(w, i, group, memory)

@@ -29,8 +29,7 @@ def step_seconds(links: int, variants: int, precision: str, device: str) -> floa
 
 
 def fitted(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
-    """What every step takes and what each more adds [s]: a straight line, by least squares of what it is off in
-    parts."""
+    """A fixed part and a part for each [s]: a straight line, by least squares of relative errors."""
     terms = np.column_stack([np.ones(len(sizes)), sizes]) / np.asarray(seconds)[:, None]
     fixed, each = np.linalg.lstsq(terms, np.ones(len(sizes)), rcond=None)[0]
     return float(fixed), float(each)
