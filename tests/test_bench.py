@@ -166,3 +166,23 @@ def test_one_chain_has_as_many_rollers_and_partners_as_three():
     links = [sum(int(a.strand_links.sum()) for a in of) for of in assemblies]
     assert strands == [6, 6]
     assert abs(links[0] - links[1]) <= 6
+
+
+def test_growth_is_a_fixed_part_and_one_for_each(monkeypatch):
+    """Steps of 2 us and 3 ns a roller of each variant: half is fixed at 2000 / 3 rollers, and at 2000 / (3 * 118) = 5.6
+    variants; per roller-step the figure falls from 3 + 2000 / 50 ns to 3 + 2000 / 2000."""
+    growth = load_script("benches.growth")
+    monkeypatch.setattr(growth, "step_seconds", lambda links, variants, *_: 2e-6 + 3e-9 * links * variants)
+    asked = types.SimpleNamespace(
+        lengths=growth.LENGTHS, variants=growth.VARIANTS, rounds=2, precision="float64", device="cpu"
+    )
+    *lines, figures = growth.growth.run(asked)
+    rows = {line[0]: line for line in lines if isinstance(line, tuple)}
+    assert rows[2000] == (2000, "8.000", "4.000")
+    assert rows[4096] == (4096, "1451.984", "3.004")
+    said = [line for line in lines if isinstance(line, str)]
+    assert said[0] == "2.000 us and 3.000 ns for each; half is fixed at 666.7 rollers\n"
+    assert said[1] == "2.000 us and 354.000 ns for each; half is fixed at 5.6 variants\n"
+    by_rollers, by_variants = figures["growth-cpu"].axes
+    assert by_rollers.lines[0].get_ydata() == pytest.approx([3.0 + 2000.0 / n for n in growth.LENGTHS])
+    assert by_variants.lines[0].get_ydata() == pytest.approx([3.0 + 2000.0 / 118 / n for n in growth.VARIANTS])

@@ -10,7 +10,7 @@ from ..physics.contact import MISSED, UNTOUCHED, misses, surface_velocity, turne
 from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_piece, tracked_piece
 from ..structs import Piece, Pose, Totals, types
 from .contacts import contact_rows
-from .neighbor_list import Group, is_near, lowest_bit, next_bits
+from .neighbor_list import Group, is_near, lowest_bit, neighbor_list, next_bits
 from .rollers import passes, rows
 
 
@@ -24,7 +24,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     row = rows(capacity)
-    unlike = accessors(Real).unlike
+    unlike, neighbors = accessors(Real).unlike, neighbor_list(Real, capacity)
 
     @wp.func
     def find_over_bar(w: wp.array[Real], first: int, last: int, bar: Guide):
@@ -101,42 +101,70 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def track_pieces(
-        w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
-    ):
-        """Finds the pieces of a profile that the rollers are over, for their rows; the lowest and the highest."""
+    def recall_pieces(w: wp.array[Real], group: Group, memory: Memory):
+        """Puts the v0 of contacts with a profile, and the pieces that rollers were over (-1: none), into their rows."""
         i = group.low
         while i < group.high:
             recall(w, i, group, memory)
+            number = Real(-1.0)
+            if is_near(group, i):
+                number = Real(load_piece(memory.seat, memory.first + i))
+            store_row(w, row.piece + i, number)
             store_row(w, row.penetration + i, Real(0.0))
-            store_row(w, row.piece + i, wp.where(is_near(group, i), Real(0.0), Real(-1.0)))
             i = i + 1
-        lowest = guide.pieces - 1
-        highest = int(0)
-        bits = wp.where(guide.pieces > 1, group.near, group.fresh)
+
+    @wp.func
+    def track_pieces(
+        w: wp.array[Real],
+        first: int,
+        rollers: wp.uint64,
+        guide: Guide,
+        body: Pose,
+        pieces: wp.array[Piece],
+        memory: Memory,
+    ):
+        """The pieces that some rollers from `first` on are over now."""
+        bits = rollers
         while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            number = int(0)
-            if guide.pieces > 1:
-                q = in_frame(place(w, i) - body.center, body)
-                number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
+            i = first + lowest_bit(bits)
+            q = in_frame(place(w, i) - body.center, body)
+            number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
             store_piece(memory.seat, memory.first + i, number)
             store_row(w, row.piece + i, Real(number))
-            lowest = wp.min(lowest, number)
-            highest = wp.max(highest, number)
             bits = next_bits(bits)
-        return lowest, highest
 
     @wp.func
     def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
-        """Stores the contact of roller i with a piece of a profile."""
+        """Stores the contact of roller i with a piece of a profile; +1 where it is past that, -1 before, else 0."""
         arm = place(w, i) - body.center
-        penetration, facing = on_piece(in_frame(arm, body), piece, following, guide)
+        penetration, facing, beyond = on_piece(in_frame(arm, body), piece, following, guide)
         facing = turned(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
         relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
         normal = vec2(Real(facing[0]), Real(facing[1]))
         touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), penetration, normal, relative, guide)
+        return beyond
+
+    @wp.func
+    def touch_pieces(w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece]):
+        """Stores the rollers' contacts with the pieces that they are over; 1 if any is over another one by now."""
+        moved = int(0)
+        left = group.near
+        while left != wp.uint64(0):
+            number = int(load_row(w, row.piece + group.first + lowest_bit(left)))
+            others = unlike(w, row.piece + group.first, group.high - group.first, Real(number))
+            some = neighbors.group_of(group.first, left & ~others, wp.uint64(0))
+            piece = load_constant(pieces, guide.first_piece + number)
+            following = load_constant(pieces, guide.first_piece + number + 1)
+            i = some.low
+            while i < some.high:
+                if is_near(some, i):
+                    beyond = touch_piece(w, i, guide, body, piece, following)
+                    to = number + beyond
+                    moved = moved | wp.where(beyond != 0 and to >= 0 and to < guide.pieces, 1, 0)
+                i = i + 1
+            left = left & others
+        return moved
 
     @wp.func
     def touch_profile(
@@ -144,17 +172,12 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     ):
         """Stores the rollers' contacts with a profile; the guide's `first_piece` is its first among all `pieces`.
 
-        Piece by piece, all rollers of the group at once.
+        In most steps none of them comes to another piece.
         """
-        number, highest = track_pieces(w, group, guide, body, pieces, memory)
-        while number <= highest:
-            piece = load_constant(pieces, guide.first_piece + number)
-            following = load_constant(pieces, guide.first_piece + number + 1)
-            i = group.low
-            while i < group.high:
-                if load_row(w, row.piece + i) == Real(number):
-                    touch_piece(w, i, guide, body, piece, following)
-                i = i + 1
-            number = number + 1
+        recall_pieces(w, group, memory)
+        track_pieces(w, group.first, group.fresh, guide, body, pieces, memory)
+        if touch_pieces(w, group, guide, body, pieces) != 0:
+            track_pieces(w, group.first, group.near, guide, body, pieces, memory)
+            touch_pieces(w, group, guide, body, pieces)
 
     return SimpleNamespace(**locals())

@@ -15,7 +15,7 @@ from ..native import LANES, accessors, whole_lanes
 from ..structs import Drive, types
 from .rollers import rows
 
-SKIN = 0.125
+SKIN = 0.25
 """By how much partners are widened, of the first link's length."""
 GROUP = wp.constant(64)
 """Rollers of a group."""
@@ -143,14 +143,14 @@ def neighbor_list(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """For how many steps new runs hold, at twice the speed of now."""
+        """For how many steps new runs hold, while none is a quarter faster than the fastest is now."""
         square = Real(0.0)
         for i in range(drive.rollers):
             vx = load_row(w, row.vx + i)
             vy = load_row(w, row.vy + i)
             square = wp.max(square, vx * vx + vy * vy)
         way = Real(0.35) * skin(w) / Real(drive.step)
-        room = way / (Real(2.0) * wp.sqrt(square) + Real(1.0e-9))
+        room = way / (Real(1.25) * wp.sqrt(square) + Real(1.0e-9))
         room = wp.floor(wp.clamp(room, Real(1.0), wp.static(Real(LONGEST))))
         store_row(w, row.room, room)
         store_row(w, row.room + 1, way / room)

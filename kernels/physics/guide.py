@@ -241,13 +241,13 @@ def on_profile(q: Any, number: int, guide: Any, pieces: Any):
         pieces: of all.
     """
     first = guide.first_piece + number
-    penetration, facing = on_piece(q, load_constant(pieces, first), load_constant(pieces, first + 1), guide)
+    penetration, facing, beyond = on_piece(q, load_constant(pieces, first), load_constant(pieces, first + 1), guide)
     return penetration, facing
 
 
 @wp.func
 def on_piece(q: Any, piece: Any, following: Any, guide: Any):
-    """As `on_profile`, of one piece, from it and the one that follows; no penetration where the roller is over neither.
+    """As `on_profile`, of one piece; and +1 where the roller is past it, -1 where it is before, else 0.
 
     Args:
         q: in the frame of the guide's body [m].
@@ -257,12 +257,12 @@ def on_piece(q: Any, piece: Any, following: Any, guide: Any):
     length = guide.length
     u, w = line_coordinates(difference(q, piece.start), piece.direction)
     height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(piece.curvature))
-    over = ahead_of(difference(q, piece.start), piece.direction)
-    past = ahead_of(difference(q, following.start), following.direction)
+    beyond = wp.where(ahead_of(difference(q, piece.start), piece.direction), 0, -1)
+    beyond = wp.where(ahead_of(difference(q, following.start), following.direction), 1, beyond)
     penetration = guide.roller_radius - height
-    if height <= -guide.end_radius or past or not over:
+    if height <= -guide.end_radius or beyond != 0:
         penetration = type(length)(0.0)
     t = leading(piece.direction)
     x = type(u)(along) * t[0] - type(u)(across) * t[1]
     y = type(u)(along) * t[1] + type(u)(across) * t[0]
-    return penetration, type(t)(x, y)
+    return penetration, type(t)(x, y), beyond

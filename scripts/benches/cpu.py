@@ -42,7 +42,7 @@ def difference(drive: Drive, program: Path, steps: int = 2000) -> float:
 
 
 def jobs_of(drive: Drive, programs: Mapping[str, Path], steps: int) -> dict[str, Callable[[], float]]:
-    """What is timed of a drive, by title: rates in 1e6 roller-steps a second."""
+    """Jobs that time a drive, by title: rates in 1e6 roller-steps a second."""
     rate = partial(engine_rate, drive, steps)
     jobs: dict[str, Callable[[], float]] = {title: partial(c_rate, of, drive, steps) for title, of in programs.items()}
     jobs |= {

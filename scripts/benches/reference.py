@@ -96,7 +96,7 @@ def numbers(row: np.void, names: tuple[str, ...]) -> list[float]:
 
 
 def lacking(packed: Packed) -> list[str]:
-    """What variant 0 has that the C program does not know."""
+    """Parts of variant 0 that the C program does not know."""
     drive = packed.drives[0]
     found = {
         "stages": drive["integrator"] != 0,

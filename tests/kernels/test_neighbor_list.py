@@ -36,7 +36,7 @@ def test_runs_that_are_kept_give_what_new_ones_give(name, precision):
 
 
 def test_runs_hold_few_rollers_for_many_steps():
-    # half of either sprocket of 20 teeth has 11 rollers, a band of half a pitch and an eighth around it 5 more at most,
+    # half of either sprocket of 20 teeth has 11 rollers, a band of half a pitch and a quarter around it 5 more at most,
     # in whole lanes of 4 at either end
     drive = two_sprockets()
     engine, _ = stepped(pack([drive], [Schedule(1e-6, 10**6, 10**6, 10**6, 0)]), 100)
@@ -53,7 +53,7 @@ def test_runs_hold_few_rollers_for_many_steps():
 
 @pytest.mark.parametrize("speed", [3e3, 3e5])
 def test_a_roller_that_flies_is_seen_in_time(speed):
-    # in a step of 2e-5 s it passes the margin, an eighth of a pitch, which it cannot while runs hold
+    # in a step of 2e-5 s it passes the margin, a quarter of a pitch, which it cannot while runs hold
     drive = two_sprockets()
     packed = pack([drive], [Schedule(2e-5, 400, 0, 400, 0)])
     n = drive.chain.links

@@ -50,7 +50,7 @@ def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[
 def each(
     work: Callable[[Any], Any], things: Sequence[Any], workers: int, report: Callable[[int], object] = lambda done: None
 ) -> list[Any]:
-    """What a function gives for each of many things, in their order; the exception, where it raises one.
+    """A function's answers for many things, in their order; an exception is the answer where it raises one.
 
     Few things are done here, one after the other.
 

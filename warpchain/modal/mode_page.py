@@ -89,7 +89,7 @@ def campbell_lines(found: Campbell) -> list[str]:
         )
     result += [
         "",
-        f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  unstable above a ripple of tension, 4 zeta",
+        f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  unstable above a ripple of 4 zeta",
     ]
     for t in found.tongues():
         result.append(f"{t.mode:<{width}}  {t.speed:>8.4g}  {t.frequency:>8.4g}  {t.threshold:.2g}")

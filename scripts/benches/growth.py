@@ -1,0 +1,86 @@
+"""Time over the length of the chain and over the number of variants."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from common.cases import Line, case, option
+from common.timing import best_but_one, in_turns
+from matplotlib.figure import Figure
+
+from benches.drives import named, of_length
+from benches.probe import launch, packed_of, schedule
+from warpchain.view.figures.style import grid
+
+LENGTHS = (50, 100, 200, 500, 1000, 2000)
+VARIANTS = (1, 4, 16, 64, 256, 1024, 4096)
+WORK = 1_000_000
+"""Roller-steps of a timed launch, where that is at least `FEWEST` steps: a launch itself takes some 0.1 ms."""
+FEWEST = 200
+
+
+def step_seconds(links: int, variants: int, precision: str, device: str) -> float:
+    """Seconds of a step of so many variants of two equal sprockets; on the CPU of one core."""
+    drive = named("two") if links == named("two").chain.links else of_length(links)
+    steps = max(FEWEST, WORK // (links * variants))
+    packed = packed_of(drive, variants, precision, schedule(drive, False))
+    return launch(packed, device, steps)[0] / steps
+
+
+def fitted(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
+    """A fixed part and a part for each [s]: a straight line, by least squares of relative errors."""
+    terms = np.column_stack([np.ones(len(sizes)), sizes]) / np.asarray(seconds)[:, None]
+    fixed, each = np.linalg.lstsq(terms, np.ones(len(sizes)), rcond=None)[0]
+    return float(fixed), float(each)
+
+
+def drawn(found: dict[str, tuple[Sequence[int], Sequence[float]]], rollers: int, where: str) -> Figure:
+    """Nanoseconds a roller-step over either; a line that is flat is linear growth."""
+    figure, axes = grid(2, 2, 5.0, 3.6)
+    for axis, (title, (sizes, seconds)) in zip(axes, found.items(), strict=True):
+        sizes_all = np.asarray(sizes, float)
+        per = sizes_all * (rollers if title == "variants" else 1)
+        axis.semilogx(sizes_all, 1e9 * np.asarray(seconds) / per, "o-", label="measured")
+        fixed, each = fitted(sizes, seconds)
+        axis.semilogx(sizes_all, 1e9 * (fixed + each * sizes_all) / per, "--", label="fixed part and a part for each")
+        axis.set(xlabel=title, ylabel="ns a roller-step", ylim=(0.0, 1.1 * axis.get_ylim()[1]))
+        axis.legend()
+    figure.suptitle(f"Two equal sprockets, {where}: one variant by rollers; {rollers} rollers by variants")
+    return figure
+
+
+@case(
+    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    option("--precision", default="float64", help="float64 (default) or float32"),
+    option("--lengths", type=int, nargs="+", default=list(LENGTHS), help="rollers of a chain, even numbers from 50"),
+    option("--variants", type=int, nargs="+", default=list(VARIANTS), help="how many at once"),
+    option("--rounds", type=int, default=5, help="of which the best but one counts (default 5)"),
+)
+def growth(asked: argparse.Namespace) -> Iterator[Line]:
+    """Time of a step over the rollers of one chain and over the number of variants, as a table and a figure.
+
+    python scripts/bench.py growth
+
+    Two equal sprockets. Growth is linear where a roller-step takes the same time. The lines below a table say what a
+    step takes whatever the size, and from which size on that is less than half. Writes growth-cpu.png, or the device's.
+    """
+    rollers = named("two").chain.links
+    kinds: dict[str, list[tuple[int, int]]] = {
+        "rollers": [(links, 1) for links in asked.lengths],
+        "variants": [(rollers, count) for count in asked.variants],
+    }
+    found: dict[str, Any] = {}
+    for title, cases in kinds.items():
+        jobs = {of: lambda of=of: 1.0 / step_seconds(*of, asked.precision, asked.device) for of in cases}
+        best = {of: 1.0 / best_but_one(rates) for of, rates in in_turns(jobs, asked.rounds).items()}
+        sizes = [links if title == "rollers" else count for links, count in cases]
+        found[title] = sizes, list(best.values())
+        yield (title, "us a step", "ns a roller-step")
+        for size, ((links, count), seconds) in zip(sizes, best.items(), strict=True):
+            yield (size, f"{1e6 * seconds:.3f}", f"{1e9 * seconds / (links * count):.3f}")
+        fixed, each = fitted(*found[title])
+        half = f"half is fixed at {max(fixed, 0.0) / each:.1f} {title}"
+        yield f"{1e6 * fixed:.3f} us and {1e9 * each:.3f} ns for each; {half}\n"
+    where = asked.device.partition(":")[0]
+    yield {f"growth-{where}": drawn(found, rollers, f"{where}, {asked.precision}")}
