@@ -6,6 +6,14 @@ import os
 import sys
 
 
+def _started() -> bool:
+    """Whether Warp runs already, which it says nowhere in public; False where a version keeps it elsewhere.
+
+    To start it twice does no more than set how much it says.
+    """
+    return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
+
+
 def start_warp(precompiled: bool = True) -> None:
     """Starts Warp, once. Its messages on devices, caches and modules are left out: bars and summaries speak.
 
@@ -15,9 +23,8 @@ def start_warp(precompiled: bool = True) -> None:
         precompiled: False does without precompiled headers, of which the CUDA compiler warns where they do not match.
     """
     import warp as wp
-    from warp._src import context
 
-    if context.runtime is not None:
+    if _started():
         return
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_ERROR
