@@ -4,6 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
+
+from warpchain.errors import WarpchainError
+
+KERNELS = Path(__file__).resolve().parent.parent / "kernels"
+if KERNELS.is_file():
+    raise WarpchainError(
+        f"{KERNELS}: is a text file, not a link to the folder kernels: git made this checkout without symbolic links; "
+        "set core.symlinks to true and check out again (on Windows in WSL), or install a wheel"
+    )
 
 
 def _started() -> bool:
