@@ -16,10 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import warp as wp
-from warp._src import context
 
 from .by_reference import by_reference
 from .physics import impact
+
+try:
+    from warp._src.context import Module, ModuleHasher
+except ImportError:  # Warp has no public names for them: a version that keeps them elsewhere hashes kernels itself
+    Module = ModuleHasher = None
 
 KNOWN = ("1.19.",)
 """Warp's versions whose modules are known to take their hash from a hasher and to generate code as here."""
@@ -77,7 +81,7 @@ def digest(file: str, name: str, *form: Any) -> bytes:
     return hashlib.sha256(sources(Path(file)) + "\0".join(words).encode()).digest()
 
 
-class _Hasher(context.ModuleHasher):
+class _Hasher(ModuleHasher or object):
     """Warp's, with one digest for whatever a kernel reaches."""
 
     def __init__(self, made_of: bytes, kernels: Any, options: Any) -> None:
@@ -90,7 +94,7 @@ class _Hasher(context.ModuleHasher):
         return self.made_of
 
 
-class _Module(context.Module):  # type: ignore[misc]
+class _Module(Module or object):  # type: ignore[misc]
     """Warp's, with that hasher, and with structs handed by reference in the code that it generates."""
 
     def __init__(self, name: str, made_of: bytes) -> None:
@@ -120,6 +124,6 @@ def _module(name: str, made_of: bytes) -> Any:
 
 def own_module(file: str, name: str, *form: Any) -> Any:
     """A module of its own, as `wp.kernel` takes it, for the kernel of this name in `file` that is made for `form`."""
-    if not wp.__version__.startswith(KNOWN):
+    if Module is None or not wp.__version__.startswith(KNOWN):
         return "unique"
     return _module(name, digest(file, name, *form))

@@ -34,8 +34,8 @@ def test_the_file_passes_check(capsys, tmp_path, words):
     assert math.dist(held[-2:], asked[-2:]) < drive.chain.pitch
 
 
-@pytest.mark.parametrize("size", CHAINS)
-def test_every_size_of_the_catalogue_does(capsys, tmp_path, size):
+@pytest.mark.parametrize("size", ["05B", "72B", "48A", "16B-3", "04C", "520", "bush-7"])
+def test_sizes_of_every_kind_do(capsys, tmp_path, size):
     """Centers at thirty pitches."""
     path = tmp_path / "drive.toml"
     words = ["--size", size, "--teeth", 17, 25, "--centers", 0, 0, 0, 30.0 * CHAINS[size].pitch]

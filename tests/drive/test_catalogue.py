@@ -1,6 +1,8 @@
-"""The catalogue of ISO 606 chains, and drives that name a size."""
+"""The catalogue of chains, and drives that name a size."""
 
+import copy
 import math
+import re
 from itertools import pairwise
 
 import pytest
@@ -11,8 +13,12 @@ from warpchain.assembly.summary import derive, report
 from warpchain.drive import Chain, Drive, dumps_drive, loads_drive
 from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
+from warpchain.results.joint_wear import bearing_area
 
 SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
+
+
+SIMPLEX = {size: chain for size, chain in CHAINS.items() if re.fullmatch(r"\d\d[AB]", size)}
 
 
 def sized(values, size="72B", stiffness="estimate"):
@@ -26,24 +32,25 @@ def sized(values, size="72B", stiffness="estimate"):
 def test_sizes_are_sixteenths_of_an_inch():
     """The number of a size is its pitch in sixteenths of an inch; 05B, 8 mm, is the metric exception."""
     assert CHAINS["05B"].pitch == 0.008
-    for size, chain in CHAINS.items():
-        assert size == chain.size
-        if size != "05B":
-            assert chain.pitch == pytest.approx(int(size[:-1]) * 25.4e-3 / 16, rel=1e-12)
+    assert all(size == chain.size for size, chain in CHAINS.items())
+    sized = {size: chain for size, chain in CHAINS.items() if chain.standard == "ISO 606" and size != "085"}
+    for size, chain in sized.items():
+        if not size.startswith("05B"):
+            assert chain.pitch == pytest.approx(int(size[:2]) * 25.4e-3 / 16, rel=1e-12)
 
 
 def test_series_a_has_the_strength_of_asme_b29_1():
     """12,500 lbf for each square inch of pitch; ISO 606 rounds to three figures."""
     for size, chain in CHAINS.items():
-        if size.endswith("A"):
-            load = 12500 * 4.4482216 * (chain.pitch / 25.4e-3) ** 2
+        if "A" in size:
+            load = chain.strands * 12500 * 4.4482216 * (chain.pitch / 25.4e-3) ** 2
             assert chain.breaking_load == pytest.approx(load, rel=4e-3), size
 
 
 def test_pins_of_series_a_are_those_of_asme_b29_1():
     """Inches of ANSI 40, 50, 60, 80, ..., 240; ISO 606 gives the largest, by at most 0.03 mm more."""
     inches = (0.156, 0.200, 0.234, 0.312, 0.375, 0.437, 0.500, 0.562, 0.687, 0.781, 0.937)
-    pins = [chain.pin_diameter for size, chain in CHAINS.items() if size.endswith("A")]
+    pins = [chain.pin_diameter for size, chain in SIMPLEX.items() if size.endswith("A")]
     assert pins == pytest.approx([25.4e-3 * inch for inch in inches], abs=0.03e-3)
 
 
@@ -58,7 +65,7 @@ def test_a_size_gives_the_pin_radius(values):
 @pytest.mark.parametrize("series", ["A", "B"])
 def test_sizes_grow_alike(series):
     """Everything grows with the pitch; rollers fit between pitch and half of it; masses follow width and height."""
-    chains = [chain for chain in CHAINS.values() if chain.size.endswith(series)]
+    chains = [chain for chain in SIMPLEX.values() if chain.size.endswith(series)]
     for small, large in pairwise(chains):
         for name in ("pitch", "roller_diameter", "pin_diameter", "mass_per_length", "breaking_load"):
             assert getattr(small, name) < getattr(large, name)
@@ -94,8 +101,86 @@ def test_sized_drive_round_trips_and_changes(values):
 
 
 def test_size_errors_name_size_and_sizes(values):
-    (line,) = errors_of(sized(values, size="17B", stiffness=1e9))
-    assert line.startswith('chain.size = "17B": must be a size of ISO 606: 05B, 06B, 08B, ')
+    values = sized(values, stiffness=1e9)
+
+    def refused(size):
+        return errors_of(values | {"chain": values["chain"] | {"size": size}})[0]
+
+    line = refused("16b")
+    assert line == 'chain.size = "16b": must be a size that `warpchain chains` lists; did you mean 16B?'
+    assert refused("large").endswith(f"allowed are 05B, 05B-2, 05B-3, 06B and {len(CHAINS) - 4} more")
+    assert refused(16) == "chain.size = 16: must be a size that `warpchain chains` lists, such as 16B"
+
+
+MAKERS = {  # kg/m of duplex and triplex chains: two makers' catalogs
+    "08B": (1.300, 1.920), "10B": (1.856, 2.785), "12B": (2.487, 3.731), "16B": (5.213, 7.819), "20B": (7.605, 11.407),
+    "24B": (14.278, 21.417), "28B": (17.909, 26.864), "32B": (19.391, 29.086), "40B": (31.734, 47.703),
+    "48B": (50.0, 75.0), "56B": (71.48, 107.18), "64B": (91.0, 136.0), "72B": (120.4, 180.0), "12A": (3.011, 4.516),
+    "16A": (5.143, 7.715), "20A": (7.814, 11.804), "24A": (11.976, 17.994), "28A": (15.246, 22.869),
+    "32A": (20.360, 30.600), "36A": (29.22, 38.22), "40A": (32.24, 49.03), "48A": (45.23, 71.60),
+}  # fmt: skip
+POUNDS_PER_FOOT = {  # of duplex chains, a third maker's
+    "06C": 0.46, "08A": 0.85, "10A": 1.37, "12A": 2.04, "16A": 3.41, "20A": 5.28, "24A": 7.88, "28A": 10.03,
+    "32A": 13.48, "36A": 17.65, "40A": 21.95, "48A": 32.44,
+}  # fmt: skip
+
+
+def test_strands_weigh_what_makers_say():
+    """n times a simplex chain: within the tenth that the catalogue states."""
+    for size, (duplex, triplex) in MAKERS.items():
+        assert CHAINS[f"{size}-2"].mass_per_length == pytest.approx(duplex, rel=0.1), size
+        assert CHAINS[f"{size}-3"].mass_per_length == pytest.approx(triplex, rel=0.1), size
+    for size, weight in POUNDS_PER_FOOT.items():
+        assert CHAINS[f"{size}-2"].mass_per_length == pytest.approx(weight * 0.45359237 / 0.3048, rel=0.1), size
+
+
+def test_strands_share_dimensions_and_add_strength():
+    """Those of series B carry less than as many simplex chains, as the standard has it; A and C as much."""
+    for size, chain in [*SIMPLEX.items(), *((size, CHAINS[size]) for size in ("04C", "06C"))]:
+        for strands in (2, 3):
+            many = CHAINS[f"{size}-{strands}"]
+            for name in ("pitch", "roller_diameter", "inner_width", "pin_diameter"):
+                assert getattr(many, name) == getattr(chain, name)
+            assert many.strands == strands and "good to a tenth" in many.estimate
+            share = many.breaking_load / (strands * chain.breaking_load)
+            assert share == pytest.approx(1.0, rel=1e-9) if size[2] != "B" else 0.8 < share < 1.01
+
+
+def test_motorcycles_are_those_of_their_pitch_but_for_the_width():
+    """Eq. (b) by hand for 520: 10A has 1.02 kg/m and 9.4 mm; 3.15 mm of a cylinder of 10.16 mm less a pitch."""
+    less = 7850 * math.pi / 4 * 10.16e-3**2 * 3.15e-3 / 15.875e-3
+    assert CHAINS["520"].mass_per_length == pytest.approx(1.02 - less, rel=1e-9)
+    widths = [CHAINS[size].inner_width for size in ("520", "525", "530")]
+    masses = [CHAINS[size].mass_per_length for size in ("520", "525", "530")]
+    assert widths == sorted(widths) and masses == sorted(masses)
+    for size in ("415", "420", "428", "520", "525", "530", "630"):
+        # the first digit is the pitch in eighths of an inch, the others the width in eightieths, 428 aside
+        chain = CHAINS[size]
+        assert chain.pitch == pytest.approx(int(size[0]) * 25.4e-3 / 8, rel=1e-9) and chain.standard == "ISO 10190"
+        if size != "428":
+            assert chain.inner_width == pytest.approx(int(size[1:]) * 25.4e-3 / 80, rel=0.025)
+
+
+def test_bush_chains_have_one_shape():
+    """04C and 06C of the standard are alike within 6 %, which is what scaling one to 7 and 8 mm rests on."""
+    like = CHAINS["06C"]
+    for size in ("04C", "bush-7", "bush-8"):
+        chain, scale = CHAINS[size], CHAINS[size].pitch / like.pitch
+        for name, power in (("roller_diameter", 1), ("inner_width", 1), ("pin_diameter", 1), ("breaking_load", 2)):
+            assert getattr(chain, name) == pytest.approx(scale**power * getattr(like, name), rel=0.06), (size, name)
+    assert CHAINS["bush-7"].standard == "" and CHAINS["bush-7"].estimate.startswith("all but the pitch")
+
+
+def test_check_says_what_of_a_size_is_an_estimate(values):
+    drive = Drive(**sized(values, size="72B-2"))
+    text = report(derive(drive))
+    assert "an ESTIMATE of the catalogue, mass: 2 times the simplex chain's, good to a tenth" in text
+    assert "of the catalogue" not in report(derive(drive.with_values({"chain.size": "72B", "chain.stiffness": 1e9})))
+
+
+def test_strands_share_the_bearing_load(values):
+    one, three = (Drive(**sized(copy.deepcopy(values), size=size)) for size in ("72B", "72B-3"))
+    assert bearing_area(three) == pytest.approx(3.0 * bearing_area(one), rel=1e-12)
 
 
 def test_check_says_that_the_stiffness_is_an_estimate(values):

@@ -9,14 +9,13 @@ import pytest
 from command import run as command
 from jsonschema import Draft202012Validator
 
-import warpchain
 from warpchain import load_drive
 from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.drive.json_schema import file_schema
 from warpchain.study.spec import study_schema
 
-ROOT = Path(warpchain.__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2] / "warpchain"
 DRIVE, STUDY = Draft202012Validator(file_schema(Drive, "drive")), Draft202012Validator(study_schema())
 
 

@@ -81,6 +81,50 @@ def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
     assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
 
 
+ELSEWHERE = """
+import sys, types
+import warp as wp
+name, held = "warp._src.context", sys.modules["warp._src.context"]
+sys.modules[name] = types.ModuleType(name)  # while warpchain looks for its names
+wp.__version__ = "9.0.0"
+from warpchain.engine import _started, start_warp
+from warpchain.kernels import modules
+assert not _started()
+sys.modules[name] = held
+start_warp()
+assert _started()
+start_warp(precompiled=False)
+from warpchain.kernels.cpu import relax, serial
+assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
+print(wp.is_cpu_available())
+"""
+
+
+def test_a_version_of_warp_whose_insides_are_elsewhere_will_do():
+    words, environment = [sys.executable, "-c", ELSEWHERE], os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[-2] == "True"
+
+
+@pytest.mark.long
+def test_runs_are_the_same_where_warp_hashes_kernels_itself():
+    """To the last bit: by value or by reference, a struct holds the same numbers."""
+    run = (
+        "from drives import two_sprockets; from warpchain import simulate\n"
+        "print(repr(simulate(two_sprockets(duration=0.002), device='cpu').metrics.to_pylist()[0]))"
+    )
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", before + run], env=environment, capture_output=True, text=True, check=True
+        )
+        for before in ("", ELSEWHERE)
+    ]
+    first, second = (done.stdout.split("\n")[-2] for done in told)
+    assert first == second and "tension_max" in first
+
+
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
     assert wp.__version__.startswith(modules.KNOWN)

@@ -16,7 +16,7 @@ from warpchain.assembly.path import ChainPath, path_at
 from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
-from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
@@ -271,7 +271,11 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
     if largest > 0.0:
         share += f", a safety of {values['breaking_load'] / largest:.3g}"
-    lines = [f"size: {values['size']} (ISO 606), breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
+    chain = CHAINS[values["size"]]
+    standard = f" ({chain.standard})" if chain.standard else ""
+    lines = [f"size: {values['size']}{standard}, breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
+    if chain.estimate:
+        lines.append(f"  an ESTIMATE of the catalogue, {chain.estimate}")
     if values["stiffness_is_estimate"]:
         lines.append(
             f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "

@@ -167,12 +167,15 @@ def _text(asked: Asked) -> str:
             ("restitution = 0.3", "ESTIMATE: a free roller rebounds with this share of its speed"),
             ('restitution_means = "rebound"', ""),
             (
-                f"bush_stiffness = {BUSH * chain.pitch:.2g}",
-                f"ESTIMATE: {BUSH:g} N/m^2 times the pitch; bush, pin, grease",
+                f"bush_stiffness = {BUSH * chain.pitch * chain.strands:.2g}",
+                f"ESTIMATE: {BUSH:g} N/m^2 times pitch and strands; bush, pin, grease",
             ),
             ("friction = 0.06", "ESTIMATE: of rollers on teeth"),
             ("impact_speed_floor = 0.02", ""),
-            (f"width = {TOOTH_WIDTH * chain.inner_width:.3g}", f"of the teeth: {TOOTH_WIDTH:g} of the inner width"),
+            (
+                f"width = {TOOTH_WIDTH * chain.inner_width * chain.strands:.3g}",
+                f"of all teeth side by side: {TOOTH_WIDTH:g} of the inner width",
+            ),
             (
                 f"reference_load = {_rounded(asked.torque / radii[-1]):g}",
                 "about the chain's pull: contacts are as stiff",
@@ -194,7 +197,7 @@ def _text(asked: Asked) -> str:
 def _sprocket(asked: Asked, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
     """Lines of the table of sprocket s, and what is said of them."""
     last, ramp = len(asked.teeth) - 1, f"ramp_time = {_rounded(ramp_time):g}"
-    mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width
+    mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""
     lines = [
         ("[[sprockets]]", ""),

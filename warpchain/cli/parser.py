@@ -98,7 +98,9 @@ def _draw(commands: Any) -> None:
 
 
 def _chains(commands: Any) -> None:
-    _add(commands, do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+    _add(
+        commands, do.chains, "list the chains that size = names: ISO 606, motorcycles, bush chains", "warpchain chains"
+    )
 
 
 def _metrics(commands: Any) -> None:

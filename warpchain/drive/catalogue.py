@@ -1,31 +1,47 @@
-"""Roller chains of ISO 606: pitch, roller, inner width, mass, breaking load, and an estimate of a link's stiffness.
+"""Chains by size: pitch, roller, inner width, pin, mass, breaking load, and an estimate of a link's stiffness.
 
-Pitch, largest roller diameter, least width between inner plates and least tensile strength of simplex chains are those
-of ISO 606:2015, Table 1 (series B, formerly DIN 8187; series A, formerly DIN 8188, with the strengths of ASME B29.1).
-The standard sets no masses: these are a maker's, and approximate. See docs/catalogue.md.
+Pitch, largest roller diameter, least width between inner plates and least tensile strength are those of ISO 606:2015,
+Table 1 (series B, formerly DIN 8187; series A, formerly DIN 8188, with the strengths of ASME B29.1), and of
+ISO 10190:2008 for motorcycles. The standards set no masses: those of simplex chains of ISO 606 are a maker's, others
+are estimates (a) to (c). Sources and checks: docs/catalogue.md.
+
+    several strands:    m' = n m'_1;  series A  F_u = n F_u1                                                     (a)
+    motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p)                                              (b)
+    bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
+
+In (b) the chain of index 0 is that of ISO 606 with the same pitch and roller, between whose plates pin, bush and roller
+fill the roller's cylinder of steel.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 ELONGATION_AT_BREAKING_LOAD = 0.01
 """Elongation of a link at the breaking load, were it elastic up to there [-]: what the stiffness estimate assumes."""
 
 
+STEEL = 7850.0
+"""Density [kg/m^3]."""
+
+
 @dataclass(frozen=True)
 class CatalogueChain:
-    """A simplex roller chain of ISO 606.
+    """A chain of a size.
 
     Attributes:
-        size: ISO number, such as "16B".
+        size: number in its standard, such as "16B", or "16B-2" with two strands.
         pitch: [m].
-        roller_diameter: largest [m].
-        inner_width: between the inner plates, least [m].
+        roller_diameter: d1, largest [m]; of a bush chain that of the bush.
+        inner_width: b1, between the inner plates of a strand, least [m].
         pin_diameter: d2, largest [m].
         mass_per_length: approximate [kg/m].
-        breaking_load: least tensile strength [N].
+        breaking_load: F_u, least tensile strength [N].
+        strands: how many strands it has.
+        standard: that has its dimensions; "" for none.
+        estimate: what of it is an estimate, and how it is formed; "" for nothing.
     """
 
     size: str
@@ -35,6 +51,9 @@ class CatalogueChain:
     pin_diameter: float
     mass_per_length: float
     breaking_load: float
+    strands: int = 1
+    standard: str = "ISO 606"
+    estimate: str = ""
 
     @property
     def roller_radius(self) -> float:
@@ -56,22 +75,22 @@ class CatalogueChain:
 
 
 _TABLE = """
-size  pitch  roller  width    pin   kg/m  breaking load
-05B      8       5      3   2.31   0.20    4.4
-06B  9.525    6.35   5.72   3.28   0.41    8.9
-08B   12.7    8.51   7.75   4.45   0.69   17.8
-10B  15.875   10.16   9.65   5.08   0.93   22.2
-12B  19.05   12.07  11.68   5.72   1.15   28.9
-16B   25.4   15.88  17.02   8.28   2.71     60
-20B  31.75   19.05  19.56  10.19   3.70     95
-24B   38.1    25.4   25.4  14.63   7.10    160
-28B  44.45   27.94  30.99  15.90   8.50    200
-32B   50.8   29.21  30.99  17.81  10.25    250
-40B   63.5   39.37   38.1  22.89  16.35    355
-48B   76.2   48.26  45.72  29.24  25.00    560
-56B   88.9   53.98  53.34  34.32  35.78    850
-64B  101.6    63.5  60.96  39.40  46.00   1120
-72B  114.3   72.39  68.58  44.48  60.80   1400
+size  pitch  roller  width    pin   kg/m  breaking load: simplex, duplex, triplex
+05B      8       5      3   2.31   0.20    4.4    7.8   11.1
+06B  9.525    6.35   5.72   3.28   0.41    8.9   16.9   24.9
+08B   12.7    8.51   7.75   4.45   0.69   17.8   31.1   44.5
+10B  15.875   10.16   9.65   5.08   0.93   22.2   44.5   66.7
+12B  19.05   12.07  11.68   5.72   1.15   28.9   57.8   86.7
+16B   25.4   15.88  17.02   8.28   2.71     60    106    160
+20B  31.75   19.05  19.56  10.19   3.70     95    170    250
+24B   38.1    25.4   25.4  14.63   7.10    160    280    425
+28B  44.45   27.94  30.99  15.90   8.50    200    360    530
+32B   50.8   29.21  30.99  17.81  10.25    250    450    670
+40B   63.5   39.37   38.1  22.89  16.35    355    630    950
+48B   76.2   48.26  45.72  29.24  25.00    560   1000   1500
+56B   88.9   53.98  53.34  34.32  35.78    850   1600   2240
+64B  101.6    63.5  60.96  39.40  46.00   1120   2000   3000
+72B  114.3   72.39  68.58  44.48  60.80   1400   2500   3750
 08A   12.7    7.92   7.85   3.98   0.62   13.9
 10A  15.875   10.16    9.4   5.09   1.02   21.8
 12A  19.05   11.91  12.57   5.96   1.50   31.3
@@ -84,39 +103,121 @@ size  pitch  roller  width    pin   kg/m  breaking load
 40A   63.5   39.68  37.85  19.85  16.15    347
 48A   76.2   47.63  47.35  23.81  23.20    500
 """
+"""Lengths in mm, loads in kN."""
+_BUSH_TABLE = """
+size  pitch  roller  width    pin   kg/m  breaking load
+06C   9.525    5.08   4.68   3.60  0.342    7.9
+04C    6.35     3.3    3.1   2.31  0.152    3.5
+"""
+_LIGHT_TABLE = """
+size  pitch  roller  width    pin   kg/m  breaking load
+085    12.7    7.77   6.25   3.60  0.405    6.7
+"""
+_MOTORCYCLE_TABLE = """
+size  pitch  roller  width    pin   like  breaking load
+415    12.7    7.77   4.68   3.97    08A   11.8
+420    12.7    7.77   6.25   3.97    08A   15.6
+428    12.7    8.51   7.85   4.51    08B   16.7
+520  15.875   10.16   6.25   5.09    10A   26.4
+525  15.875   10.16   7.85   5.09    10A   26.4
+530  15.875   10.16    9.4   5.09    10A   26.4
+630   19.05   11.91    9.4   5.96    12A   35.3
+"""
 
 
-def _read(table: str) -> Iterator[CatalogueChain]:
-    for row in table.split("\n")[2:-1]:
-        size, pitch, roller, width, pin, mass, load = row.split()
-        yield CatalogueChain(
-            size=size,
-            pitch=float(f"{pitch}e-3"),
-            roller_diameter=float(f"{roller}e-3"),
-            inner_width=float(f"{width}e-3"),
-            pin_diameter=float(f"{pin}e-3"),
-            mass_per_length=float(mass),
-            breaking_load=float(f"{load}e3"),
+def _rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
+    """The cells of a table's lines, and their chains; the mass is 0 where a chain that it is like stands."""
+    for line in table.split("\n")[2:-1]:
+        cells = line.split()
+        size, pitch, roller, width, pin, mass, load = cells[:7]
+        yield (
+            cells,
+            CatalogueChain(
+                size=size,
+                pitch=float(f"{pitch}e-3"),
+                roller_diameter=float(f"{roller}e-3"),
+                inner_width=float(f"{width}e-3"),
+                pin_diameter=float(f"{pin}e-3"),
+                mass_per_length=0.0 if mass.endswith(("A", "B")) else float(mass),
+                breaking_load=float(f"{load}e3"),
+            ),
         )
 
 
-CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _read(_TABLE)}
-"""The chains by size: series B, then series A, each from small to large."""
+def _with_strands(chain: CatalogueChain, duplex: str = "", triplex: str = "") -> Iterator[CatalogueChain]:
+    """A simplex chain, the duplex and the triplex one, (a), with their breaking loads [kN] where they are given."""
+    yield chain
+    for strands, load in ((2, duplex), (3, triplex)):
+        yield replace(
+            chain,
+            size=f"{chain.size}-{strands}",
+            strands=strands,
+            mass_per_length=strands * chain.mass_per_length,
+            breaking_load=float(f"{load}e3") if load else strands * chain.breaking_load,
+            estimate=f"mass: {strands} times the simplex chain's, good to a tenth",
+        )
+
+
+def _motorcycle(chain: CatalogueChain, like: CatalogueChain) -> CatalogueChain:
+    """A chain of ISO 10190 with the mass (b) of the one that it is like, but for its width."""
+    more = STEEL * math.pi * chain.roller_diameter**2 * (chain.inner_width - like.inner_width) / (4.0 * chain.pitch)
+    estimate = f"mass: of {like.size} with its own width, good to a tenth"
+    return replace(chain, mass_per_length=like.mass_per_length + more, standard="ISO 10190", estimate=estimate)
+
+
+def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
+    """A bush chain of a car engine, of another pitch [m] and the shape of the one that it is like, (c)."""
+    scale = pitch / like.pitch
+    return CatalogueChain(
+        size=f"bush-{1e3 * pitch:g}",
+        pitch=pitch,
+        roller_diameter=scale * like.roller_diameter,
+        inner_width=scale * like.inner_width,
+        pin_diameter=scale * like.pin_diameter,
+        mass_per_length=scale**2 * like.mass_per_length,
+        breaking_load=scale**2 * like.breaking_load,
+        standard="",
+        estimate=f"all but the pitch: {like.size} scaled, as no standard has it; engines' own are often stronger",
+    )
+
+
+def _all() -> Iterator[CatalogueChain]:
+    """Every chain of the catalogue."""
+    plain = {}
+    for cells, chain in _rows(_TABLE):
+        plain[chain.size] = chain
+        yield from _with_strands(chain, *cells[7:])
+    bushes = [replace(chain, estimate="mass: half a maker's duplex 06C, with p^2") for _, chain in _rows(_BUSH_TABLE)]
+    for chain in bushes:
+        yield from _with_strands(chain)
+    for _, chain in _rows(_LIGHT_TABLE):
+        yield replace(chain, estimate="mass: half a maker's duplex chain's")
+    for cells, chain in _rows(_MOTORCYCLE_TABLE):
+        yield _motorcycle(chain, plain[cells[5]])
+    for pitch in (0.007, 0.008):
+        yield _bush_chain(pitch, bushes[0])
+
+
+CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _all()}
+"""The chains by size: ISO 606 series B, A, C and 085, each with its duplex and triplex, motorcycles, bush chains."""
 
 
 def listing() -> str:
     """The table for a terminal."""
-    lines = ["size   pitch   roller  inner width    pin       mass   breaking load  stiffness estimate"]
+    lines = ["size    pitch   roller  inner width    pin        mass   breaking load  stiffness estimate"]
     lines += [
-        f"{chain.size}  {1e3 * chain.pitch:7.3f} {1e3 * chain.roller_diameter:7.2f} {1e3 * chain.inner_width:9.2f} "
+        f"{chain.size:6} {1e3 * chain.pitch:7.3f} {1e3 * chain.roller_diameter:7.2f} {1e3 * chain.inner_width:9.2f} "
         f"{1e3 * chain.pin_diameter:9.2f} mm "
-        f"{chain.mass_per_length:7.2f} kg/m {1e-3 * chain.breaking_load:8.1f} kN {chain.estimated_stiffness:11.3g} N/m"
+        f"{'~' * bool(chain.estimate) + format(chain.mass_per_length, '.2f'):>8} kg/m "
+        f"{1e-3 * chain.breaking_load:8.1f} kN {chain.estimated_stiffness:11.3g} N/m"
         for chain in CHAINS.values()
     ]
     lines += [
         "",
         'In a drive file: size = "16B" under [chain] fills pitch, roller_radius and mass_per_length; stiffness =',
         f'"estimate" takes the last column: {100 * ELONGATION_AT_BREAKING_LOAD:g} % elongation at the breaking load, '
-        "good to a factor of three. Masses are approximate.",
+        "good to a factor of three. Masses are approximate;",
+        "~ marks estimates: of several strands and motorcycles the mass, of bush-7 and bush-8 all but the pitch. "
+        "04C and 06C are the bush chains of 6.35 and 9.525 mm.",
     ]
     return "\n".join(lines)

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, Field, WithJsonSchema
+from pydantic_core import PydanticCustomError
 
 from warpchain.drive.batch_math import along, many, some, sqrt, where
 from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.schema import (
     BARE,
+    WRONG,
     Allowed,
     Name,
     NonNegative,
@@ -24,6 +26,7 @@ from warpchain.drive.schema import (
     elements,
     exactly_one,
     get,
+    nearest,
     numbers,
 )
 
@@ -42,17 +45,21 @@ ESTIMATE = "estimate"
 """The stiffness that stands for the catalogue's estimate."""
 
 
+def _size_text(value: Any) -> str:
+    """The sentence about a size that is not in the catalogue."""
+    return f"must be a size that `warpchain chains` lists; {nearest(str(value), CHAINS, 4)}"
+
+
 def _check_size(value: str) -> str:
     if value not in CHAINS:
-        raise ValueError("not in the catalogue")
+        raise PydanticCustomError(WRONG, "{text}", {"text": _size_text(value)})
     return value
 
 
-SIZE_TEXT = "must be a size of ISO 606: " + ", ".join(CHAINS)
 Size = Annotated[
     Annotated[str, Field(strict=True), AfterValidator(_check_size)],
     WithJsonSchema({"type": "string", "enum": list(CHAINS)}),
-    Value(SIZE_TEXT),
+    Allowed("must be a size that `warpchain chains` lists, such as 16B"),
 ]
 Stiffness = Annotated[
     Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)],
@@ -128,7 +135,7 @@ class Chain(Part):
     """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
 
     Attributes:
-        size: ISO 606 size, which fills pitch, roller_radius and mass where they are not given.
+        size: size of the catalogue, which fills pitch, roller_radius and mass where they are not given.
         pitch: unloaded length of a link [m].
         links: number of links and of rollers, >= 3; even unless an offset link is meant.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
@@ -300,7 +307,7 @@ class Chain(Part):
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:
         if get(node, "size") is not None and key in cls._filled:
-            return Problem(("size",), get(node, "size"), SIZE_TEXT)
+            return Problem(("size",), get(node, "size"), _size_text(get(node, "size")))
         return super()._missing(key, node)
 
     @classmethod

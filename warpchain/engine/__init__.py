@@ -4,6 +4,24 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
+
+from warpchain.errors import WarpchainError
+
+KERNELS = Path(__file__).resolve().parent.parent / "kernels"
+if KERNELS.is_file():
+    raise WarpchainError(
+        f"{KERNELS}: is a text file, not a link to the folder kernels: git made this checkout without symbolic links; "
+        "set core.symlinks to true and check out again (on Windows in WSL), or install a wheel"
+    )
+
+
+def _started() -> bool:
+    """Whether Warp runs already, which it says nowhere in public; False where a version keeps it elsewhere.
+
+    To start it twice does no more than set how much it says.
+    """
+    return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
 
 
 def start_warp(precompiled: bool = True) -> None:
@@ -15,9 +33,8 @@ def start_warp(precompiled: bool = True) -> None:
         precompiled: False does without precompiled headers, of which the CUDA compiler warns where they do not match.
     """
     import warp as wp
-    from warp._src import context
 
-    if context.runtime is not None:
+    if _started():
         return
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_ERROR

@@ -78,7 +78,7 @@ def bearing_area(drive: Drive) -> float | None:
     size, radius = drive.chain.size, drive.chain.pin_radius
     if size is None or radius is None:
         return None
-    return 2.0 * radius * INNER_WIDTHS * CHAINS[size].inner_width
+    return 2.0 * radius * INNER_WIDTHS * CHAINS[size].inner_width * CHAINS[size].strands
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
