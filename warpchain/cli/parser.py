@@ -180,6 +180,13 @@ def _run(commands: Any) -> None:
     parser.add_argument(
         "--step", type=number_or_auto, metavar="SECONDS", help='time step, or "auto"; default the drive\'s own'
     )
+    parser.add_argument(
+        "--window",
+        type=number,
+        nargs=2,
+        metavar=("START", "END"),
+        help="times over which metrics are taken [s]; default the latter half",
+    )
     parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
     parser.add_argument(
         "--channels",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -396,24 +397,38 @@ def about(folder: Path) -> dict[str, str]:
 
 def add_play_command(commands: Any) -> None:
     """Adds the command to the subparsers of `warpchain study`."""
-    text = "play one variant, which is run again if it was not recorded"
+    text = "play one variant, which is run again if it was not recorded, by a command that is printed"
     parser = add_command(commands, "play", text, "warpchain study play DIR 12")
     parser.add_argument("folder", metavar="DIR", type=Path, help="a study's folder, or a search's")
     parser.add_argument("variant", metavar="VARIANT", type=int, help="its number in the table")
     parser.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
+    parser.add_argument(
+        "--print", dest="print_only", action="store_true", help="print the command that does it, no more"
+    )
     add_options(parser, "--workers", "--quiet")
     parser.set_defaults(study_run=_play)
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
-    from warpchain.study.run.recordings import recording_of
+    from warpchain.study.run.recordings import Rerun, recording_of
+
+    found = recording_of(arguments.folder, arguments.variant)
+    if isinstance(found, Rerun):
+        print(f"not recorded; this runs it again, bitwise the same:\n{found.command()}", flush=True)
+        if arguments.print_only:
+            return DONE
+        from warpchain.engine import start_warp
+
+        start_warp(precompiled=False)
+        found.run(workers=arguments.workers, progress=not arguments.quiet and sys.stderr.isatty())
+        found = found.archive, found.variant
+    archive, number = found
+    print(f"{archive}, variant {number}")
+    if arguments.print_only:
+        print(f"warpchain view {shlex.quote(str(archive))} --variant {number}")
+        return DONE
     from warpchain.view.rerun.run_playback import view
 
-    start_warp(precompiled=False)
-    bar = not arguments.quiet and sys.stderr.isatty()
-    archive, number = recording_of(arguments.folder, arguments.variant, workers=arguments.workers, progress=bar)
-    print(f"{archive}, variant {number}")
     view(archive, variant=number, save=arguments.save)
     return DONE
 
