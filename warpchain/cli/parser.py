@@ -28,7 +28,7 @@ from warpchain.cli.arguments import (
     whole_number,
 )
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands
+from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands, add_risk
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
 from warpchain.gc_tuning import rare_collections
@@ -354,6 +354,7 @@ COMMANDS = (
     _recover,
     _study,
     add_optimize,
+    add_risk,
 )
 """Functions that add a command each, in the order of the help."""
 
