@@ -1,6 +1,8 @@
 """Searches: known fronts and minima, noise, limits, restarts, the cache, what is recommended."""
 
 import re
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -320,9 +322,16 @@ def test_any_variant_can_be_played(whole, tmp_path, capsys):
     folder, found = whole["bayes"]
     saved, archive = tmp_path / "v.rrd", folder / "played" / "variant-000003.mcap"
     words = ["--save", saved, "--quiet"]
+    status, out, _ = run(capsys, "study", "play", folder, "3", "--print")
+    assert status == 0 and not archive.exists() and out[1].startswith(f"warpchain run {archive.with_suffix('.toml')}")
+    status, _, _ = run(capsys, *shlex.split(out[1])[1:], "--quiet")  # the command itself runs it again
+    again = warpchain.read_archive(archive).metrics
+    row = found.results.table.slice(3, 1).to_pylist()[0]
+    held = [name for name in again.column_names if isinstance(row.get(name), float)]
+    assert len(held) > 20 and all(again[name][0].as_py() == row[name] for name in held if name != "wall_time")
+    archive.unlink()
     status, out, _ = run(capsys, "study", "play", folder, "3", *words)
     assert status == 0 and str(archive) in "\n".join(out) and saved.stat().st_size > 1000
-    row = found.results.table.slice(3, 1).to_pylist()[0]
     played = warpchain.read_archive(archive)
     assert played.metrics["tension_max"][0].as_py() == row["tension_max"] and list(played) == [3]
     when = archive.stat().st_mtime_ns
@@ -330,8 +339,9 @@ def test_any_variant_can_be_played(whole, tmp_path, capsys):
     assert archive.stat().st_mtime_ns == when  # not run again
     status, _, err = run(capsys, "study", "play", folder, "99", *words)
     assert status == 2 and "variant 99: not in" in err[0]
-    archive.unlink()
-    archive.parent.rmdir()
+    status, out, _ = run(capsys, "study", "play", folder, "3", "--print")
+    assert status == 0 and out[1] == f"warpchain view {archive} --variant 3"
+    shutil.rmtree(archive.parent)
 
 
 def test_a_search_has_a_report(whole, tmp_path):

@@ -190,6 +190,29 @@ def test_pointing_at_a_dot_tells_its_variant_and_the_command(page):
     assert "tension_max = " in found and " kN" in found
 
 
+def test_each_row_of_a_table_has_its_command_and_a_button_that_copies_it(page):
+    page.clear()
+    page.value("navigator.clipboard.writeText = (words) => { window.copied = words; return Promise.resolve(); }")
+    found = page.value(
+        "JSON.stringify([...document.querySelectorAll('table.rows, #chosen')].map((t) => [...t.rows].slice(1)"
+        ".map((r) => [r.querySelector('td.n').textContent, r.querySelector('td.play code').textContent.trim()])))"
+    )
+    tables = json.loads(found)
+    assert len(tables) >= 4  # designs, front, chosen, ends of the metrics
+    for number, command in (row for table in tables for row in table):
+        recorded, other = f"view out/study/shards/{int(number):05d}.mcap --variant 0", f"study play out/study {number}"
+        assert command == f"warpchain {recorded if int(number) % 10 == 1 else other}"
+    page.value("document.querySelector('table.rows td.play button').click()")
+    page.settled()
+    assert page.value("window.copied") == tables[0][0][1]
+    assert page.value("document.querySelector('table.rows td.play button').textContent") == "copied"
+    assert page.value("document.querySelectorAll('#chosen td.play button').length") == 15
+    page.value("document.querySelector('#more').click()")
+    page.settled()
+    assert page.value("document.querySelectorAll('#chosen td.play button').length") == 65
+    assert page.value("document.querySelectorAll('.design p button').length") >= 1
+
+
 def test_the_front_is_that_of_the_variants_that_are_kept(page):
     from warpchain.study.analysis.pareto import pareto_front
 

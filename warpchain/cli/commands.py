@@ -209,6 +209,7 @@ def run(arguments: argparse.Namespace) -> int:
         precision=arguments.precision,
         duration=arguments.duration,
         step=arguments.step,
+        window=arguments.window and tuple(arguments.window),
         record=record,
         progress=not arguments.quiet,
         memory=arguments.memory,

@@ -28,7 +28,7 @@ from warpchain.cli.arguments import (
     whole_number,
 )
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands
+from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands, add_risk
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
 from warpchain.gc_tuning import rare_collections
@@ -249,6 +249,13 @@ def _run(commands: Any) -> None:
     parser.add_argument(
         "--step", type=number_or_auto, metavar="SECONDS", help='time step, or "auto"; default the drive\'s own'
     )
+    parser.add_argument(
+        "--window",
+        type=number,
+        nargs=2,
+        metavar=("START", "END"),
+        help="times over which metrics are taken [s]; default the latter half",
+    )
     parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
     parser.add_argument(
         "--channels",
@@ -421,6 +428,7 @@ COMMANDS = (
     _recover,
     _study,
     add_optimize,
+    add_risk,
 )
 """Functions that add a command each, in the order of the help."""
 

@@ -1,8 +1,9 @@
-"""The commands `warpchain study run | plan | grow | status | merge | report | view | play`, and `optimize`."""
+"""The commands `warpchain study run | plan | grow | status | merge | report | view | play`, `optimize` and `risk`."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -396,24 +397,38 @@ def about(folder: Path) -> dict[str, str]:
 
 def add_play_command(commands: Any) -> None:
     """Adds the command to the subparsers of `warpchain study`."""
-    text = "play one variant, which is run again if it was not recorded"
+    text = "play one variant, which is run again if it was not recorded, by a command that is printed"
     parser = add_command(commands, "play", text, "warpchain study play DIR 12")
     parser.add_argument("folder", metavar="DIR", type=Path, help="a study's folder, or a search's")
     parser.add_argument("variant", metavar="VARIANT", type=int, help="its number in the table")
     parser.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
+    parser.add_argument(
+        "--print", dest="print_only", action="store_true", help="print the command that does it, no more"
+    )
     add_options(parser, "--workers", "--quiet")
     parser.set_defaults(study_run=_play)
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
-    from warpchain.study.run.recordings import recording_of
+    from warpchain.study.run.recordings import Rerun, recording_of
+
+    found = recording_of(arguments.folder, arguments.variant)
+    if isinstance(found, Rerun):
+        print(f"not recorded; this runs it again, bitwise the same:\n{found.command()}", flush=True)
+        if arguments.print_only:
+            return DONE
+        from warpchain.engine import start_warp
+
+        start_warp(precompiled=False)
+        found.run(workers=arguments.workers, progress=not arguments.quiet and sys.stderr.isatty())
+        found = found.archive, found.variant
+    archive, number = found
+    print(f"{archive}, variant {number}")
+    if arguments.print_only:
+        print(f"warpchain view {shlex.quote(str(archive))} --variant {number}")
+        return DONE
     from warpchain.view.rerun.run_playback import view
 
-    start_warp(precompiled=False)
-    bar = not arguments.quiet and sys.stderr.isatty()
-    archive, number = recording_of(arguments.folder, arguments.variant, workers=arguments.workers, progress=bar)
-    print(f"{archive}, variant {number}")
     view(archive, variant=number, save=arguments.save)
     return DONE
 
@@ -457,6 +472,74 @@ def _optimize(arguments: argparse.Namespace) -> int:
         return UNFINISHED
     _print_found(found)
     return DONE
+
+
+def add_risk(commands: Any) -> None:
+    """Adds the command to the parser's subparsers."""
+    text = "how likely a drive breaks a limit over its noise, and how it most likely does"
+    parser = add_command(commands, "risk", text, "warpchain risk STUDY.toml -o DIR")
+    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with noise factors and [[limits]]")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
+    add_options(parser, "--workers", "--memory", "--quiet")
+    parser.set_defaults(run=_risk)
+
+
+def _risk(arguments: argparse.Namespace) -> int:
+    from warpchain.engine import start_warp
+    from warpchain.study.optimize.risk import estimate_risk
+
+    start_warp(precompiled=False)
+    options = {"workers": arguments.workers, "memory": arguments.memory}
+    bar = not arguments.quiet and sys.stderr.isatty()
+    try:
+        found = estimate_risk(arguments.study, arguments.output, progress=bar, **options)
+    except KeyboardInterrupt:
+        print("warpchain: interrupted; what is done is kept: run again to go on", file=sys.stderr)
+        return UNFINISHED
+    _print_risk(found)
+    return DONE
+
+
+def _print_risk(found: Any) -> None:
+    """Prints both estimates, and the most likely way to fail."""
+    from warpchain.results.units import quantity
+
+    results = found.results
+    row = results.variants.tolist().index(found.variant)
+    values = {name: results.table[name][row].as_py() for name in results.factors}
+    shown = {n: quantity(v, results.unit(n)) if isinstance(v, float) else str(v) for n, v in values.items()}
+    held = ", ".join(f"{name} = {shown[name]}" for name in found.held if name in shown)
+    print(f"over the noise of {', '.join(results.noise)}" + (f", at {held}" if held else ""))
+    for bound in found.bounds:
+        ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
+        print(
+            f"limit: {bound.metric} {' and '.join(f'{w} {quantity(e, results.unit(bound.metric))}' for w, e in ends)}"
+        )
+    ways = (
+        ("subset simulation", found.subset),
+        (f"importance sampling about {found.points} design points", found.sampled),
+    )
+    for way, of in ways:
+        if isinstance(of, str):
+            print(f"{way}: {of}")
+            continue
+        interval = f"{of.low:.2g} to {of.high:.2g} with 95 % confidence"
+        print(f"P(a limit is exceeded) = {of.probability:.2g}, {interval}: {way}, {of.evaluations} runs")
+    if not isinstance(found.sampled, str) and not (
+        found.sampled.low <= found.subset.high and found.subset.low <= found.sampled.high
+    ):
+        print("the two differ: a way to fail is missed, or runs scatter; take risk.count and risk.samples larger")
+    lost = int((~results.ok).sum())
+    if lost:
+        print(f"{lost} of {len(results.status)} runs are not ok and count as failures: {results.reasons()[0][1]}")
+    print(
+        f"most likely way to fail: variant {found.variant}, {found.distance:.3g} standard deviations from the medians"
+    )
+    for name in results.noise:
+        print(f"  {name} = {shown[name]}")
+    for bound in found.bounds:
+        print(f"  {bound.metric}: {quantity(float(results.values(bound.metric)[row]), results.unit(bound.metric))}")
+    print(f"  play it: warpchain view {found.archive} --variant {found.variant}")
 
 
 def _print_found(found: Any) -> None:

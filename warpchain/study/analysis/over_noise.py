@@ -181,7 +181,9 @@ def spread(designs: Designs, design: int, metric: str) -> Spread:
 def _groups(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
     """Rows of each design, in the order of their first ones."""
     found: dict[tuple[Any, ...], list[int]] = {}
-    for row, key in enumerate(zip(*(results.table[name].to_pylist() for name in chosen), strict=True)):
+    columns = [results.table[name].to_pylist() for name in chosen]
+    for row in range(results.table.num_rows):
+        key = tuple(column[row] for column in columns)
         found.setdefault(key, []).append(row)
     return tuple(np.array(rows, dtype=np.intp) for rows in found.values())
 

@@ -61,6 +61,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
     """
     columns = _columns(study, source, before)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    rows = [{}] if study.design.kind == NOISE else rows
     if set(columns) >= set(study.noise_names) - {factor.name for factor in tied(study)}:
         return _completed(study, rows)  # no noise, or a table that holds it
     noise = noise_rows(study)
@@ -99,12 +100,16 @@ def _completed(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
 
 def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
     """Values of the design factors that have no expression; of a table that holds them, of noise factors too."""
+    if study.design.kind == NOISE:
+        return {}
     whole, study = study, study.designs
     design, axes = study.design, dimensions(study)
     if design.kind == "table":
         return _read(whole, source)
     if not axes and whole.noise_names:
-        raise StudyError(f"{source}: factors: all are noise; a study needs at least one design factor that varies")
+        raise StudyError(
+            f'{source}: factors: all are noise; give a design factor that varies, or design.kind = "noise"'
+        )
     if not axes:
         raise StudyError(f"{source}: factors: all are expressions; at least one must vary by itself")
     if design.kind == "factorial":

@@ -36,14 +36,31 @@ def noise_points(study: Study, count: int, seed: int) -> Array:
     """Points (count, D) of the unit cube of a study's noise, with its rank correlations."""
     from scipy.stats import qmc
 
-    axes, noise = dimensions(study.noise_alone), study.noise or Noise()
-    rng = np.random.default_rng(seed)
-    points = np.asarray(qmc.LatinHypercube(len(axes), rng=rng).random(count))
-    wanted = np.eye(len(axes))
-    places = [[axis.name for axis in axes].index(name) for name in noise.correlated]
-    if places:
+    rng, dimensions = np.random.default_rng(seed), noise_dimensions(study)
+    points = np.asarray(qmc.LatinHypercube(dimensions, rng=rng).random(count))
+    return with_correlation(points, _correlation(study), rng) if count > dimensions + 1 else points
+
+
+def noise_dimensions(study: Study) -> int:
+    """Number of independent dimensions of a study's noise, D."""
+    return len(dimensions(study.noise_alone))
+
+
+def _correlation(study: Study) -> Array:
+    """Correlation of the normal scores of a study's noise (D, D)."""
+    noise, names = study.noise or Noise(), [axis.name for axis in dimensions(study.noise_alone)]
+    wanted = np.eye(len(names))
+    if noise.correlated:
+        places = [names.index(name) for name in noise.correlated]
         wanted[np.ix_(places, places)] = normal_correlation(np.array(noise.ranks))
-    return with_correlation(points, wanted, rng) if count > len(axes) + 1 else points
+    return wanted
+
+
+def at_normals(study: Study, u: Array) -> list[dict[str, Any]]:
+    """Values of the noise factors at independent standard normals u (R, D)."""
+    from scipy.stats import norm
+
+    return rows_at(study, np.asarray(norm.cdf(u @ np.linalg.cholesky(_correlation(study)).T)))
 
 
 def with_correlation(points: Array, wanted: Array, rng: np.random.Generator) -> Array:
@@ -94,12 +111,13 @@ def nominal(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
         drive: the base drive.
         design: values of the design factors.
     """
-    row = dict(design) | {factor.name: _own(factor, drive) for factor in study.noise_alone.factors}
+    row = dict(design) | {factor.name: own_value(factor, drive) for factor in study.noise_alone.factors}
     complete(study, tied(study), row)
     return row
 
 
-def _own(factor: Factor, drive: Drive) -> Any:
+def own_value(factor: Factor, drive: Drive) -> Any:
+    """The value of a factor that leaves the base drive as it is, or its median where the drive says nothing."""
     if factor.relative:
         return 1.0
     if factor.offset or factor.shift is not None:

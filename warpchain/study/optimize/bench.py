@@ -180,7 +180,7 @@ class Bench:
                 raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
             self.remember(table)
             return table
-        before = sum(read_table(round_file(self.folder, k)).num_rows for k in range(number))
+        before = sum(read_table(round_file(self.folder, k), ["variant"]).num_rows for k in range(number))
         table = self._run(place, f"{name}/", design, progress, before)
         place.mkdir(parents=True, exist_ok=True)  # not there yet where all rows were known
         write_table(done, table)

@@ -93,7 +93,7 @@ def optimize(
     optimizer = bench.optimizer
     for other in known:
         bench.learn(other)
-    folder = _made(Path(out), bench)
+    folder = made_folder(Path(out), bench)
     rounds = 0
     while optimizer.observed < search.count:
         look_for_stop()
@@ -120,7 +120,7 @@ def optimize(
     return Found(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
 
 
-def _made(path: Path, bench: Bench) -> Path:
+def made_folder(path: Path, bench: Bench) -> Path:
     """The folder, with the study in it.
 
     Raises:

@@ -94,7 +94,7 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
             whole = isinstance(value, int) and axes[name].factor == 1.0 if name in axes else True
             cells.append(value if value is None or whole else float(value) * axes[name].factor)
         lines.append(cells)
-    return html.table(heads, lines)
+    return html.table(heads, lines).replace("<table>", '<table class="rows">', 1)  # each gets its command in the page
 
 
 def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | None, list[Recommended]]:

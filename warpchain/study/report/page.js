@@ -167,6 +167,24 @@
     const place = rows.archives && rows.archives[k];
     return place ? `warpchain view ${rows.folder}/${place[0]} --variant ${place[1]}` : `warpchain study play ${rows.folder} ${rows.variant[k]}`;
   };
+  const FIRST = 15;  // rows of the list of chosen variants at first
+  const copier = (cell, words) => {  // a button that copies a command
+    const button = html("button", cell, "copy");
+    button.onclick = async (e) => { e.stopPropagation(); try { await navigator.clipboard.writeText(words); button.textContent = "copied"; } catch { button.textContent = "select it"; } };
+  };
+  const placeOf = new Map(rows.variant.map((number, k) => [number, k]));
+  const playable = () => {  // the commands of variants that stand in tables
+    for (const code of document.querySelectorAll(".design code")) copier(code.parentNode, code.textContent);
+    if (rows.folder) for (const table of document.querySelectorAll("table.rows")) {
+      const at = [...table.tHead.rows[0].cells].findIndex((cell) => cell.textContent === "variant");
+      html("th", table.tHead.rows[0], "play it", "play");
+      for (const line of table.tBodies[0].rows) {
+        const number = Number(line.cells[at].textContent), k = placeOf.get(number), cell = html("td", line, null, "play");
+        const words = k === undefined ? `warpchain study play ${rows.folder} ${number}` : command(k);
+        html("code", cell, `${words} `); copier(cell, words);
+      }
+    }
+  };
   const about = (k) => [`variant ${rows.variant[k]}`, ...columns.filter((c, i) => chosenColumns.has(i)).map((c) => `${c.name} = ${value(c, k)}`), ...(command(k) ? [command(k)] : [])];
 
   const choose = () => {
@@ -450,7 +468,10 @@
   const listing = (parent) => {
     const box = html("div", parent, null, "wide"), table = html("table", box);
     table.id = "chosen";
-    const copy = async (words, button) => { try { await navigator.clipboard.writeText(words); button.textContent = "copied"; } catch { button.textContent = "select it"; } };
+    let most = FIRST;
+    const more = html("button", parent, "show more");
+    more.id = "more";
+    more.onclick = () => { most += 50; refresh(); };
     views.push(() => {
       const shown = [...chosenColumns].sort((a, b) => a - b), order = [];
       for (let k = 0; k < count; k++) if (mask[k]) order.push(k);
@@ -464,15 +485,16 @@
         const cell = html("th", head, null, word === "play it" ? "play" : "");
         word.split(/(?<=[._])/).forEach((part, n) => { if (n) html("wbr", cell); cell.append(part); });
       }
-      for (const k of order.slice(0, 15)) {
+      for (const k of order.slice(0, most)) {
         const line = html("tr", table, null, k === marked ? "marked" : "");
         html("td", line, rows.variant[k], "n"); html("td", line, front[k] ? "●" : "");
         const cell = html("td", line, null, "play"), words = command(k);
-        if (words) { html("code", cell, `${words} `); const button = html("button", cell, "copy"); button.onclick = () => copy(words, button); }
+        if (words) { html("code", cell, `${words} `); copier(cell, words); }
         for (const i of shown) html("td", line, columns[i].words ? columns[i].words[columns[i].values[k]] ?? "–" : plain(columns[i].values[k]), "n");
         line.onclick = (e) => { if (e.target.tagName !== "BUTTON" && !String(window.getSelection())) { marked = k; refresh(); } };
       }
-      if (order.length > 15) html("caption", table, `the first 15 of ${order.length}, those on the front first`);
+      more.hidden = order.length <= most;
+      if (!more.hidden) html("caption", table, `the first ${most} of ${order.length}, those on the front first`);
     });
   };
 
@@ -494,6 +516,7 @@
   html("h3", home, "The chosen variants");
   if (rows.folder) html("p", home, `Play one: warpchain study play ${rows.folder} VARIANT`, "print lead");
   listing(home);
+  playable();
   choose();
   for (const view of views) view();
   window.warpchain = { kept: () => kept, marked: () => (marked < 0 ? null : rows.variant[marked]), filters: () => Object.fromEntries([...filters].map(([i, r]) => [columns[i].name, r])), front: () => front.reduce((s, v) => s + v, 0) };

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from warpchain.drive import load_drive
+from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
@@ -16,8 +17,9 @@ from warpchain.results.run import Trajectory
 from warpchain.study.results import ARCHIVED, Results, read_results
 from warpchain.study.run.folder import open_folder
 from warpchain.study.run.row_drives import Variant, build
-from warpchain.study.spec import load_study
+from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Worst
+from warpchain.study.store import write_text
 from warpchain.view.chosen import NEEDED
 
 SHOWN = 4
@@ -117,27 +119,79 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
     return replace(results, table=table, metrics=tuple(dict.fromkeys((*results.metrics, *names))))
 
 
-def recording_of(
-    folder: str | Path, variant: int, *, workers: int | None = None, memory: int = MEMORY, progress: bool = False
-) -> tuple[Path, int]:
-    """The archive of a variant, and its number in it.
+@dataclass(frozen=True)
+class Rerun:
+    """A variant to be run again with its study's settings, bitwise the same where version, device and precision are.
 
-    A variant that was not recorded, or without what playback needs, is run again with the study's settings, into
-    `played/` in the folder; what was run so before is not run again.
+    Attributes:
+        drive: as it was run.
+        study: whose settings it was run with.
+        variant: its number.
+        archive: file of its recording.
+    """
+
+    drive: Drive
+    study: Study
+    variant: int
+    archive: Path
+
+    def command(self) -> str:
+        """The command that runs it again, of a drive file that is written beside the recording."""
+        file = self.archive.with_suffix(".toml")
+        self.archive.parent.mkdir(exist_ok=True)
+        write_text(file, dumps_drive(self.drive))
+        run = self.study.run
+        words = ["warpchain", "run", str(file), "-o", str(self.archive), "--overwrite", "--precision", run.precision]
+        for option in ("device", "duration", "step"):
+            if (value := getattr(run, option)) is not None:
+                words += [f"--{option}", str(value)]
+        words += [] if run.window is None else ["--window", *map(str, run.window)]
+        words += [] if self.study.record.rate is None else ["--rate", str(self.study.record.rate)]
+        limits = self.study.limits.model_dump(exclude_defaults=True)
+        words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value}")]
+        return shlex.join(words)
+
+    def run(self, *, workers: int | None = None, memory: int = MEMORY, progress: bool = False) -> None:
+        """Runs it, into its archive.
+
+        Raises:
+            SimulationError, DriveError, ArchiveError: as in `simulate`.
+        """
+        from warpchain.archive.options import ArchiveOptions
+        from warpchain.engine.simulation import simulate
+        from warpchain.results.run import Record
+
+        self.archive.parent.mkdir(exist_ok=True)
+        run = self.study.run
+        simulate(
+            self.drive,
+            device=run.device,
+            precision=run.precision,
+            duration=run.duration,
+            step=run.step,
+            record=Record("all", self.study.record.rate),
+            window=run.window,
+            progress=progress,
+            archive=self.archive,
+            archive_options=ArchiveOptions(numbers=(self.variant,)),
+            workers=workers,
+            memory=memory,
+            limits=self.study.limits,
+        )
+
+
+def recording_of(folder: str | Path, variant: int) -> tuple[Path, int] | Rerun:
+    """The archive of a variant and its number in it, or of one without a recording to play, how to run it again.
 
     Args:
         folder: of a study, or of a search.
         variant: its number in the table.
-        workers, memory, progress: as in `warpchain.simulate`.
 
     Raises:
         StudyError: no such folder or variant, or one that gives no drive.
-        SimulationError, DriveError, ArchiveError: as in `simulate`.
+        ArchiveError: a recording that cannot be read.
     """
     from warpchain.archive import read_archive
-    from warpchain.archive.options import ArchiveOptions
-    from warpchain.engine.simulation import simulate
-    from warpchain.results.run import Record
 
     path = Path(folder)
     study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
@@ -154,27 +208,10 @@ def recording_of(
         return path / name, number
     archive = path / "played" / f"variant-{variant:06d}.mcap"
     if archive.exists():
-        return archive, read_archive(archive).numbers[0]  # 0 where an earlier version played it
+        return archive, read_archive(archive).numbers[0]  # 0 where an earlier version or the command played it
     row = {factor.name: results.table[factor.name][rows[0]].as_py() for factor in study.factors}
     made = Variant(row)
     build(study, drive, [made])
     if made.drive is None:
         raise StudyError(f"variant {variant}: {made.reason}")
-    archive.parent.mkdir(exist_ok=True)
-    run, record = study.run, study.record
-    simulate(
-        made.drive,
-        device=run.device,
-        precision=run.precision,
-        duration=run.duration,
-        step=run.step,
-        record=Record("all", record.rate),
-        window=run.window,
-        progress=progress,
-        archive=archive,
-        archive_options=ArchiveOptions(numbers=(variant,)),
-        workers=workers,
-        memory=memory,
-        limits=study.limits,
-    )
-    return archive, variant
+    return Rerun(made.drive, study, variant, archive)

@@ -135,6 +135,12 @@ def noise_rules(node: Any) -> Iterator[Problem]:
     own = [str(get(f, "name")) for f in factors if get(f, "kind") == NOISE]
     if get(node, "noise") is not None and not noise:
         yield Problem(("noise",), None, 'needs at least one factor of kind "noise"', BARE)
+    free = [get(factor, "name") for factor in factors if form_of(factor) != "expression"]
+    if get(get(node, "design"), "kind") == NOISE and len(own) < len(free):
+        other = next(name for name in free if name not in own)
+        yield Problem(
+            ("design", "kind"), NOISE, f"is of studies whose factors are all noise; {other} is a design factor"
+        )
     groups: dict[str, Any] = {}
     for i, factor in enumerate(factors):
         group = get(factor, "group")

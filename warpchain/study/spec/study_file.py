@@ -33,6 +33,7 @@ from warpchain.study.spec.study_tables import (
     Keep,
     Objective,
     Recording,
+    Risk,
     RunOptions,
     Search,
     as_written,
@@ -227,6 +228,7 @@ class Study(Part):
         objectives: what should be small or large.
         bounds: limits on metrics, the entries of a list `limits` that name one.
         optimize: settings of the search for designs.
+        risk: settings of `warpchain risk`.
         noise: rows of noise, and the share of them in which limits must be kept.
 
     Raises:
@@ -247,6 +249,7 @@ class Study(Part):
     bounds: Annotated[tuple[Bound, ...], Allowed("must be a list of limits on metrics")] = ()
     optimize: Search | None = None
     noise: Noise | None = None
+    risk: Risk | None = None
 
     @property
     def wanted(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.study.spec.factor import Switch, Texts, Whole
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
-KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
+KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table", "noise")
 _KINDS_TEXT = "must be " + ", ".join(f'"{kind}"' for kind in KINDS[:-1]) + f' or "{KINDS[-1]}"'
 
 MOST = 100_000_000
@@ -64,7 +64,7 @@ class Design(Part):
 
     Attributes:
         kind: "factorial" (every combination), "latin-hypercube", "sobol", "halton", "central-composite",
-            "plackett-burman" or "table".
+            "plackett-burman", "table", or "noise": the drive as it is, where all factors are noise.
         count: number of rows that the three that sample take.
         seed: seed of the sampling.
         file: the table, CSV or Parquet, relative to the study file; a column for each factor without expression.
@@ -312,6 +312,24 @@ class Search(Part):
     batch: _Few = 8
     seed: Whole = 0
     recommend: _Few = 4
+
+
+class Risk(Part):
+    """Settings of `warpchain risk`.
+
+    Attributes:
+        count: runs of a level of subset simulation, in each repetition.
+        repeats: independent repetitions.
+        samples: runs of importance sampling.
+        seed: seed of everything that is drawn.
+    """
+
+    count: Annotated[
+        int, Field(strict=True, ge=50, le=1_000_000, multiple_of=10), Value("must be a multiple of 10, at least 50")
+    ] = 200
+    repeats: Annotated[int, Field(strict=True, ge=3, le=1000), Value("must be an integer from 3 to 1000")] = 8
+    samples: Annotated[int, Field(strict=True, ge=50, le=1_000_000), Value("must be an integer of at least 50")] = 1000
+    seed: Whole = 0
 
 
 _OF_BOUNDS = ("metric", "min", "max")
