@@ -38,9 +38,8 @@ from warpchain.assembly.arm_balance import StillArm, StillTensioner
 from warpchain.assembly.guided import profile_at, turned_about
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit, wheel_mass
-from warpchain.drive.shafts import first_ratio
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
-from warpchain.drive.trains import nearest_sprocket, stands, turning_sign, untwisted
+from warpchain.drive.trains import first_ratio, nearest_sprocket, stands, turning_sign, untwisted
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
