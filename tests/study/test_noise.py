@@ -20,6 +20,7 @@ from warpchain.study.optimize import Optimizer, optimize, recommend
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
+from warpchain.study.run import join_studies, run_study
 from warpchain.study.spec import Study, dumps_study, load_study, loads_study
 
 MU = {"name": "mu", "path": "x.mu", "kind": "noise", "range": [0.05, 0.25]}
@@ -365,3 +366,26 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     path.write_text(wrong)
     status, _, err = run(capsys, "optimize", path, "-o", out)
     assert status == 2 and len(err) == 1 and 'objectives.0.metric = "q90(tension_mix)": no such metric' in err[0]
+
+
+def test_studies_over_noise_are_run_grown_joined_and_viewed(tmp_path):
+    path = write_study(tmp_path)
+    text = GOALS + TINY.format(shard=64)
+    path.write_text(text)
+    run_study(path, tmp_path / "a")
+    first = read_results(tmp_path / "a/results.parquet")
+    assert first.table.num_rows == 4 * 8 and first.noise == ("stiff",)
+    path.write_text(text.replace("count = 4", "count = 8"))
+    run_study(path, tmp_path / "a", grow=True)
+    grown = read_results(tmp_path / "a/results.parquet")
+    assert grown.table.num_rows == 8 * 8
+    assert grown.table["tension_max"].to_pylist()[:32] == first.table["tension_max"].to_pylist()
+    path.write_text(text.replace("count = 4", "count = 4\nseed = 1"))
+    run_study(path, tmp_path / "b")
+    join_studies([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    joined = read_results(tmp_path / "c/results.parquet")
+    assert joined.table.num_rows == 12 * 8 and joined.noise == ("stiff",)
+    over, _ = designs_of(joined, goals_of(load_study(tmp_path / "c/study.toml")))
+    assert over.table.num_rows == 12
+    assert main(["study", "view", str(tmp_path / "c"), "--save", str(tmp_path / "c.rrd")]) == 0
+    assert main(["study", "report", str(tmp_path / "c"), "-o", str(tmp_path / "c.html")]) == 0

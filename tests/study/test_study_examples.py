@@ -13,6 +13,7 @@ from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
 NAMES = (
+    "car-over-noise",
     "car-tensioner",
     "engine-tensioner",
     "guide-indentation",

@@ -567,6 +567,7 @@ def _print_found(found: Any) -> None:
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]
-            print(f"  play it: warpchain view {archive} --variant {number}")
+            way = "play it, with noise as the drive has it" if one.spreads else "play it"
+            print(f"  {way}: warpchain view {archive} --variant {number}")
     print("\n± is one standard deviation of the metric itself, by a surrogate of all variants")
     print(f"report: warpchain study report {found.folder} -o report.html")

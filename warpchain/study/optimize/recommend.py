@@ -191,7 +191,7 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
         spreads = tuple(spread(results, row, metric) for metric in metrics)
     if isinstance(results, Designs) and results.bounds:
         wanted = f"no design surely keeps them in {100.0 * goals.keep:g} % of the noise"
-        lines.append(results.kept_words(row) + ("" if chance >= SURE else f". {wanted}"))
+        lines.append(results.kept_words(row) + ("" if chance >= SURE else f"; {wanted}"))
         kept, count = results.kept(row)
         chance = kept / count
     elif goals.bounds:
