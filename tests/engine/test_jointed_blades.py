@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from drives import SPRUNG, errors_of
 
-from warpchain import Record, assemble, modes, read_archive, simulate
+from warpchain import Record, assemble, load_drive, modes, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.assembly.statics import at_rest
 from warpchain.assembly.summary import derive
 from warpchain.drive import Drive
+from warpchain.drive.examples import drive_path
+from warpchain.drive.rings import rings_of
 from warpchain.engine.gpu import refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
@@ -160,3 +162,16 @@ def test_a_tensioner_does_not_push_an_arm_on_an_arm():
     push = {"name": "push", "on": "lower", "at": [-0.055, 0.1], "direction": [1.0, 0.0], "kind": "spring"}
     found["tensioners"] = [push | {"spring": {"stiffness": 100.0}}]
     assert errors_of(found) == ('tensioners.push.on = "lower": must not hang on another arm, as it does on "upper"',)
+
+
+def test_a_row_of_arms_is_of_one_chain():
+    drive = load_drive(drive_path("v6"))
+    more = LOWER | {"name": "more", "arm": "left arm", "pivot": [-0.09, 0.2], "center": [-0.1, 0.22]}
+    wider = drive.with_values({"arms": [*(arm.model_dump(exclude_none=True) for arm in drive.arms), more]})
+    rings = {ring.name: [arm.name for arm in ring.drive.arms] for ring in rings_of(wider)}
+    assert rings["left"] == ["left arm", "more"] and "more" not in rings["primary"]
+    guide = next(guide for guide in drive.guides if guide.arm == "right arm")
+    found = wider.model_dump(exclude_none=True)
+    found["guides"] = [*found["guides"], guide.model_dump(exclude_none=True) | {"name": "astray", "arm": "more"}]
+    text = 'must be "left", as of the other guides and sprockets on the arm "left arm"'
+    assert errors_of(found) == (f'guides.astray.chain = "right": {text}',)

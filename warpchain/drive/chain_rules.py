@@ -41,12 +41,13 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _arms(drive: Any) -> Iterator[Problem]:
-    """All guides and sprockets on an arm are of one chain."""
+    """All guides and sprockets on an arm, and on the arms that hang on it, are of one chain."""
     seen: dict[Any, Any] = {}
+    on = {get(arm, "name"): get(arm, "arm") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
     places = [("guides", g, guide, get(guide, "arm")) for g, guide in enumerate(elements(drive, "guides"))]
     places += [("sprockets", s, of, get(get(of, "mount"), "arm")) for s, of in enumerate(elements(drive, "sprockets"))]
-    for kind, i, part, arm in places:
-        chain = get(part, "chain")
+    for kind, i, part, of in places:
+        chain, arm = get(part, "chain"), on.get(of) or of if isinstance(of, str) else None
         if isinstance(arm, str) and isinstance(chain, str) and seen.setdefault(arm, chain) != chain:
             text = f'must be "{seen[arm]}", as of the other guides and sprockets on the arm "{arm}"'
             yield Problem((kind, i, "chain"), chain, text)

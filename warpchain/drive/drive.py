@@ -359,12 +359,14 @@ class Drive(Part):
         """Indices of the arms that arm a carries."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
+    @among("arms", DriveError)
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
         """Masses [kg] and places, as drawn, of arm a, of sprockets on it and, at their pivots, of arms on it."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
 
+    @among("sprockets", DriveError)
     def pivot_table(self, s: int) -> PlaceTable | None:
         """Table that leads the pivot of the arm that carries sprocket s; None where nothing does."""
         arm = self.carrier(s)

@@ -273,9 +273,11 @@ def _places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
 
 
 def arm_chain(drive: Any, arm: Arm) -> str | None:
-    """Name of the chain that an arm is of."""
-    guides = [guide.chain for guide in drive.guides if guide.arm == arm.name]
-    carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm == arm.name]
+    """Name of the chain that an arm is of, with those that it carries or that carry it."""
+    first = arm.arm or arm.name
+    row = {first} | {other.name for other in drive.arms if other.arm == first}
+    guides = [guide.chain for guide in drive.guides if guide.arm in row]
+    carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm in row]
     return next(iter(guides + carried), drive.chains[0].name)
 
 
