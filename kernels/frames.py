@@ -56,14 +56,19 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
             frames[mine + wp.static(place("joint_friction_power")) * n] = seen.friction_power
 
     @wp.func
-    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any):
-        """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
+    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any, force: Any):
+        """Sprocket s at the frame's instant, the contacts' moment [N m] and force [N] on it, in a frame of n rollers at
+        `at`.
+        """
         mine = at + width(n, s, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
         frames[mine + wp.static(place("sprocket_center"))] = Real(body.center[0])
         frames[mine + wp.static(place("sprocket_center") + 1)] = Real(body.center[1])
+        if wp.static(frame.holds("hub_force")):
+            frames[mine + wp.static(place("hub_force"))] = Real(force[0])
+            frames[mine + wp.static(place("hub_force") + 1)] = Real(force[1])
 
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):

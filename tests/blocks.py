@@ -116,7 +116,9 @@ def kind_of(packed, shape, measuring=True):
     """The kind of the block kernel, with metrics or without, for an ensemble of like drives that has these blocks."""
     columns = {name: values.max() for name, values in kind_columns(packed).items()}
     columns["linear_hysteretic"] = packed.linear_hysteretic.all()
-    return replace(engine_kind(packed.real, columns, 1), shape=shape, measuring=measuring)
+    kind = engine_kind(packed.real, columns, 1)
+    moving = kind.moving or packed.frame.holds("hub_force")
+    return replace(kind, shape=shape, measuring=measuring, moving=moving)
 
 
 def rk4():

@@ -311,7 +311,7 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
         for s in range(drive.sprockets):
             b = drive.first_body + s
             body = body_now(ensemble, state, b, now.time, now.lag)
-            write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
+            write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment, state.wrenches[b].force)
         if wp.static(not plain):
             for a in range(drive.arms):
                 b = drive.first_body + drive.bodies - drive.arms + a

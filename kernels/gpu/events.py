@@ -64,7 +64,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     measuring, staged = kind.measuring, kind.staged
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Out = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Out
-    of_each = wp.types.vector(rollers_per_thread, Real)
+    of_each, vec2 = wp.types.vector(rollers_per_thread, Real), kinds.vec2
     row, observe = roller_rows(kind), block_observing(kind)
     statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
     write = frame_writers(Real, frame)
@@ -208,13 +208,16 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now: Now,
         body: kinds.Instant,
         moment: Real,
+        force: vec2,
     ):
-        """Writes the thread's body and its tensioners to the frame, where due; `moment` [N m] is the chain's."""
+        """Writes the thread's body and its tensioners to the frame, where due; moment [N m] and force [N] are the
+        chain's.
+        """
         if now.flags & FRAME != 0:
             drive = ensemble.drives[mine.row]
             at = frame_at(drive, state, mine, now)
             if mine.sprocket >= 0:
-                write.write_sprocket(frames, at, drive.rollers, mine.number, body, moment)
+                write.write_sprocket(frames, at, drive.rollers, mine.number, body, moment, force)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     write.write_arm(frames, at, drive, mine.number - (drive.bodies - drive.arms), body, moment)

@@ -152,7 +152,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 tensioners.observe_pushes(ensemble, state, out, mine, now, before, seen)
         if wp.static(kind.parts.hubs > 0):
             shared.turning[mine.body] = seen.speed
-        sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0])
+        sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0], vec2(acting[1], acting[2]))
         if wp.static(kind.parts.tensioners > 0):
             tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from common.cases import Line, case
@@ -41,7 +42,8 @@ def triangle(height: float, seat: float) -> Drive:
         {"name": "driven", "center": (1.0, height), "inertia": 0.5, "load": load, **common},
     ]
     run = {"duration": 2.0, "step": "auto", "sample_rate": 2000.0}
-    return fit_links(Drive(chain=start, sprockets=sprockets, contact={"sprocket": contact}, run=run))
+    values: Any = {"chain": start, "sprockets": sprockets, "contact": {"sprocket": contact}, "run": run}
+    return fit_links(Drive(**values))
 
 
 @case()

@@ -18,7 +18,7 @@ from common.cases import ROOT, SCRIPTS, Line, case, option
 from pages import reference
 
 GROUPS = {
-    "How to": ("check", "fit", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
+    "How to": ("check", "fit", "jump", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
     "The model": ("model", "teeth", "moving-sprockets", "shafts", "wear"),
     "Reference": ("drive-file", "catalogue", "examples", "metrics", "archive", "formats"),
     "The project": ("performance", "reliability", "contributing", "changelog"),

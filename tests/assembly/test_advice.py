@@ -3,10 +3,12 @@
 import math
 
 import pytest
+from command import run as command
 from drives import SPRUNG, two_sprockets, with_bar
 
 from warpchain import load_drive, loads_drive
 from warpchain.assembly.layout_checks import advice
+from warpchain.assembly.strength import peaks, strength, strength_advice
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path
 
@@ -117,3 +119,49 @@ def test_a_step_beyond_the_largest_that_keeps_a_percent():
     (line,) = [line for line in derive(engine.with_values({"run.step": 5e-6}))["advice"] if "run.step" in line]
     assert line.startswith("run.step: 5e-06 s is 1.46 of the largest step that keeps 1 %, 3.42")
     assert not [line for line in derive(engine.with_values({"run.step": 3.43e-6}))["advice"] if "run.step" in line]
+
+
+def test_strength_of_a_chain_at_work_and_at_its_loads_peaks():
+    """12B on 20 teeth, R = p / (2 sin 9 degrees): harmonics of 30 and 10 N m and a triangle of a table, 20 N m over its
+    mean of 20, add (40 + 20) / R at their peaks. Bearing area 5.72 times 17.28 mm (1.48 times 11.68)."""
+    chain = {"size": "12B", "links": 60, "stiffness": "estimate", "damping_ratio": 0.02}
+    table = {"angle": (0.0, math.pi, 2.0 * math.pi), "torque": (0.0, 40.0, 0.0)}
+    beat = ({"order": 2.0, "amplitude": 30.0}, {"order": 4.0, "amplitude": -10.0})
+    drive = two_sprockets().with_values(
+        {
+            "chain": chain,
+            "sprockets.driven.center": (20 * 0.01905, 0.0),
+            "sprockets.driven.load": {"torque": 50.0, "harmonics": beat, "table": table},
+        }
+    )
+    radius = drive.pitch_radius(1)
+    assert peaks(drive) == pytest.approx(60.0 / radius, rel=1e-12)
+    found = strength(drive, [100.0, 2000.0])
+    peak = 2000.0 + 60.0 / radius
+    assert found["static_safety"] == pytest.approx(28.9e3 / 2000.0)
+    assert found["dynamic_safety"] == pytest.approx(28.9e3 / peak)
+    assert found["yield_safety"] == pytest.approx(0.7 * 28.9e3 / peak)
+    assert found["pressure"] == pytest.approx(2000.0 / (5.72e-3 * 1.48 * 11.68e-3))
+    assert found["peak_pressure"] == pytest.approx(found["pressure"] * peak / 2000.0)
+    assert strength(two_sprockets(), [100.0]) is None and strength(drive, []) is None
+
+
+def test_advice_names_the_first_strength_that_is_too_small():
+    """Of 17.8 kN: a harmonic of 2.5 kN makes 4 kN of 1.5, a dynamic safety of 4.45; 13.5 kN of 11, beyond 0.7 of it."""
+    drive = load_drive(drive_path("motorcycle"))
+    radius = drive.pitch_radius(1)
+    beating = drive.with_values({"sprockets.wheel.load.harmonics": ({"order": 1.0, "amplitude": 2500.0 * radius},)})
+    assert strength_advice(drive, [1500.0]) == []
+    (line,) = strength_advice(beating, [1500.0])
+    assert line.startswith("chain: 4 kN at work with the loads at their peaks is a safety of 4.5 against the breaking")
+    (line,) = strength_advice(beating, [11.0e3])
+    assert "a safety of 0.92 against the 12.46 kN at which links yield, where 1 is the least" in line
+
+
+def test_check_prints_strength_with_its_sources(capsys):
+    status, out, _ = command(capsys, "check", "car")
+    found = derive(load_drive(drive_path("car")))["strength"]
+    text = "\n".join(out)
+    assert status == 0 and f"static {found['static_safety']:.3g} (at least 7)" in text
+    assert "from about 6.23 kN on, 70 % of the breaking load (Tsubaki)" in text
+    assert f"{1e-6 * found['pressure']:.4g} N/mm^2 at work on 27.77 mm^2, d2 b2 of ISO 606" in text

@@ -1,11 +1,15 @@
 """The chain's force on the hubs, as the kernels add it up, against the tensions of the strands and against frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drives import two_sprockets
 
 from warpchain import Record, simulate
+from warpchain.results.channels import DEFAULT
 from warpchain.results.engineering_report import HandedIn
+from warpchain.results.shaft_signals import hub_forces
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +40,26 @@ def test_frames_tell_the_same_without_tooth_friction(run):
         # 3,000 frames of a window of 60,000 steps
         assert mean[s, 0] == pytest.approx(row[f"{name}.hub_force_x_mean"], rel=0.01)
         assert np.hypot(*found.hubs[:, s].T).max() <= row[f"{name}.hub_force_max"] * (1 + 1e-9)
+
+
+def test_recorded_every_step_the_channel_is_what_the_kernel_adds_up():
+    """Trapezoids of all steps of a window are its mean; with friction, which frames of normal forces do not have."""
+    drive = two_sprockets(speed=20.0, duration=0.002).with_values(
+        {"contact.sprocket.friction": 0.2, "chain.elongation": -1e-3}
+    )
+    record = Record(rate=1e9, channels=(*DEFAULT, "hub_force"))
+    run = simulate(drive, device="cpu", window=(0.001, 0.002), record=record)
+    row, trajectory = run.metrics.to_pylist()[0], run[0]
+    within = trajectory.time > 0.001 - 1e-9
+    for s, name in enumerate(("driver", "driven")):
+        force, time = trajectory.hub_force[within, s], trajectory.time[within]
+        mean = np.trapezoid(force, time, axis=0) / (time[-1] - time[0])
+        # window and frames are both of every step: round-off
+        np.testing.assert_allclose(mean[0], row[f"{name}.hub_force_x_mean"], rtol=1e-9)
+        np.testing.assert_allclose(mean[1], row[f"{name}.hub_force_y_mean"], rtol=1e-9)
+        assert np.hypot(*force.T).max() == pytest.approx(row[f"{name}.hub_force_max"], rel=1e-12)
+    bare = replace(trajectory, hub_force=None)
+    assert np.abs(hub_forces(bare) - trajectory.hub_force).max() > 0.02 * np.abs(trajectory.hub_force).max()
 
 
 def test_share_of_links_without_tension(run):

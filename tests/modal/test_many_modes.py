@@ -65,9 +65,9 @@ def test_the_search_for_rest_ends_at_rounding(name, monkeypatch):
     drive, steps = load_drive(drive_path(name)), []
     solve = statics._Solver._solve
     monkeypatch.setattr(statics._Solver, "_solve", lambda *given: steps.append(1) or solve(*given))
-    potential, x = statics.equilibrium(drive, 0.0, assemble(drive))
-    solver = statics._Solver(potential, assemble(drive), statics.load_moments(drive, 0.0))
+    potentials, found = statics.equilibrium([drive], [0.0], [assemble(drive)])
+    solver = statics._Solver(potentials, [assemble(drive)])
     all_steps = len(steps)
-    assert solver.settle(x, statics._FINEST)[1] < 1e-10
+    assert solver.settle(found[0], statics._FINEST)[1] < 1e-10
     assert len(steps) - all_steps < 16
     assert all_steps < 120

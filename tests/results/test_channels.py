@@ -76,11 +76,11 @@ def test_a_trajectory_holds_every_channel():
 
 
 def test_what_is_on_request_takes_no_room_unless_asked_for():
-    assert tuple(name for name in NAMES if name not in DEFAULT) == ("joint_friction_power",)
+    assert tuple(name for name in NAMES if name not in DEFAULT) == ("joint_friction_power", "hub_force")
     assert frame_of(DEFAULT) == FRAME
     assert Record().channels == DEFAULT
     drive = two_sprockets()
-    assert frame_width(drive, frame_of(NAMES)) - frame_width(drive) == drive.chain.links
+    assert frame_width(drive, frame_of(NAMES)) - frame_width(drive) == drive.chain.links + 2 * 2
 
 
 def test_channels_of_rollers_share_no_field():

@@ -10,7 +10,7 @@ from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.results.batch_means import share_below
 from warpchain.results.engineering_report import HandedIn
-from warpchain.results.joint_wear import bearing_area, elongation_rate, joint_wear
+from warpchain.results.joint_wear import elongation_rate, joint_wear
 from warpchain.results.losses import friction_power, joint_rates
 from warpchain.results.shaft_signals import hub_forces
 from warpchain.results.signals import seen_at
@@ -156,8 +156,8 @@ def test_joints_of_a_rhombus_that_folds():
 def test_bearing_area_of_a_size():
     # 08B: ISO 606 has d2 = 4.45 mm and b2 = 11.30 mm, 50 mm^2; within the 3 % of b2 / b1
     drive = two_sprockets().with_values({"chain.size": "08B", "chain.stiffness": 5e7})
-    assert bearing_area(drive) == pytest.approx(4.45e-3 * 11.30e-3, rel=0.03)
-    assert bearing_area(two_sprockets()) is None
+    assert drive.chain.joint_area == pytest.approx(4.45e-3 * 11.30e-3, rel=0.03)
+    assert two_sprockets().chain.joint_area is None
     assert joint_wear(Trajectory(two_sprockets(), np.zeros(2), position=np.zeros((2, 4, 2)),
                                  tension=np.zeros((2, 4)))) is None  # fmt: skip
 

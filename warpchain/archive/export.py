@@ -9,6 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.archive.housing_export import measured_data, universal
 from warpchain.errors import ArchiveError, WarpchainError
 from warpchain.files import refusals, whole_file
 from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
@@ -33,12 +34,40 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
     return export_table(read_archive(archive).metrics, output, ArchiveError)
 
 
+def export_orders(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
+    """Writes levels of the loads on the housing over orders in dB, as CSV or Parquet (`results.housing.order_levels`).
+
+    Raises:
+        ArchiveError, SimulationError: as `export`; or a driver that does not turn one way.
+    """
+    from warpchain.results.housing import order_levels
+
+    return export_table(order_levels(_recorded(archive, variant)), output, ArchiveError)
+
+
+def _recorded(archive: str | Path, variant: int | None) -> Trajectory:
+    """The trajectory of a variant, None for the first recorded.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or that holds no trajectory.
+        SimulationError: a variant that was not recorded.
+    """
+    from warpchain.archive.writer import read_archive
+
+    run = read_archive(archive)
+    recorded = list(run)
+    if not recorded:
+        raise ArchiveError(f"{archive}: holds no trajectory to export")
+    return run[recorded[0] if variant is None else variant]
+
+
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Writes one variant's trajectory in the format that the file's ending names, one of `FORMATS`.
 
     All values are in SI units, angles in radians, which each format states. In .npz, .h5 and .mat every channel is an
     array (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
-    `sprocket_speed.camshaft`, one row a frame.
+    `sprocket_speed.camshaft`, one row a frame. Universal files (.unv, .uff) and MDF4 (.mf4) hold the loads on the
+    housing instead (`warpchain.archive.housing_export`).
 
     Args:
         archive: the MCAP archive.
@@ -51,18 +80,12 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     Raises:
         ArchiveError: an archive that cannot be read, a file that cannot be written, or another ending.
         SimulationError: a variant that was not recorded.
-        WarpchainError: HDF5 without the package h5py.
+        WarpchainError: HDF5 without the package h5py, a universal file without pyuff, MDF4 without asammdf.
     """
-    from warpchain.archive.writer import read_archive
-
     path = Path(output)
     if path.suffix.lower() not in FORMATS:
         raise ArchiveError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(FORMATS)}")
-    run = read_archive(archive)
-    recorded = list(run)
-    if not recorded:
-        raise ArchiveError(f"{archive}: holds no trajectory to export")
-    trajectory = run[recorded[0] if variant is None else variant]
+    trajectory = _recorded(archive, variant)
     with refusals(path, ArchiveError), whole_file(path) as file:
         FORMATS[path.suffix.lower()](file, trajectory)
     return path
@@ -163,5 +186,8 @@ FORMATS: dict[str, Callable[[IO[bytes], Trajectory], None]] = {
     ".h5": _hdf5,
     ".hdf5": _hdf5,
     ".mat": _matlab,
+    ".unv": universal,
+    ".uff": universal,
+    ".mf4": measured_data,
 }
 """Writers of a trajectory, by the file's ending."""

@@ -21,9 +21,9 @@ Around curved and carried guides strands are drawn (`assembly.taut_string`). Of 
     bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
     shoes      the chain lies on curved and carried guides, between their rounded ends
     arms       no arm stands where it would without a chain, at the free angle of its spring
-    safety     breaking load over the largest tension at work, centrifugal part and all, is at least 7
+    safety     of the chain's strength is large enough (`warpchain.assembly.strength`)
 
-The wraps and teeth in mesh are those that makers of roller chains ask for, 7 is their static safety. A bar that pushes
+The wraps and teeth in mesh are those that makers of roller chains ask for. A bar that pushes
 its strand out by more than a pitch, or cuts through it, is a fault of `warpchain.assembly.layout_checks`.
 """
 
@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import alone, chain_path, on_stops, stop_of
 from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
+from warpchain.assembly.strength import strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import along, joined
 
@@ -260,8 +261,6 @@ LEAST_TEETH = 3.0
 """In mesh, of an idler."""
 NEAR = 0.5
 """Of a pitch: how far a strand may be from where it would ride on a guide-bar, either way."""
-LEAST_SAFETY = 7.0
-"""Breaking load over the largest tension at work."""
 
 
 def advice(
@@ -279,7 +278,13 @@ def advice(
     """
     path = chain_path(drive) if path is None else path
     shoes = _shoes(drive, path if working is None else working)
-    return (*_wraps(drive, path), *_bars(drive, path), *shoes, *idle_arms(drive, path), *_safety(drive, tensions))
+    return (
+        *_wraps(drive, path),
+        *_bars(drive, path),
+        *shoes,
+        *idle_arms(drive, path),
+        *strength_advice(drive, tensions),
+    )
 
 
 def _wraps(drive: Drive, path: ChainPath) -> list[str]:
@@ -374,18 +379,4 @@ def idle_arms(drive: Drive, path: ChainPath) -> list[str]:
         "spring (free_angle, stiffness) or a tensioner press it further into the chain"
         for a, (arm, angle) in enumerate(zip(drive.arms, path.arm_angle.tolist(), strict=True))
         if stop_of(drive, a, angle) is None and alone(drive, a, angle)
-    ]
-
-
-def _safety(drive: Drive, tensions: Sequence[float]) -> list[str]:
-    load = drive.chain.breaking_load
-    if load is None or not len(tensions) or max(tensions) <= 0.0:
-        return []
-    largest = max(tensions)
-    if load / largest >= LEAST_SAFETY:
-        return []
-    return [
-        f"chain: {1e-3 * largest:.4g} kN at work is a safety of {load / largest:.2g} against the breaking load of "
-        f"{1e-3 * load:.4g} kN, where {LEAST_SAFETY:g} is the least, before any vibration: take a larger chain.size or "
-        "less load"
     ]

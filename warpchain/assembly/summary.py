@@ -14,6 +14,7 @@ from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings
 from warpchain.assembly.path import ChainPath, path_at
 from warpchain.assembly.statics import Steady
+from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, strength
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
@@ -98,6 +99,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "roller_mass": drive.chain.mass,
         "size": drive.chain.size,
         "breaking_load": drive.chain.breaking_load,
+        "strength": strength(drive, [strand["working_tension"] for strand in strands]),
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         **_links_and_joints(drive),
@@ -267,19 +269,35 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     """Catalogue data of a chain that names its size."""
     if values["size"] is None:
         return []
-    largest = max(strand["working_tension"] for strand in values["strands"])
-    share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
-    if largest > 0.0:
-        share += f", a safety of {values['breaking_load'] / largest:.3g}"
     chain = CHAINS[values["size"]]
     standard = f" ({chain.standard})" if chain.standard else ""
-    lines = [f"size: {values['size']}{standard}, breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
+    lines = [f"size: {values['size']}{standard}, breaking load {1e-3 * values['breaking_load']:.4g} kN"]
     if chain.estimate:
         lines.append(f"  an ESTIMATE of the catalogue, {chain.estimate}")
+    lines += _strength_lines(values["strength"])
     if values["stiffness_is_estimate"]:
         lines.append(
             f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "
             f"{100.0 * ELONGATION_AT_BREAKING_LOAD:g} % elongation at the breaking load"
+        )
+    return lines
+
+
+def _strength_lines(found: dict[str, Any] | None) -> list[str]:
+    """Safeties of the chain and the pressure in its joints; none without a tension at work."""
+    if found is None:
+        return []
+    lines = [
+        f"strength: {found['working']:.4g} N at work, {found['peak']:.4g} N with the loads at their peaks; safeties: "
+        f"static {found['static_safety']:.3g} (at least {LEAST_STATIC:g}), dynamic {found['dynamic_safety']:.3g} "
+        f"(at least {LEAST_DYNAMIC:g})",
+        f"yield: links stay longer from about {1e-3 * found['yield_load']:.4g} kN on, {100.0 * YIELD:g} % of the "
+        f"breaking load (Tsubaki), {found['yield_safety']:.3g} times those peaks",
+    ]
+    if found["joint_area"] is not None:
+        lines.append(
+            f"bearing: {1e-6 * found['pressure']:.4g} N/mm^2 at work on {1e6 * found['joint_area']:.4g} mm^2, d2 b2 of "
+            f"ISO 606, {1e-6 * found['peak_pressure']:.4g} at those peaks"
         )
     return lines
 

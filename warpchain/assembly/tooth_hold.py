@@ -1,4 +1,4 @@
-r"""What a sprocket's teeth hold at rest: an estimate of the load, or of the wear, at which the chain jumps a tooth.
+r"""Tensions that the teeth of a sprocket bear at rest: an estimate of where the chain jumps a tooth.
 
 A roller in its gap, z teeth, has two links at the angles pi/z below the gap's tangent, with the tensions T and T', and
 the tooth's force N at the angle theta from the gap's middle. Without friction
@@ -80,7 +80,7 @@ def jumps(drive: Drive, s: int) -> bool:
 
 
 def _risen(drive: Drive, s: int, wraps: NDArray[np.float64]) -> Drive:
-    """The drive with a chain that is as short as if it stood on the tips of sprocket s, (b)."""
+    """The drive with a chain that is as short as if it rode on the tips of sprocket s, (b)."""
     chain, others = drive.chain, [o for o in range(len(drive.sprockets)) if o != s]
     risen, top = drive, top_radius(drive, s)
     for _ in range(ROUNDS):

@@ -356,8 +356,13 @@ def report(arguments: argparse.Namespace) -> int:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    from warpchain.archive.export import export, export_metrics
+    from warpchain.archive.export import export, export_metrics, export_orders
 
+    if arguments.metrics and arguments.orders:
+        raise WarpchainError("--orders: not with --metrics")
+    if arguments.orders:
+        print(export_orders(arguments.archive, arguments.output, arguments.variant))
+        return DONE
     if arguments.metrics:
         print(export_metrics(arguments.archive, arguments.output))
         return DONE

@@ -262,7 +262,7 @@ def _run(commands: Any) -> None:
         nargs="+",
         default=["default"],
         metavar="NAME",
-        help="what to record (docs/archive.md); default stands for all but those on request, joint_friction_power",
+        help="what to record (docs/archive.md); default: all but joint_friction_power and hub_force, on request",
     )
     parser.add_argument("--memory", type=gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
     parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
@@ -347,7 +347,8 @@ def _export(commands: Any) -> None:
     parser = _add(
         commands,
         do.export,
-        "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), or its metrics",
+        "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), its loads on the housing "
+        "(.unv, .mf4), or its metrics",
         "warpchain export marine.mcap -o marine.csv",
     )
     add_options(parser, "archive")
@@ -355,6 +356,8 @@ def _export(commands: Any) -> None:
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
     parser.add_argument("--metrics", action="store_true", help="the metrics instead, a row a variant (.csv, .parquet)")
+    orders = "levels of the loads on the housing instead, in dB over the driver's orders (.csv, .parquet)"
+    parser.add_argument("--orders", action="store_true", help=orders)
     add_options(parser, "--variant")
 
 

@@ -22,6 +22,9 @@ from dataclasses import dataclass, replace
 ELONGATION_AT_BREAKING_LOAD = 0.01
 """Elongation of a link at the breaking load, were it elastic up to there [-]: what the stiffness estimate assumes."""
 
+INNER_WIDTHS = 1.48
+"""Width over the inner link b_2 over that between its plates b_1, of ISO 606 within 3 %: what a bush is long."""
+
 
 STEEL = 7850.0
 """Density [kg/m^3]."""

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from warpchain.drive.batch_math import along, many, some, sqrt, where
-from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.catalogue import CHAINS, INNER_WIDTHS
 from warpchain.drive.schema import (
     BARE,
     WRONG,
@@ -279,6 +279,13 @@ class Chain(Part):
         if self.joint is not None and self.joint.pin_radius is not None:
             return self.joint.pin_radius
         return None if self.size is None else CHAINS[self.size].pin_radius
+
+    @property
+    def joint_area(self) -> float | None:
+        """Bearing area of a joint d2 b2, pin diameter times width over the inner link [m^2]; None without a size."""
+        if self.size is None or self.pin_radius is None:
+            return None
+        return 2.0 * self.pin_radius * INNER_WIDTHS * CHAINS[self.size].inner_width * CHAINS[self.size].strands
 
     @property
     def breaking_load(self) -> float | None:

@@ -1,4 +1,4 @@
-"""CSV files that a drive file names: their numbers are taken in when it is read, so that a drive stays whole.
+"""CSV and DXF files that a drive file names: their numbers are taken in when it is read, so that a drive stays whole.
 
 `load_drive` reads the files that stand beside the drive file; what is written (saved drives, archives) has the numbers.
 """
@@ -18,7 +18,7 @@ UNITS = {"x,y": 1.0, "x_mm,y_mm": 1e-3}
 
 
 def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the CSV files that its tables and guides name read in.
+    """A drive file's values with the files that its tables, guides and sprockets name read in.
 
     Args:
         folder: where relative file names begin.
@@ -27,7 +27,7 @@ def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, A
     Raises:
         DriveError: one line for each file that cannot be read or is not what it should be, with the file and the row.
     """
-    problems = [*_tables(values, folder), *_profiles(values, folder)]
+    problems = [*_tables(values, folder), *_profiles(values, folder), *_teeth(values, folder)]
     if problems:
         raise drive_error(problems, source)
     return values
@@ -56,16 +56,52 @@ def _tables(values: dict[str, Any], folder: Path) -> list[str]:
     return problems
 
 
+def dxf_name(file: str) -> tuple[str, str | None] | None:
+    """File and layer of a word FILE.dxf or FILE.dxf#LAYER; None of other words."""
+    path, mark, layer = file.partition("#")
+    return (path, layer if mark else None) if path.lower().endswith(".dxf") else None
+
+
 def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
     for i, guide in enumerate(elements(values, "guides")):
         file = get(guide, "profile")
         if isinstance(file, str):
+            drawing = dxf_name(file)
             try:
-                guide["profile"] = read_points(_inside(folder, file))
+                if drawing is None:
+                    guide["profile"] = read_points(_inside(folder, file))
+                else:
+                    from warpchain.drive.dxf_files import read_face
+
+                    guide["profile"] = read_face(_inside(folder, drawing[0]), drawing[1])
             except DriveError as error:
                 where = f"guides.{_word(guide, i)}.profile = {value_text(file)}"
                 problems += [f"{where}: {line}" for line in error.errors]
+    return problems
+
+
+def _teeth(values: dict[str, Any], folder: Path) -> list[str]:
+    """Takes in the teeth of sprockets that name a drawing, and their pitch where the file gives none."""
+    problems: list[str] = []
+    for i, sprocket in enumerate(elements(values, "sprockets")):
+        file, teeth = get(sprocket, "tooth"), get(sprocket, "teeth")
+        if not isinstance(file, str) or not isinstance(teeth, int):
+            continue
+        where, drawing = f"sprockets.{_word(sprocket, i)}.tooth = {value_text(file)}", dxf_name(file)
+        if drawing is None:
+            problems.append(f"{where}: must be a file FILE.dxf, or FILE.dxf#LAYER, or a table")
+            continue
+        from warpchain.drive.dxf_files import read_teeth
+
+        try:
+            found = read_teeth(_inside(folder, drawing[0]), drawing[1], teeth)
+        except DriveError as error:
+            problems += [f"{where}: {line}" for line in error.errors]
+            continue
+        pitch = found.pop("pitch")
+        sprocket["tooth"] = {key: value for key, value in found.items() if value is not None}
+        sprocket.setdefault("pitch", pitch)
     return problems
 
 

@@ -45,6 +45,7 @@ from warpchain.drive.drive_rules import (
     size_rules,
     sprocket_rules,
     tensioner_rules,
+    tooth_rules,
 )
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
@@ -83,6 +84,7 @@ RULES = (
     rolling_rules,
     size_rules,
     profile_rules,
+    tooth_rules,
     face_rules,
     arm_rules,
     pivot_rules,
@@ -100,6 +102,7 @@ NUMBER_RULES = {
     size_rules: {*PITCHES, "chain.roller_radius", "chains.roller_radius", "contact", "guides.contact"},
     pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
+    tooth_rules: {*PITCHES, "sprockets", "chain.roller_radius", "chains.roller_radius"},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
@@ -264,7 +267,11 @@ class Drive(Part):
 
     @among("sprockets", DriveError)
     def tooth(self, s: int) -> Tooth:
-        """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""
+        """The tooth gap of sprocket s: its own, or the contact's, or that of ISO 606 for its teeth."""
+        own = self.sprockets[s].tooth
+        if own is not None:
+            flank = math.inf if own.flank_radius is None else own.flank_radius
+            return Tooth(own.seat_radius, radians(own.seat_angle), flank, own.tip_radius)
         contact, radius, teeth = self.contact.sprocket, self.chain.roller_radius, self.sprockets[s].teeth
         if contact.profile == "iso606":
             assert contact.gap is not None  # the contact's own rule
@@ -301,9 +308,8 @@ class Drive(Part):
 
     def catching(self) -> tuple[int, ...]:
         """Sprockets with straight flanks too steep to let a strand's rollers go (see `warpchain.drive.tooth_shape`)."""
-        if self.contact.sprocket.profile != "circular":
-            return ()
-        angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
+        straight = [s for s in range(len(self.sprockets)) if math.isinf(self.tooth(s).flank_radius)]
+        angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in straight)
         return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
 
     @among("guides", DriveError)

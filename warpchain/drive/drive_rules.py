@@ -218,6 +218,24 @@ def profile_rules(drive: Any) -> Iterator[Problem]:
         yield from (problem.under("guides", g) for problem in _tight(guide, pitch))
 
 
+def tooth_rules(drive: Any) -> Iterator[Problem]:
+    """Rollers go into the gaps of sprockets that have their own, and teeth reach beyond the pitch circle."""
+    for s, sprocket in enumerate(elements(drive, "sprockets")):
+        chain, tooth, teeth = chain_of(drive, sprocket), get(sprocket, "tooth"), get(sprocket, "teeth")
+        seat, tip = get(tooth, "seat_radius"), get(tooth, "tip_radius")
+        if chain is None or not numbers(seat, tip, teeth) or teeth < 2:
+            continue
+        if seat < chain.roller_radius:
+            text = f"must be at least the radius of the rollers, {chain.roller_radius:g}"
+            yield Problem(("sprockets", s, "tooth", "seat_radius"), seat, text)
+        own = get(sprocket, "pitch")
+        radius = (chain.pitch if not numbers(own) else own) / (2.0 * math.sin(math.pi / teeth))
+        if tip <= radius:
+            yield Problem(
+                ("sprockets", s, "tooth", "tip_radius"), tip, f"must be beyond the pitch circle, {radius:.6g}"
+            )
+
+
 def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
     text = f"must be at least a pitch, {pitch:g}; links cannot follow a tighter face"
     radius = get(guide, "radius")

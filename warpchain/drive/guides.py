@@ -60,6 +60,13 @@ Measured = Annotated[
     Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files"),
 ]
 
+Bolts = Annotated[
+    tuple[Annotated[tuple[_Real, _Real], Field(strict=True)], ...],
+    Field(strict=True),
+    BeforeValidator(_plain_points),
+    Value("must be a list of points [x, y] of finite numbers"),
+]
+
 SMALLEST, LARGEST = 1e-9, 1e9
 """Radii beyond are mistakes [m]."""
 
@@ -133,6 +140,7 @@ class Guide(Part):
         side: side of the way from start to end on which the chain rides; None is the left.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
         chain: name of the chain that it guides, where there are several.
+        bolts: places at which a guide on the ground is screwed to the housing [m]; they share its force in exports.
         arm: arm that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
         contact: contact settings that differ from `[contact.guide]`.
     """
@@ -148,6 +156,7 @@ class Guide(Part):
     side: Side | None = None
     offset: Positive | None = None
     chain: Name | None = None
+    bolts: Bolts = ()
     arm: Name | None = None
     contact: GuideOverrides | None = None
 
@@ -191,6 +200,11 @@ class Guide(Part):
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
         if radius is None and len(elements(node, "points")) > 2:
             yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
+        bolts = elements(node, "bolts")
+        if len(bolts) and get(node, "arm") is not None:
+            yield Problem(("bolts",), None, "only on the ground: what an arm carries, its pivot bears", BARE)
+        for i, point in enumerate(bolts):
+            yield from too_far(("bolts", i), point)
         yield from _face_rules(node)
 
     @classmethod

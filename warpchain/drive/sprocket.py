@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from warpchain.drive.contact_settings import SeatAngle
 from warpchain.drive.motion_table import PlaceTable, SpeedTable, TorqueTable
 from warpchain.drive.schema import (
     BARE,
@@ -226,6 +227,25 @@ class Bearing(Part):
     radius: Positive
 
 
+class ToothGap(Part):
+    """The gap between two teeth of a sprocket, where it has one of its own: a seat arc, flanks that leave it, tips.
+
+    Attributes:
+        seat_radius: radius of the arc that rollers lie in [m], at least theirs.
+        seat_angle: extent of that arc [degrees], above 0 and below 180.
+        flank_radius: radius of the convex flanks [m]; None is straight ones.
+        tip_radius: radius at which the teeth end, from the sprocket's center [m].
+    """
+
+    seat_radius: Positive
+    seat_angle: SeatAngle
+    flank_radius: Positive | None = None
+    tip_radius: Positive
+
+
+Gap = Annotated[ToothGap | None, Allowed("must be a table; load_drive alone reads it of a DXF file")]
+
+
 class Sprocket(Part):
     """A sprocket, at its place in the order in which the chain visits them.
 
@@ -236,6 +256,8 @@ class Sprocket(Part):
         center: where it stands [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
+        tooth: the gap between its teeth; a drive file may name a DXF file of its outline instead. None is that of
+            `contact.sprocket`.
         mass: its mass without the balance wheel [kg]; needed when the mount is elastic, a slider or an arm.
         inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: its motion, if that is given.
@@ -254,6 +276,7 @@ class Sprocket(Part):
     wrap: Wrap
     chain: Name | None = None
     pitch: Positive | None = None
+    tooth: Gap = None
     mass: Positive | None = None
     inertia: Positive | None = None
     prescribed: Prescribed | None = None

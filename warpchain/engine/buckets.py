@@ -269,6 +269,8 @@ class GpuKernels:
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             each = -(-len(order) // self._processors)
             kind = kind_of(packed.real, dict(zip(columns, key, strict=True)), each, self._most_shared)
+            if packed.frame.holds("hub_force"):  # which kernels of moving bodies sum up at every step
+                kind = replace(kind, moving=True)
             buckets.append(Bucket(kind, order, array, self._most_shared))
         return buckets
 

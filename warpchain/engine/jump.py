@@ -88,7 +88,6 @@ def find_jumps(
     most: PositiveNumber | None = None,
     tolerance: Tolerance = 0.02,
     values: Values = 8,
-    report: Callable[[str], None] = lambda line: None,
     **options: Any,
 ) -> list[Jump]:
     """Finds where the chain jumps a tooth, or leaves the teeth, over all of a run from its start on.
@@ -104,8 +103,8 @@ def find_jumps(
         most: largest value; None is the torque of the chain's breaking load at the pitch circle, or a wear of 0.1.
         tolerance: of what was found, relative; of wear, of the range.
         values: runs of a round and direction.
-        report: called with a line after each round.
-        options: duration, device, precision, memory, workers and progress, as `warpchain.simulate` takes them.
+        options: duration, device, precision, memory, workers and progress, as `warpchain.simulate` takes them; and
+            report, a function that is called with a line after each round.
 
     Returns:
         One for each direction.
@@ -114,6 +113,7 @@ def find_jumps(
         DriveError: no such load or chain, or a drive that cannot run in reverse.
         SimulationError: an argument that is not allowed.
     """
+    report: Callable[[str], None] = options.pop("report", lambda line: None)
     on, own, limit = _torque(drive, on) if by == "torque" else _wear(drive, on)
     most = limit if most is None else most
     first = [most / 2.0**k for k in reversed(range(values))] if by == "torque" else _even(own, most, values)
@@ -125,7 +125,7 @@ def find_jumps(
     while todo := [search for search in searches if not search.over]:
         _round(todo, lambda of, value: _changed(of, by, on, value), options)
         for search in todo:
-            report(_told(search, by))
+            report(_state_line(search, by))
             if search.high is None or search.high - search.low <= tolerance * max(scale, search.high):
                 search.over = True
             search.values = _even(search.low, search.high or most, values + 1)[:-1]
@@ -243,7 +243,7 @@ def jumped_on(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
     return (True, loosest) if engaged < Limits().engaged else (False, None)
 
 
-def _told(search: _Search, by: str) -> str:
+def _state_line(search: _Search, by: str) -> str:
     """A line on how far a search has come."""
     unit, low = (" N m", search.low) if by == "torque" else (" %", 100.0 * search.low)
     if search.high is None:

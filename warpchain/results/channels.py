@@ -106,6 +106,7 @@ CHANNELS = (
     Channel("shaft_speed", "rad/s", "shaft", "angular velocity, counter-clockwise"),
     Channel("coupling_twist", "rad", "coupling", "angle of its first shaft less its ratio times that of its second"),
     Channel("coupling_torque", "N m", "coupling", "moment that it takes from its first shaft, counter-clockwise"),
+    Channel("hub_force", "N", "sprocket", "force of the chain, friction and all", ("x", "y"), on_request=True),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 

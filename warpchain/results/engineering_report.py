@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpchain.arguments import PositiveNumber, checked
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_contacts, guide_loads
-from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, bearing_area, elongation_rate, joint_wear
+from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, elongation_rate, joint_wear
 from warpchain.results.losses import friction_power
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.shaft_signals import Phase, hub_forces, phase_of
@@ -124,7 +124,7 @@ class HandedIn:
     def area(self) -> float | None:
         """Bearing area of a joint [m^2]; None where it is neither given nor known."""
         own = self.wear_law.bearing_area
-        return bearing_area(self.drive) if own is None else own
+        return self.drive.chain.joint_area if own is None else own
 
     @property
     def elongation(self) -> float | None:

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.catalogue import CHAINS
 from warpchain.results.losses import joint_loads
 from warpchain.results.run import Trajectory, need
 
@@ -26,8 +25,6 @@ Array = NDArray[np.float64]
 
 WEAR_COEFFICIENT = 2e-16
 """k of pin and bush, oiled [m^2/N]: makes a chain at the rated power of ISO 10823 3 % longer in 15,000 hours."""
-INNER_WIDTHS = 1.48
-"""Width over the inner link b_2 over that between its plates b_1, of ISO 606 within 3 %: what a bush is long."""
 
 
 class JointWear(NamedTuple):
@@ -71,14 +68,6 @@ def joint_wear(trajectory: Trajectory, pin_radius: float | None = None) -> Joint
     loaded = radius * (0.5 * (load[1:] + load[:-1]) * turned).sum(axis=0)
     rub = 0.0 if chain.joint is None else chain.joint.friction * chain.joint.factor
     return JointWear(float(trajectory.time[-1] - trajectory.time[0]), distance, loaded, rub * loaded)
-
-
-def bearing_area(drive: Drive) -> float | None:
-    """Bearing area of a joint, pin diameter times width over the inner link [m^2]; None without a size and a pin."""
-    size, radius = drive.chain.size, drive.chain.pin_radius
-    if size is None or radius is None:
-        return None
-    return 2.0 * radius * INNER_WIDTHS * CHAINS[size].inner_width * CHAINS[size].strands
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:

@@ -108,6 +108,7 @@ class Trajectory:
         shaft_speed: (F, H) angular velocities of the shafts, counter-clockwise [rad/s].
         coupling_twist: (F, C) twists of the couplings since the start [rad]; None without couplings.
         coupling_torque: (F, C) moments that they pass on to their second shafts [N m].
+        hub_force: (F, S, 2) forces of the chain on the sprockets, friction and all [N]. On request.
     """
 
     drive: Drive
@@ -132,6 +133,7 @@ class Trajectory:
     shaft_speed: NDArray[np.floating] | None = None
     coupling_twist: NDArray[np.floating] | None = None
     coupling_torque: NDArray[np.floating] | None = None
+    hub_force: NDArray[np.floating] | None = None
 
     def __repr__(self) -> str:
         """One line: frames, time, channels."""

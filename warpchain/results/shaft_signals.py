@@ -1,7 +1,7 @@
 """Force of the chain on every shaft, and phase error of driven shafts, from recorded frames.
 
-The frames hold the normal forces of the contacts; tooth friction, a few hundredths of them, is in the metrics
-`SPROCKET.hub_force_*` only, which the kernels add up at watched steps.
+The frames hold the normal forces of the contacts; with tooth friction, a few hundredths of them, the force is in the
+channel `hub_force`, on request, and in the metrics `SPROCKET.hub_force_*`.
 
     e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
 
@@ -25,11 +25,13 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force of the chain on each sprocket (F, S, 2) [N], without tooth friction.
+    """Force of the chain on each sprocket (F, S, 2) [N]: as recorded, else without friction and tips of teeth.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
     """
+    if trajectory.hub_force is not None:
+        return np.asarray(trajectory.hub_force, dtype=float)
     _, sprocket_force, _, _ = need(trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center")
     frames, sprockets = len(trajectory.time), len(trajectory.drive.sprockets)
     near = nearest_sprocket(trajectory)

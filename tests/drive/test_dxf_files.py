@@ -1,0 +1,268 @@
+"""Contours from DXF: faces of guides and teeth of sprockets, drawn with ezdxf, against the shapes that were drawn."""
+
+import math
+import re
+import sys
+
+import numpy as np
+import pytest
+from drives import BLADE
+
+from warpchain import dumps_drive, load_drive, loads_drive
+from warpchain.drive.biarcs import TOLERANCE
+from warpchain.drive.dxf_files import read_edges, read_face, read_teeth
+from warpchain.drive.tooth_shape import gap_outline, iso606_tooth
+from warpchain.errors import DriveError, WarpchainError
+
+ezdxf = pytest.importorskip("ezdxf")
+
+MM = 1e3
+CENTER, RADIUS, FROM, TO = (-0.28, 0.15), 0.25, 20.0, -15.0
+"""An arc of a blade [m], [degrees], ended by straight pieces."""
+
+
+def drawing(units=4):
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = units
+    return document, document.modelspace()
+
+
+def at(angle, radius=RADIUS, scale=MM):
+    return tuple(
+        scale * (c + radius * f(math.radians(angle))) for c, f in zip(CENTER, (math.cos, math.sin), strict=True)
+    )
+
+
+def beyond(angle, length, scale=MM):
+    """A point on the tangent at an angle of the arc, further clockwise by a length [m]."""
+    x, y = at(angle, scale=scale)
+    return x + scale * length * math.sin(math.radians(angle)), y - scale * length * math.cos(math.radians(angle))
+
+
+def face(space, scale=MM, layer="0", gap=0.0):
+    """A straight piece, the arc, a straight piece, drawn out of order and each its own way."""
+    of = {"layer": layer}
+    space.add_arc([scale * c for c in CENTER], scale * RADIUS, TO, FROM, dxfattribs=of)
+    space.add_line(beyond(TO, 0.03, scale), beyond(TO, gap, scale), dxfattribs=of)
+    space.add_line(beyond(FROM, -0.02, scale), at(FROM, scale=scale), dxfattribs=of)
+
+
+def saved(document, folder, name="a.dxf"):
+    document.saveas(folder / name)
+    return folder / name
+
+
+def off_the_shape(points):
+    """Distance of points from the line, arc, line [m]."""
+    off = []
+    for x, y in np.asarray(points) - CENTER:
+        angle = math.degrees(math.atan2(y, x))
+        if TO <= angle <= FROM:
+            off.append(abs(math.hypot(x, y) - RADIUS))
+        else:
+            end = math.radians(min(max(angle, TO), FROM))
+            off.append(abs(x * math.cos(end) + y * math.sin(end) - RADIUS))
+    return np.array(off)
+
+
+@pytest.mark.parametrize(("units", "scale"), [(4, 1e3), (5, 1e2), (6, 1.0), (1, 1.0 / 0.0254)])
+def test_a_face_is_read_in_the_unit_of_its_file(tmp_path, units, scale):
+    document, space = drawing(units)
+    face(space, scale)
+    points = np.array(read_face(saved(document, tmp_path), None))
+    assert off_the_shape(points).max() < 1.1e-6  # the points of an arc are on chords that are 1e-6 off it at most
+    length = 0.05 + RADIUS * math.radians(FROM - TO)
+    assert np.hypot(*np.diff(points, axis=0).T).sum() == pytest.approx(length, rel=1e-5)
+
+
+def test_a_guide_of_a_drawing_is_the_guide_of_its_arcs(tmp_path):
+    """Biarcs follow the points of the line within `TOLERANCE`; the drive written back has the numbers, and no file."""
+    document, space = drawing()
+    face(space, layer="blade")
+    space.add_text("a title", dxfattribs={"layer": "text"})
+    saved(document, tmp_path, "engine.dxf")
+    shape = 'points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25\narm = "tensioner arm"'
+    (tmp_path / "drive.toml").write_text(BLADE.replace(shape, 'profile = "engine.dxf#blade"\nside = "right"'))
+    drive = load_drive(tmp_path / "drive.toml")
+    outline = drive.profile(0).points(0.002, caps=False)
+    assert off_the_shape(outline).max() < TOLERANCE + 1.1e-6
+    assert loads_drive(dumps_drive(drive)) == drive
+
+
+def test_polylines_ellipses_and_splines_follow_each_other(tmp_path):
+    """A polyline with a bulge (a quarter circle), half an ellipse and a spline through points of a parabola."""
+    document, space = drawing(6)
+    space.add_lwpolyline([(0.0, 0.0, math.tan(math.pi / 8)), (0.1, 0.1, 0.0), (0.1, 0.2, 0.0)], format="xyb")
+    space.add_ellipse((0.1, 0.3), (0.0, -0.1), 0.5, 0.0, math.pi)
+    x = np.linspace(0.0, 0.1, 11)
+    space.add_spline([(0.1 + v, 0.4 + 3.0 * v * v, 0.0) for v in x])
+    points = np.array(read_face(saved(document, tmp_path), None))
+    np.testing.assert_allclose(points[0], [0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(points[-1], [0.2, 0.43], atol=1e-9)
+    bulge = points[(points[:, 1] < 0.1 - 1e-9)]
+    np.testing.assert_allclose(np.hypot(bulge[:, 0], bulge[:, 1] - 0.1), 0.1, atol=1.1e-6)
+    oval = points[(points[:, 1] > 0.2 + 1e-9) & (points[:, 1] < 0.4 - 1e-9) & (points[:, 0] > 0.1)]
+    np.testing.assert_allclose(((oval[:, 0] - 0.1) / 0.05) ** 2 + ((oval[:, 1] - 0.3) / 0.1) ** 2, 1.0, atol=5e-5)
+
+
+def outline(space, teeth=23, radius=0.0508 / 2, roller=4.255e-3, pitch=0.0127, skip=(), halves=False, splines=False):
+    """The outline of a sprocket of ISO 606's minimum gap: seats, flanks up to the tips, arcs over the tips."""
+    tooth = iso606_tooth("minimum", roller, teeth, pitch)
+    radius = 0.5 * pitch / math.sin(math.pi / teeth)
+    half, step = math.degrees(0.5 * tooth.seat_angle), 360.0 / teeth
+    end = gap_outline(tooth, teeth, radius, 200)
+    for k in range(teeth):
+        turn = math.radians(k * step)
+
+        def placed(x, y, turn=turn):
+            return MM * (0.3 + x * math.cos(turn) - y * math.sin(turn)), MM * (
+                0.1 + x * math.sin(turn) + y * math.cos(turn)
+            )
+
+        middle = 180.0 + k * step
+        if halves:
+            space.add_arc(placed(radius, 0.0), MM * tooth.seat_radius, middle - half, middle)
+            space.add_arc(placed(radius, 0.0), MM * tooth.seat_radius, middle, middle + half)
+        else:
+            space.add_arc(placed(radius, 0.0), MM * tooth.seat_radius, middle - half, middle + half)
+        tips = []
+        for side in (1.0, -1.0):
+            b = math.radians(half)
+            foot = radius - tooth.seat_radius * math.cos(b), side * tooth.seat_radius * math.sin(b)
+            center = foot[0] - tooth.flank_radius * math.cos(b), foot[1] + side * tooth.flank_radius * math.sin(b)
+            flank = np.hypot(end[:, 0] - center[0], end[:, 1] - center[1])
+            on = end[(np.abs(flank - tooth.flank_radius) < 1e-9) & (side * end[:, 1] > 0.0)]
+            tip = on[np.hypot(*on.T).argmax()]
+            tips.append(tip)
+            angles = sorted(math.degrees(math.atan2(y - center[1], x - center[0])) + k * step for x, y in (foot, tip))
+            if splines:
+                way = np.linspace(*angles, 9) - k * step
+                arc = [(center[0] + tooth.flank_radius * math.cos(math.radians(a)),
+                        center[1] + tooth.flank_radius * math.sin(math.radians(a))) for a in way]  # fmt: skip
+                space.add_spline([(*placed(*point), 0.0) for point in arc])
+            elif (k, side) not in skip:
+                space.add_arc(placed(*center), MM * tooth.flank_radius, *angles)
+        other = np.array([[math.cos(math.radians(step)), -math.sin(math.radians(step))],
+                          [math.sin(math.radians(step)), math.cos(math.radians(step))]]) @ tips[1]  # fmt: skip
+        space.add_line(placed(*tips[0]), placed(*other))
+    return tooth
+
+
+@pytest.mark.parametrize("way", [{}, {"halves": True}, {"splines": True}], ids=["arcs", "halves", "splines"])
+def test_teeth_of_an_outline_are_those_it_was_drawn_from(tmp_path, way):
+    document, space = drawing()
+    tooth = outline(space, **way)
+    found = read_teeth(saved(document, tmp_path), None, 23)
+    assert found["seat_radius"] == pytest.approx(tooth.seat_radius, abs=1e-8)
+    assert found["seat_angle"] == pytest.approx(math.degrees(tooth.seat_angle), abs=1e-3)
+    rough = 1e-2 if way.get("splines") else 1e-6  # splines are within micrometers of arcs of a few millimeters
+    assert found["flank_radius"] == pytest.approx(tooth.flank_radius, rel=rough)
+    assert found["tip_radius"] == pytest.approx(tooth.tip_radius, abs=1e-6)
+    assert found["pitch"] == pytest.approx(0.0127, rel=1e-6)
+
+
+def test_a_drive_takes_a_sprockets_teeth_from_its_drawing(tmp_path):
+    """08B rollers; the other sprocket keeps the contact's teeth, and the file's own pitch stands."""
+    document, space = drawing()
+    tooth = outline(space, teeth=19, pitch=0.009525, roller=3.175e-3)
+    saved(document, tmp_path, "crank.dxf")
+    text = BLADE.replace('name = "crank"\n', 'name = "crank"\ntooth = "crank.dxf"\npitch = 0.009525\n')
+    (tmp_path / "drive.toml").write_text(text)
+    drive = load_drive(tmp_path / "drive.toml")
+    assert drive.tooth(0).seat_radius == pytest.approx(tooth.seat_radius, abs=1e-8)
+    assert drive.tooth(0).flank_radius == pytest.approx(tooth.flank_radius, rel=1e-6)
+    assert math.isinf(drive.tooth(1).flank_radius) and drive.sprockets[0].pitch == 0.009525
+    assert loads_drive(dumps_drive(drive)) == drive
+    with pytest.raises(DriveError, match=r"tooth\.seat_radius = 0\.003: must be at least the radius of the rollers"):
+        drive.with_values({"sprockets.crank.tooth.seat_radius": 0.003})
+    with pytest.raises(DriveError, match=r"tooth\.tip_radius = 0\.02: must be beyond the pitch circle, 0\.02893"):
+        drive.with_values({"sprockets.crank.tooth.tip_radius": 0.02})
+
+
+def gap(space):
+    face(space, gap=5e-4)
+
+
+def crowd(space):
+    face(space)
+    space.add_line(at(FROM), (0.0, 0.0))
+
+
+def ring(space):
+    for angle in (0.0, 90.0, 180.0, 270.0):
+        space.add_arc((0.0, 0.0), 50.0, angle, angle + 90.0)
+
+
+def apart(space):
+    ring(space)
+    space.add_line((100.0, 0.0), (120.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("draw", "units", "told"),
+    [
+        (gap, 4, r"the contour is open: ARC \w+ and LINE \w+ are 0.5 mm apart at \[.*\] m; must meet within 0.002 mm"),
+        (crowd, 4, r"\w+ \w+: two others begin or end where it ends; must be one line"),
+        (ring, 4, r"ARC \w+: the contour is closed; must be the open line that the chain rides on"),
+        (apart, 4, r"is of another contour than"),
+        (
+            lambda space: space.add_circle((0.0, 0.0), 3.0),
+            4,
+            r"CIRCLE \w+: is no edge of a contour \(LINE, ARC, .*FILE",
+        ),
+        (lambda space: space.add_line((1.0, 1.0), (1.0, 1.0)), 4, r"LINE \w+: has no length"),
+        (face, 0, r"says no unit of length \(\$INSUNITS\); must be one such as millimeters"),
+        (lambda space: None, 4, "has no entities in its model space"),
+    ],
+)
+def test_faces_that_are_refused(tmp_path, draw, units, told):
+    document, space = drawing(units)
+    draw(space)
+    with pytest.raises(DriveError) as caught:
+        read_face(saved(document, tmp_path), None)
+    assert re.search(told, str(caught.value)) and "\n" not in str(caught.value)
+
+
+def test_teeth_that_are_refused(tmp_path):
+    document, space = drawing()
+    outline(space, skip={(3, 1.0)})
+    with pytest.raises(DriveError, match=r"the contour is open: nothing joins \w+ \w+ and \w+ \w+; teeth are a closed"):
+        read_teeth(saved(document, tmp_path), None, 23)
+    document, space = drawing()
+    outline(space)
+    with pytest.raises(DriveError, match="has 23 hollow arcs; must have a seat for each of the 22 teeth"):
+        read_teeth(saved(document, tmp_path), None, 22)
+    document, space = drawing()
+    square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (7.0, 10.0)]
+    space.add_lwpolyline([*square, (3.0, 10.0), (0.0, 10.0)], close=True)
+    with pytest.raises(DriveError, match="has 0 hollow arcs"):
+        read_teeth(saved(document, tmp_path), None, 5)
+
+
+def test_one_line_names_the_part_and_the_file(tmp_path):
+    document, space = drawing()
+    gap(space)
+    saved(document, tmp_path, "blade.dxf")
+    (tmp_path / "no.dxf").write_text("nonsense")
+    shape = "points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25\n"
+    for file, told in (
+        ("blade.dxf", "the contour is open"),
+        ("blade.dxf#shoe", 'has nothing on layer "shoe"; allowed is one of 0'),
+        ("no.dxf", "is no dxf file"),
+        ("none.dxf", "cannot be read: no such file or directory"),
+        ("../blade.dxf", "must be a file in the drive file's folder"),
+    ):
+        (tmp_path / "drive.toml").write_text(BLADE.replace(shape, f'profile = "{file}"\n'))
+        with pytest.raises(DriveError) as caught:
+            load_drive(tmp_path / "drive.toml")
+        (line,) = caught.value.errors
+        assert f'guides.blade.profile = "{file}": ' in line and told in line
+    (tmp_path / "drive.toml").write_text(BLADE.replace('name = "crank"\n', 'name = "crank"\ntooth = "crank.csv"\n'))
+    with pytest.raises(DriveError, match=r'sprockets\.crank\.tooth = "crank\.csv": must be a file'):
+        load_drive(tmp_path / "drive.toml")
+
+
+def test_without_ezdxf(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    with pytest.raises(WarpchainError, match="DXF: needs ezdxf; install it with"):
+        read_edges(tmp_path / "a.dxf", None)

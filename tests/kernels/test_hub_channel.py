@@ -1,0 +1,31 @@
+"""The chain's force on sprockets in the frames of block kernels, which sum it only where frames or metrics want it."""
+
+from dataclasses import replace
+
+import numpy as np
+from blocks import equal_sprockets, run_blocks, shape_of
+from raw import stepped
+
+from warpchain.engine.pack import pack
+from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
+from warpchain.results.schedule import Schedule
+
+FOREVER = 10**8
+
+
+def test_blocks_write_the_force_that_the_cpu_writes_without_metrics(fibers):
+    variants = [equal_sprockets()[0].with_values({"chain.elongation": -1e-3})]
+    schedules = [Schedule(drive.run.step, 200, FOREVER, FOREVER, 20) for drive in variants]
+    packed = replace(pack(variants, schedules), frame=frame_of(NAMES))
+    size = 11 * frame_width(variants[0], packed.frame)
+    serial, theirs = stepped(packed, 201, values=size)
+    ours = serial.frame_buffer(size)
+    ours.fill_(np.nan)
+    run_blocks(packed, shape_of(variants, 1), [201], [0], ours, measuring=False)
+    forces = [
+        packed.frame.split(frames.numpy()[:size].reshape(11, -1), Sizes.of(variants[0]))["hub_force"]
+        for frames in (ours, theirs)
+    ]
+    assert np.abs(forces[1][1:]).max() > 100.0
+    # the same forces in another order of summing, contacts amplify its round-off
+    np.testing.assert_allclose(*forces, atol=1e-9 * np.abs(forces[1]).max())

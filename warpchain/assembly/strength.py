@@ -1,0 +1,95 @@
+"""Strength of a chain of ISO 606 at work: safeties against its breaking load, yield, pressure in its joints.
+
+With F the largest tension at work, its centrifugal part with it, dF what the loads' harmonics and tables add at their
+peaks, all at once and without resonance, and F_B the breaking load:
+
+    static safety   F_B / F,            at least 7   }  as makers of chains ask for, after DIN 8195
+    dynamic safety  F_B / (F + dF),     at least 5   }
+    yield           0.7 F_B / (F + dF), at least 1: the elastic limit of a drive chain is at about 70 % of its ultimate
+                    strength (Tsubaki, The Complete Guide to Chain, section 2.1.1)
+    pressure        F / (d_2 b_2), on the joint area of ISO 606, pin diameter times width over the inner link
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from warpchain.drive import Drive
+from warpchain.drive.sprocket import Load
+from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+
+LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
+"""Breaking load over the largest tension at work, and over that with the loads' peaks."""
+YIELD = 0.7
+"""Tension at which links begin to yield, over the breaking load."""
+
+
+def _peak(load: Load) -> float:
+    """Largest moment of a load over its mean [N m]: its harmonics at once, and its table."""
+    found = sum(abs(h.amplitude) for h in load.harmonics)
+    if load.table is not None:
+        over, values = load.table.over, load.table.values
+        areas = ((b - a) * (u + v) for a, b, u, v in zip(over, over[1:], values, values[1:], strict=False))
+        found += max(values) - 0.5 * sum(areas) / (over[-1] - over[0])
+    return found
+
+
+def peaks(drive: Drive) -> float:
+    """Tension that the loads add at their peaks, all at once [N]."""
+    found = 0.0
+    for b, load in loads_of(drive):
+        s = nearest_sprocket(drive, b)
+        if s is not None and not stands(drive, s):
+            beside = 1.0 if b == s else abs(speed_ratio(drive, b, s))
+            found += beside * _peak(load) / drive.pitch_radius(s)
+    return found
+
+
+def strength(drive: Drive, tensions: Sequence[float]) -> dict[str, float | None] | None:
+    """Safeties and pressure by name, in SI units; None without a breaking load or a tension.
+
+    Args:
+        tensions: of the strands at work [N].
+    """
+    load, area = drive.chain.breaking_load, drive.chain.joint_area
+    if load is None or not len(tensions) or max(tensions) <= 0.0:
+        return None
+    largest = float(max(tensions))
+    peak = largest + peaks(drive)
+    return {
+        "working": largest,
+        "peak": peak,
+        "static_safety": load / largest,
+        "dynamic_safety": load / peak,
+        "yield_load": YIELD * load,
+        "yield_safety": YIELD * load / peak,
+        "joint_area": area,
+        "pressure": None if area is None else largest / area,
+        "peak_pressure": None if area is None else peak / area,
+    }
+
+
+def strength_advice(drive: Drive, tensions: Sequence[float]) -> list[str]:
+    """Advice on the first of yield, static and dynamic safety that is too small; a line at most."""
+    found, load = strength(drive, tensions), drive.chain.breaking_load
+    if found is None or load is None:
+        return []
+    for name, of, least in (
+        ("yield", "peak", 1.0),
+        ("static", "working", LEAST_STATIC),
+        ("dynamic", "peak", LEAST_DYNAMIC),
+    ):
+        safety, force = found[f"{name}_safety"], found[of]
+        assert safety is not None and force is not None
+        if safety < least:
+            when = "at work" if of == "working" else "at work with the loads at their peaks"
+            against = (
+                f"{1e-3 * YIELD * load:.4g} kN at which links yield"
+                if name == "yield"
+                else f"breaking load of {1e-3 * load:.4g} kN"
+            )
+            return [
+                f"chain: {1e-3 * force:.4g} kN {when} is a safety of {safety:.2g} against the {against}, where "
+                f"{least:g} is the least, before any vibration: take a larger chain.size or less load"
+            ]
+    return []

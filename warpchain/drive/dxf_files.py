@@ -1,0 +1,282 @@
+"""Contours of DXF drawings: faces of guides, teeth of sprockets.
+
+A contour is what lies in the model space of a file, or on one of its layers, `FILE.dxf#LAYER`: lines, arcs, polylines,
+ellipses and splines that follow each other end to end. The file says its unit. A face is an open line; a sprocket's
+outline is closed, and its center is that of its seats.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import DriveError, WarpchainError
+
+Array = NDArray[np.float64]
+
+GAP = 2e-6
+"""Largest distance of two ends that meet [m]."""
+SAG = 1e-6
+"""Largest distance of the points of a curve from it [m]."""
+STRETCHES = 40
+"""Least stretches of a face's straight piece."""
+ALIKE = 2e-5
+"""Largest difference of radii and places of teeth that count as alike, and of a spline from its arc [m]."""
+CORNER = math.radians(2.0)
+"""Largest corner between a seat and its flank [rad]."""
+STRAIGHT = 1e3
+"""Radius of a line [m]."""
+KINDS = ("LINE", "ARC", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE")
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One entity of a contour, or a piece of a polyline.
+
+    Attributes:
+        name: type and handle of the entity, as CAD programs show it.
+        points: (n, 2) along it [m].
+        straight: whether it is a line.
+    """
+
+    name: str
+    points: Array
+    straight: bool
+
+    @property
+    def turned(self) -> Edge:
+        """The same from its end to its start."""
+        return replace(self, points=self.points[::-1])
+
+
+def read_edges(path: Path, layer: str | None) -> list[Edge]:
+    """The entities of a contour [m].
+
+    Raises:
+        DriveError: in one line that names the entity, if it is one.
+        WarpchainError: without the package ezdxf.
+    """
+    try:
+        import ezdxf
+        from ezdxf import units
+    except ImportError:
+        raise WarpchainError("DXF: needs ezdxf; install it with: pip install 'warpchain[dxf]'") from None
+
+    try:
+        document = ezdxf.readfile(path)
+    except OSError as error:
+        raise DriveError(f"cannot be read: {(error.strerror or 'is no DXF file').lower()}") from None
+    except (ezdxf.DXFError, ValueError, KeyError, IndexError):
+        raise DriveError("cannot be read: is no dxf file, or is damaged") from None
+    unit = document.header.get("$INSUNITS", 0)
+    if unit not in (1, 2, 4, 5, 6, 8, 9, 10, 13, 14):
+        raise DriveError("says no unit of length ($INSUNITS); must be one such as millimeters (4) or meters (6)")
+    scale = units.conversion_factor(units.InsertUnits(unit), units.InsertUnits.Meters)
+    layers = sorted({entity.dxf.layer for entity in document.modelspace()})
+    if layer is not None and layer not in layers:
+        raise DriveError(f'has nothing on layer "{layer}"; allowed is one of {", ".join(layers)}')
+    found: list[Edge] = []
+    for entity in document.modelspace():
+        if layer is None or entity.dxf.layer == layer:
+            found += _edges(entity, scale)
+    if not found:
+        raise DriveError("has no entities in its model space")
+    return found
+
+
+def _edges(entity: Any, scale: float) -> list[Edge]:
+    """The edges of an entity."""
+    kind = entity.dxftype()
+    name = f"{kind} {entity.dxf.handle}"
+    if kind not in KINDS:
+        allowed = ", ".join(KINDS)
+        raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
+    pieces = list(entity.virtual_entities()) if kind in ("LWPOLYLINE", "POLYLINE") else [entity]
+    found = []
+    for piece in pieces:
+        straight = piece.dxftype() == "LINE"
+        ends = (piece.dxf.start, piece.dxf.end) if straight else piece.flattening(SAG / scale)
+        points = np.array([(p.x, p.y) for p in ends]) * scale
+        if not np.isfinite(points).all() or len(points) < 2 or np.ptp(points, axis=0).max() == 0.0:
+            raise DriveError(f"{name}: has no length")
+        found.append(Edge(name, points, straight))
+    return found
+
+
+def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
+    """Edges end to end, and whether the line is closed.
+
+    Raises:
+        DriveError: edges that meet no other, or a third: the line names them, and how far they are apart.
+    """
+    ends = np.array([[edge.points[0], edge.points[-1]] for edge in edges])
+    flat = ends.reshape(-1, 2)
+    apart = np.hypot(*np.moveaxis(flat[:, None] - flat[None], -1, 0))
+    np.fill_diagonal(apart, np.inf)
+    close = apart <= GAP
+    crowded = np.flatnonzero(close.sum(axis=1) > 1)
+    if len(crowded):
+        raise DriveError(f"{edges[int(crowded[0]) // 2].name}: two others begin or end where it ends; must be one line")
+    loose = np.flatnonzero(~close.any(axis=1))
+    if len(loose) > 2:
+        _open(edges, loose, apart)
+    at = int(loose[0]) if len(loose) else 0
+    chain: list[Edge] = []
+    for _ in edges:
+        edge = edges[at // 2]
+        chain.append(edge if at % 2 == 0 else edge.turned)
+        after = np.flatnonzero(close[at ^ 1])
+        if not len(after):
+            break
+        at = int(after[0])
+    if len(chain) < len(edges):
+        beside = next(edge for edge in edges if not any(edge.name == other.name for other in chain))
+        raise DriveError(f"{beside.name}: is of another contour than {chain[0].name}; must be one line")
+    return chain, not len(loose)
+
+
+def _open(edges: list[Edge], loose: NDArray[np.intp], apart: Array) -> None:
+    """Raises the error on the narrowest gap of an open contour."""
+    gaps = apart[np.ix_(loose, loose)]
+    a, b = np.unravel_index(int(gaps.argmin()), gaps.shape)
+    first, second = (edges[int(loose[i]) // 2].name for i in sorted((a, b)))
+    x, y = edges[int(loose[a]) // 2].points[0 if loose[a] % 2 == 0 else -1]
+    raise DriveError(
+        f"the contour is open: {first} and {second} are {1e3 * gaps[a, b]:.3g} mm apart at [{x:.4g}, {y:.4g}] m; "
+        f"must meet within {1e3 * GAP:g} mm"
+    )
+
+
+def read_face(path: Path, layer: str | None) -> list[list[float]]:
+    """The points of a guide's face [m].
+
+    Raises:
+        DriveError, WarpchainError: as `read_edges`; or a contour that is closed, or open between its entities.
+    """
+    edges, closed = joined(read_edges(path, layer))
+    if closed:
+        raise DriveError(f"{edges[0].name}: the contour is closed; must be the open line that the chain rides on")
+    points: list[Array] = []
+    for edge in edges:
+        places = edge.points
+        if edge.straight:
+            places = np.linspace(places[0], places[-1], STRETCHES + 1)
+        points.append(places if not points else places[1:])
+    return [[float(x), float(y)] for x, y in np.concatenate(points)]
+
+
+@dataclass(frozen=True)
+class _Arc:
+    """A circle's arc or a line of a sprocket's outline; radius infinite, and turn 0, of a line."""
+
+    edge: Edge
+    center: Array
+    radius: float
+    turn: float
+
+    @property
+    def tangents(self) -> Array:
+        """(2, 2) directions at which it begins and ends."""
+        if math.isinf(self.radius):
+            along = self.edge.points[-1] - self.edge.points[0]
+            return np.stack([along, along]) / np.hypot(*along)
+        out = (self.edge.points[[0, -1]] - self.center) / self.radius
+        return math.copysign(1.0, self.turn) * np.stack([-out[:, 1], out[:, 0]], axis=-1)
+
+
+def _arc(edge: Edge) -> _Arc:
+    """The circle that an edge follows, by least squares.
+
+    Raises:
+        DriveError: it follows none, nor a line.
+    """
+    points = edge.points
+    nothing = np.zeros(2)
+    if edge.straight or len(points) == 2:
+        return _Arc(edge, nothing, math.inf, 0.0)
+    middle = points.mean(axis=0)
+    x = points - middle
+    system = np.column_stack([2.0 * x, np.ones(len(x))])
+    (a, b, c), _, rank, _ = np.linalg.lstsq(system, (x**2).sum(axis=1), rcond=None)
+    radius = math.sqrt(max(c + a * a + b * b, 0.0)) if rank == 3 else math.inf
+    if radius > STRAIGHT:
+        return _Arc(edge, nothing, math.inf, 0.0)
+    off = np.abs(np.hypot(x[:, 0] - a, x[:, 1] - b) - radius).max()
+    if off > ALIKE:
+        raise DriveError(f"{edge.name}: is {1e3 * off:.2g} mm off its best arc; teeth are of arcs and lines")
+    angle = np.unwrap(np.arctan2(x[:, 1] - b, x[:, 0] - a))
+    return _Arc(edge, middle + np.array([a, b]), radius, float(angle[-1] - angle[0]))
+
+
+def read_teeth(path: Path, layer: str | None, teeth: int) -> dict[str, float | None]:
+    """Tooth gap of a sprocket's outline: seat_radius, seat_angle, flank_radius, tip_radius, and pitch.
+
+    Raises:
+        DriveError, WarpchainError: as `read_edges`; or an outline that is open, whose number of seats is not `teeth`,
+            whose teeth differ, or whose flanks are not tangent to the seats.
+    """
+    edges, closed = joined(read_edges(path, layer))
+    if not closed:
+        first, last = edges[0].name, edges[-1].name
+        raise DriveError(f"the contour is open: nothing joins {last} and {first}; teeth are a closed outline")
+    points = np.concatenate([edge.points[:-1] for edge in edges])
+    area = float((points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum())
+    if area < 0.0:
+        edges = [edge.turned for edge in reversed(edges)]
+    arcs = _merged([_arc(edge) for edge in edges])
+    seats = [k for k, arc in enumerate(arcs) if arc.turn < 0.0]  # hollow, where the material is on the left
+    if len(seats) != teeth:
+        raise DriveError(f"has {len(seats)} hollow arcs; must have a seat for each of the {teeth} teeth")
+    center = np.mean([arcs[k].center for k in seats], axis=0)
+    flanks = [(arcs[k - 1], arcs[(k + 1) % len(arcs)]) for k in seats]
+    for k, beside in zip(seats, flanks, strict=True):
+        for flank, (mine, other) in zip(beside, ((0, 1), (1, 0)), strict=True):
+            bend = float(np.dot(arcs[k].tangents[mine], flank.tangents[other]))
+            if bend < math.cos(CORNER):
+                angle = math.degrees(math.acos(max(-1.0, bend)))
+                raise DriveError(
+                    f"{flank.edge.name}: leaves its seat with a corner of {angle:.3g} degrees; must be tangent"
+                )
+    reach = np.hypot(*(np.array([arcs[k].center for k in seats]) - center).T)
+    radii = np.array([arcs[k].radius for k in seats])
+    flank_radii = np.array([flank.radius for pair in flanks for flank in pair])
+    for what, values in (("seats", reach), ("seats' radii", radii), ("flanks' radii", flank_radii)):
+        if np.isinf(values).any() != np.isinf(values).all() or (np.isfinite(values[0]) and np.ptp(values) > ALIKE):
+            raise DriveError(f"the {what} differ, by {1e3 * np.ptp(values):.3g} mm; teeth must be alike")
+    straight = bool(np.isinf(flank_radii[0]))
+    return {
+        "seat_radius": float(radii.mean()),
+        "seat_angle": math.degrees(float(np.mean([abs(arcs[k].turn) for k in seats]))),
+        "flank_radius": None if straight else float(flank_radii.mean()),
+        "tip_radius": float(np.hypot(*(points - center).T).max()),
+        "pitch": 2.0 * float(reach.mean()) * math.sin(math.pi / teeth),
+    }
+
+
+def _merged(arcs: list[_Arc]) -> list[_Arc]:
+    """Arcs of which neighbors on one circle are one: drawings cut seats in halves."""
+    found: list[_Arc] = []
+    for arc in arcs:
+        if found and _same(found[-1], arc):
+            found[-1] = _both(found[-1], arc)
+        else:
+            found.append(arc)
+    if len(found) > 1 and _same(found[-1], found[0]):
+        found[0] = _both(found.pop(), found[0])
+    return found
+
+
+def _same(a: _Arc, b: _Arc) -> bool:
+    if math.isinf(a.radius) or math.isinf(b.radius) or a.turn * b.turn <= 0.0:
+        return False
+    return abs(a.radius - b.radius) <= ALIKE and float(np.hypot(*(a.center - b.center))) <= ALIKE
+
+
+def _both(a: _Arc, b: _Arc) -> _Arc:
+    edge = replace(a.edge, points=np.concatenate([a.edge.points, b.edge.points[1:]]))
+    return replace(a, edge=edge, turn=a.turn + b.turn)
