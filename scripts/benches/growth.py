@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 from common.cases import Line, case, option
@@ -20,12 +20,12 @@ WORK = 1_000_000
 FEWEST = 200
 
 
-def step_seconds(links: int, variants: int, precision: str, device: str) -> float:
-    """Seconds of a step of so many variants of two equal sprockets; on the CPU of one core."""
+def rate(links: int, variants: int, precision: str, device: str) -> float:
+    """Steps a second of so many variants of two equal sprockets; on the CPU of one core."""
     drive = named("two") if links == named("two").chain.links else of_length(links)
     steps = max(FEWEST, WORK // (links * variants))
     packed = packed_of(drive, variants, precision, schedule(drive, False))
-    return launch(packed, device, steps)[0] / steps
+    return steps / launch(packed, device, steps)[0]
 
 
 def fitted(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
@@ -66,21 +66,20 @@ def growth(asked: argparse.Namespace) -> Iterator[Line]:
     step takes whatever the size, and from which size on that is less than half. Writes growth-cpu.png, or the device's.
     """
     rollers = named("two").chain.links
-    kinds: dict[str, list[tuple[int, int]]] = {
-        "rollers": [(links, 1) for links in asked.lengths],
-        "variants": [(rollers, count) for count in asked.variants],
+    kinds = {
+        "rollers": {links: (links, 1) for links in asked.lengths},
+        "variants": {count: (rollers, count) for count in asked.variants},
     }
-    found: dict[str, Any] = {}
+    found: dict[str, tuple[Sequence[int], Sequence[float]]] = {}
     for title, cases in kinds.items():
-        jobs = {of: lambda of=of: 1.0 / step_seconds(*of, asked.precision, asked.device) for of in cases}
-        best = {of: 1.0 / best_but_one(rates) for of, rates in in_turns(jobs, asked.rounds).items()}
-        sizes = [links if title == "rollers" else count for links, count in cases]
-        found[title] = sizes, list(best.values())
+        jobs = {str(size): partial(rate, *of, asked.precision, asked.device) for size, of in cases.items()}
+        seconds = [1.0 / best_but_one(rates) for rates in in_turns(jobs, asked.rounds).values()]
+        found[title] = list(cases), seconds
         yield (title, "us a step", "ns a roller-step")
-        for size, ((links, count), seconds) in zip(sizes, best.items(), strict=True):
-            yield (size, f"{1e6 * seconds:.3f}", f"{1e9 * seconds / (links * count):.3f}")
-        fixed, each = fitted(*found[title])
-        half = f"half is fixed at {max(fixed, 0.0) / each:.1f} {title}"
-        yield f"{1e6 * fixed:.3f} us and {1e9 * each:.3f} ns for each; {half}\n"
+        for (size, (links, count)), each in zip(cases.items(), seconds, strict=True):
+            yield (size, f"{1e6 * each:.3f}", f"{1e9 * each / (links * count):.3f}")
+        fixed, more = fitted(*found[title])
+        half = f"half is fixed at {max(fixed, 0.0) / more:.1f} {title}"
+        yield f"{1e6 * fixed:.3f} us and {1e9 * more:.3f} ns for each; {half}\n"
     where = asked.device.partition(":")[0]
     yield {f"growth-{where}": drawn(found, rollers, f"{where}, {asked.precision}")}

@@ -6,6 +6,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from common.cases import SCRIPTS
@@ -42,57 +43,35 @@ def cuda_input(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-LAW = ("form", "stiffness", "exponent", "damping", "speed_floor", "lag", "yielding")
-FRICTION = ("mu_dynamic", "mu_static", "stribeck_speed")
-BODY = (
-    "prescribed",
-    "sign",
-    "inverse_inertia",
-    "following",
-    "speed",
-    "ramp_time",
-    "start_angle",
-    "load",
-    "load_ramp_time",
-)
-PLACED = ("center", "angle", "speed", "angular")
-TEETH = ("teeth", "pitch_radius", "near_square", "far_square", "half_pitch_tangent", "clearance", "cos_half_seat")
-TEETH += ("sin_half_seat", "tip_reach")
-GUIDE = (
-    "start",
-    "direction",
-    "length",
-    "end_radius",
-    "roller_radius",
-    "deepest_entry",
-    "body",
-    "pieces",
-    "first_piece",
-)
-PIECE = ("start", "direction", "curvature")
-ARM = ("stiffness", "free_angle", "damping", "low", "high", "stop_stiffness", "stop_damping", "mass_moment", "gravity")
-TENSIONER = (
-    "body",
-    "point",
-    "home",
-    "direction",
-    "stiffness",
-    "preload",
-    "damping",
-    "hydraulic",
-    "area",
-    "volume",
-    "leak",
-)
-TENSIONER += ("drag", "supply", "ambient", "vapor", "bulk_modulus", "air", "hole_area", "valve_preload")
-TENSIONER += ("valve_stiffness", "lift_max", "seat_width", "seat_growth", "discharge", "density", "laminar_limit")
-TENSIONER += ("bottom", "stop_stiffness", "stop_damping")
+LAW = "form stiffness exponent damping speed_floor lag yielding"
+FRICTION = "mu_dynamic mu_static stribeck_speed"
+BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
+PLACED = "center angle speed angular"
+TEETH = """
+    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach
+"""
+GUIDE = """
+    start direction length end_radius roller_radius deepest_entry body pieces first_piece low high
+"""
+PIECE = "start direction curvature"
+ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"
+TENSIONER = """
+    body point home direction stiffness preload damping hydraulic area volume leak drag supply ambient vapor
+    bulk_modulus air hole_area valve_preload valve_stiffness lift_max seat_width seat_growth discharge density
+    laminar_limit bottom stop_stiffness stop_damping
+"""
 """Fields of the engine's structs that the C program's have, in their order."""
 
 
-def numbers(row: np.void, names: tuple[str, ...]) -> list[float]:
-    """Numbers of a struct, those of vectors one by one."""
-    return [float(value) for name in names for value in np.ravel(row[name])]
+def numbers(row: Any, names: str) -> list[float]:
+    """Numbers of a struct's fields, those of vectors one by one."""
+    return [float(value) for name in names.split() for value in np.ravel(row[name])]
+
+
+def rubbing(partner: Any, names: str, sliding: Any) -> list[float]:
+    """Numbers of a sprocket or a guide, of its contact law and of its friction."""
+    law, friction = numbers(partner["law"], LAW), numbers(sliding["law"], FRICTION)
+    return [*numbers(partner, names), *law, *numbers(sliding, "rubs inertia"), *friction]
 
 
 def lacking(packed: Packed) -> list[str]:
@@ -122,27 +101,25 @@ def c_input(packed: Packed) -> bytes:
     drive, chain, joint = packed.drives[0], packed.chains[0], packed.joints[0]
     n, sprockets, guides, bodies = (int(drive[name]) for name in ("rollers", "sprockets", "guides", "bodies"))
     tensioners = int(drive["tensioners"])
-    values = [n, sprockets, guides, len(packed.pieces) if packed.guides["pieces"].any() else 0, bodies - sprockets]
-    values += [tensioners, drive["light"], drive["step"], packed.lengths[0]]
-    values += numbers(chain, ("stiffness", "damping", "mass", "gravity"))
-    values += [*numbers(joint, ("rubs", "pin_radius", "arm", "inertia")), *numbers(joint["law"], FRICTION)]
+    pieces = len(packed.pieces) if packed.guides["pieces"].any() else 0
+    values: list[float] = [n, sprockets, guides, pieces, bodies - sprockets, tensioners]
+    values += [*numbers(drive, "light step"), packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
+    values += [*numbers(joint, "rubs pin_radius arm inertia"), *numbers(joint["law"], FRICTION)]
     for motion, body in zip(packed.motions[:bodies], packed.bodies, strict=False):
         rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
         harmonics = np.zeros((8, 3))
         harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
         values += [*numbers(motion, BODY), rows["count"], *harmonics.ravel(), *numbers(body, PLACED)]
-    rubbing = ((packed.sprockets[:sprockets], packed.tooth_sliding, TEETH, ()),)
-    rubbing += ((packed.guides[:guides], packed.guide_sliding, GUIDE, ("low", "high")),)
-    for partners, slidings, names, box in rubbing:
-        for partner, sliding in zip(partners, slidings, strict=False):
-            values += [*numbers(partner, names), *numbers(partner, box), *numbers(partner["law"], LAW)]
-            values += [*numbers(sliding, ("rubs", "inertia")), *numbers(sliding["law"], FRICTION)]
-    for piece in packed.pieces[: int(values[3])]:
+    for partner, sliding in zip(packed.sprockets[:sprockets], packed.tooth_sliding, strict=False):
+        values += rubbing(partner, TEETH, sliding)
+    for partner, sliding in zip(packed.guides[:guides], packed.guide_sliding, strict=False):
+        values += rubbing(partner, GUIDE, sliding)
+    for piece in packed.pieces[:pieces]:
         values += numbers(piece, PIECE)
     for arm in packed.arms[: bodies - sprockets]:
         values += numbers(arm, ARM)
     for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
-        values += [*numbers(tensioner, TENSIONER), *numbers(oil, ("content", "pressure"))]
+        values += [*numbers(tensioner, TENSIONER), *numbers(oil, "content pressure")]
     values += [*packed.rollers[: 4 * n], *packed.seat[: (sprockets + guides) * n]]
     return np.array(values, dtype=np.float64).tobytes()
 
