@@ -33,13 +33,13 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
     assert_steps_of_the_cpu(drives, many, precision)
 
 
-def run(packed, variants, blocks, order, measuring=True, each=100):
+def run(packed, variants, blocks, order):
     """State, sums and frames of variants on blocks, by name; launches of so many steps."""
     chains_of = [ring.drive for drive in variants for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * 16 for chain in chains_of]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
-    state, sums = run_blocks(packed, shape_of(variants, each), blocks, order, frames, measuring)
+    state, sums = run_blocks(packed, shape_of(variants, 100), blocks, order, frames)
     names = ("rollers", "bodies", "seat", "impact_speed", "joint_hold", "tensioners", "progress")
     return {name: getattr(state, name).numpy() for name in names} | sums | {"frames": frames.numpy()}
 
@@ -98,14 +98,6 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers
     np.testing.assert_allclose(twice["bodies"]["angle"], np.tile(once["bodies"]["angle"], 2), atol=1e-10)
     turned = twice["bodies"]["speed"].reshape(2, 2)
     np.testing.assert_array_equal(turned[0], turned[1])
-
-
-@pytest.mark.long
-def test_how_many_there_are_does_not_matter(fibers):
-    """A roller a thread, or all on one warp: moments are added up in the same order, so that bits are the same."""
-    variants = v6()[:1]
-    few, many = (run(ensemble(variants, "float64"), variants, [301], [0], each=each) for each in (1, 100))
-    assert_same({name: few[name] for name in ("rollers", "bodies", "seat")}, many)
 
 
 def test_the_shaft_of_light_stages_is_light_for_both_its_chains():
