@@ -13,7 +13,6 @@ from warpchain.assembly.summary import derive, report
 from warpchain.drive import Chain, Drive, dumps_drive, loads_drive
 from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
-from warpchain.results.joint_wear import bearing_area
 
 SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
 
@@ -180,7 +179,7 @@ def test_check_says_what_of_a_size_is_an_estimate(values):
 
 def test_strands_share_the_bearing_load(values):
     one, three = (Drive(**sized(copy.deepcopy(values), size=size)) for size in ("72B", "72B-3"))
-    assert bearing_area(three) == pytest.approx(3.0 * bearing_area(one), rel=1e-12)
+    assert three.chain.joint_area == pytest.approx(3.0 * one.chain.joint_area, rel=1e-12)
 
 
 def test_check_says_that_the_stiffness_is_an_estimate(values):
