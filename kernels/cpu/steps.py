@@ -107,11 +107,10 @@ def hanging(Real: type) -> SimpleNamespace:
 
 
 @cache
-def moving(Real: type, plain: bool) -> SimpleNamespace:
-    """The functions that move the bodies of one variant of an ensemble, and observe them."""
-    kinds, carry = types(Real), hanging(Real).carry
-    joints = jointed(Real)
-    turned, joints_on, couple = joints.turned, joints.joints_on, joints.couple
+def loading(Real: type, plain: bool) -> SimpleNamespace:
+    """The functions that find the moments on the bodies of one variant of an ensemble."""
+    kinds, joints = types(Real), jointed(Real)
+    turned, joints_on = joints.turned, joints.joints_on
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
@@ -197,6 +196,18 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if tie.train == mine.train:
                 total = total + tie.ratio * state.passed[other]
         return total / mine.ratio
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def moving(Real: type, plain: bool) -> SimpleNamespace:
+    """The functions that move the bodies of one variant of an ensemble, and observe them."""
+    kinds, carry, couple = types(Real), hanging(Real).carry, jointed(Real).couple
+    loads = loading(Real, plain)
+    wrench_on, load_on, motor_on, gathered = loads.wrench_on, loads.load_on, loads.motor_on, loads.gathered
+    coupled, pass_on = loads.coupled, loads.pass_on
+    Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def rates_of(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
