@@ -18,12 +18,24 @@ from common.cases import ROOT, SCRIPTS, Line, case, option
 from pages import reference
 
 GROUPS = {
-    "How to": ("check", "fit", "jump", "studies", "analysis", "judged-runs", "playback", "interchange", "modes"),
-    "The model": ("model", "teeth", "moving-sprockets", "shafts", "wear"),
-    "Reference": ("drive-file", "catalogue", "examples", "metrics", "archive", "formats"),
-    "The project": ("performance", "reliability", "contributing", "changelog"),
+    "Your drive": ("drive-file", "check", "fit", "catalogue", "examples"),
+    "Parts of a drive": (
+        "shafts",
+        "several-chains",
+        "moving-sprockets",
+        "guides-and-tensioners",
+        "tensioners",
+        "teeth",
+        "wear",
+    ),
+    "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
+    "Studies and decisions": ("studies", "analysis", "optimization", "risk", "jump", "judged-runs"),
+    "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
+    "Model and limits": ("model", "devices", "performance", "reliability"),
+    "Reference": ("metrics",),
+    "The project": ("contributing", "changelog"),
 }
-"""Pages by their place in the menu; pages that are not named are how-to pages."""
+"""Pages by their place in the menu; pages that are not named are of the model."""
 
 
 def sources(folder: Path) -> None:
@@ -82,7 +94,7 @@ def menu(folder: Path) -> list[Any]:
 
     known = {name for names in GROUPS.values() for name in names} | {"index"}
     groups: dict[str, list[Any]] = {title: [f"{name}.md" for name in names] for title, names in GROUPS.items()}
-    groups["How to"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
+    groups["Model and limits"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
     groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
     groups["Reference"].append({"Python": below("reference/python", "warpchain")})
     tutorials = below("tutorials", "first-drive", "first-study", "first-optimization")
