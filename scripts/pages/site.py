@@ -18,7 +18,7 @@ from common.cases import ROOT, SCRIPTS, Line, case, option
 from pages import reference
 
 GROUPS = {
-    "Your drive": ("drive-file", "check", "fit", "catalogue", "examples"),
+    "Your drive": ("drive-file", "check", "fit", "catalogue", "examples", "glossary"),
     "Parts of a drive": (
         "shafts",
         "several-chains",
