@@ -94,7 +94,7 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
     center, angle, arm = (
         own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
     )
-    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f : f + 1], arm[None])[0])
+    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f, None], arm[None])[0])
 
 
 def chain_line(drive: Drive, path: ChainPath) -> Array:
