@@ -183,7 +183,7 @@ def test_a_refusal_of_one_variant_is_a_row(tmp_path, monkeypatch):
     ("more", "line"),
     [
         ('[metrics]\nkeep = ["tensoin*"]', 'metrics.keep.0 = "tensoin*": no such metric; did you mean tension_min?'),
-        (
+        ('[record]\nworst = { metric = "peak", count = 1 }', 'record.worst.metric = "peak": no such metric; allowed'),
             '[record]\nworst = { metric = "peak", count = 1 }',
             'record.worst.metric = "peak": no such metric; allowed are',
         ),
