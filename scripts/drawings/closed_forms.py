@@ -1,0 +1,261 @@
+"""Rows of docs/validation.md whose results are exact; helpers of tests/ compute those of the tests."""
+
+import cmath
+import importlib.util
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from common.cases import ROOT
+from common.drives import TWO
+from scipy.optimize import brentq
+
+from warpchain import load_drive
+from warpchain.fit import fit_links, fit_position
+from warpchain.modal.campbell import campbell
+
+
+class Row(NamedTuple):
+    """A row of the table: a result of others, and the same of warpchain."""
+
+    name: str
+    source: str
+    states: str
+    drive: str
+    gives: str
+    differs: str
+    verdict: str
+
+
+def from_tests(place: str) -> Any:
+    """A module of tests/, whose helpers compute what the tests hold."""
+    before = sys.path[:]
+    sys.path.insert(0, str(ROOT / "tests"))
+    try:
+        spec = importlib.util.spec_from_file_location(f"validated_{Path(place).stem}", ROOT / "tests" / f"{place}.py")
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+    finally:
+        sys.path[:] = before
+
+
+def off(found: float, exact: float) -> str:
+    """Relative difference."""
+    return f"{found / exact - 1.0:+.1e}"
+
+
+def polygon_action() -> Row:
+    """Speed ratio of two slow sprockets of 16 teeth, 7.5 pitches apart, as links and contacts stiffen."""
+    ratio_range = from_tests("engine/test_drive_physics").ratio_range
+    low, high = math.cos(math.pi / 16), 1.0 / math.cos(math.pi / 16)
+    steps = [ratio_range(True, k, 4.0 * k, inertia) for k, inertia in ((1e8, 20.0), (5e8, 2.0))]
+    errors = [max(abs(found[0] - low), abs(found[1] - high)) for found in steps]
+    return Row(
+        name="polygon action",
+        source="closed form",
+        states=f"speed ratio from cos(pi/16) = {low:.5f} to 1/cos(pi/16) = {high:.5f}, rigid links",
+        drive="16 and 16 teeth, 7.5 pitches apart, links of 5e8 N/m, driven inertia 2 kg m^2, 0.4 rad/s",
+        gives=f"{steps[1][0]:.5f} to {steps[1][1]:.5f}",
+        differs=f"{errors[1]:.1e}; 1e8 N/m and 20 kg m^2: {errors[0]:.1e}",
+        verdict="agrees; the rest is ringing",
+    )
+
+
+def string_modes() -> Row:
+    """Frequencies of a strand of nine rollers between fixed ends, by time steps."""
+    strand_frequency = from_tests("kernels/test_chain_physics").strand_frequency
+    pairs = [strand_frequency(1, k) for k in (1, 2, 3)]
+    exact = ", ".join(f"{exact:.4f}" for _, exact in pairs)
+    return Row(
+        name="string modes",
+        source="closed form",
+        states=f"f_k = (1/pi) sqrt(T/(m p)) sin(k pi/20), p stretched: {exact} Hz",
+        drive="9 rollers between fixed ends, 2000 N",
+        gives=", ".join(f"{found:.4f}" for found, _ in pairs) + " Hz",
+        differs=f"{max(abs(found / exact - 1.0) for found, exact in pairs):.1e}",
+        verdict="agrees",
+    )
+
+
+def wave_speed() -> Row:
+    """First mode of a strand that travels, beside a moving string's."""
+    two_sprockets = from_tests("drives").two_sprockets
+    taut = two_sprockets(teeth=60, links=180, span=60.1, torque=0.0, inertia=200.0, stiffness=1e7)
+    result = campbell(taut, [0.0, 4.0], 4).modes[1]
+    v, length = 4.0 * taut.pitch_radius(0), 60.1 * taut.chain.pitch
+    c = math.sqrt(float(result.tension[50:70].mean()) * taut.chain.pitch / taut.chain.mass)
+    exact = (c * c - v * v) / (2.0 * length * c)
+    found = float(result.frequency[int(np.argmax(result.across[:4] > 0.9))])
+    return Row(
+        name="wave speed",
+        source="closed form",
+        states=f"f_1 = (c^2 - v^2)/(2 L c), c = sqrt(T p/m) = {c:.2f} m/s, v = {v:.2f} m/s: {exact:.4f} Hz",
+        drive="60 and 60 teeth, strands of 60 links, `modes` while it runs",
+        gives=f"{found:.4f} Hz",
+        differs=off(found, exact),
+        verdict="agrees; the strand's ends give way on their seats",
+    )
+
+
+def restitution() -> Row:
+    """Rebound of a mass from a contact, by the kernels' own contact force."""
+    laws = from_tests("drive/test_laws")
+    parameters = (0.3, 0.5, 0.8)
+    exact = [laws.hysteretic(0.75 * (1.0 - e * e)) for e in parameters]
+    found = [laws.kernel_rebound(laws.drive("lankarani-nikravesh", e)) for e in parameters]
+    return Row(
+        name="restitution",
+        source="closed form",
+        states="d - ln(1 + d) = -d r - ln(1 - d r), d = 3 (1 - e^2)/4; e = 0.3, 0.5, 0.8: "
+        + ", ".join(f"{r:.5f}" for r in exact),
+        drive="one mass on one Lankarani-Nikravesh contact",
+        gives=", ".join(f"{r:.5f}" for r in found),
+        differs=f"{max(abs(a / b - 1.0) for a, b in zip(found, exact, strict=True)):.1e}",
+        verdict="agrees: the law returns more than its e, [as documented](model.md)",
+    )
+
+
+def sag() -> Row:
+    """Sag of a strand that has settled under its weight."""
+    test_fit = from_tests("assembly/test_fit")
+    start = test_fit.pair().with_values({"contact.sprocket.clearance": 0.0})
+    fitted = fit_position(start, "s1", (1.0, 0.0), sag=4e-3, strand="s0->s1")
+    found = 1e3 * test_fit.settled_sag(fitted)
+    return Row(
+        name="sag",
+        source="closed form",
+        states="parabola of the catenary, asked for: 4 mm",
+        drive="20 and 20 teeth, strands of 30 links, `fit --sag 0.004`, settled",
+        gives=f"{found:.4f} mm",
+        differs=off(found, 4.0),
+        verdict="agrees; settled to less than 1 %",
+    )
+
+
+def centrifugal_tension() -> Row:
+    """Tension of a ring of rollers that turns freely."""
+    raw = from_tests("raw")
+    n, omega, pitch, mass, stiffness, steps = 40, 30.0, 0.1, 2.0, 5e6, 20_000
+    vertices, radius = raw.polygon(n, pitch)
+    s = 2.0 * math.sin(math.pi / n)
+    r = stiffness * pitch * s / (stiffness * s * s - mass * omega**2)  # where k (L - p) holds m omega^2 r
+    position = vertices * r / radius
+    velocity = omega * np.stack([-position[:, 1], position[:, 0]], axis=1)
+    given = {"mass": mass, "pitch": pitch, "stiffness": stiffness, "step": 1e-6, "steps": steps}
+    sums = raw.run(raw.chain(position, velocity, window=(0, steps), **given))[0].sums()["chain"][0]
+    found, exact = float(sums["tension"] / sums["samples"] / n), mass * omega**2 * r / s
+    return Row(
+        name="centrifugal tension",
+        source="closed form",
+        states=f"T = (m/p) v^2, p stretched: {exact:.5f} N",
+        drive="free ring of 40 rollers at 30 rad/s",
+        gives=f"{found:.5f} N",
+        differs=f"{abs(found / exact - 1.0):.0e}",
+        verdict="agrees",
+    )
+
+
+def orders() -> Row:
+    """Order of convergence of a chain in smooth motion, beside DOP853."""
+    physics, raw = from_tests("kernels/test_chain_physics"), from_tests("raw")
+    position, _ = raw.polygon(16, physics.PITCH)
+    velocity = np.random.default_rng(5).normal(scale=0.2, size=position.shape)
+    exact, found = physics.reference(position, velocity, 0.004, 0.0), {}
+    given = {"mass": physics.MASS, "pitch": physics.PITCH, "stiffness": physics.STIFFNESS, "gravity": (0.0, -9.81)}
+    for integrator in ("leapfrog", "rk4"):
+        errors = []
+        for steps in (200, 400):
+            packed = raw.chain(position, velocity, step=0.004 / steps, steps=steps, integrator=integrator, **given)
+            errors.append(np.abs(raw.state(raw.run(packed)[0])[:2].T - exact).max())
+        found[integrator] = math.log2(errors[0] / errors[1])
+    return Row(
+        name="order in the step",
+        source="scipy's DOP853",
+        states="smooth motion: 2 with leapfrog, 4 with rk4",
+        drive="tossed ring of 16 rollers",
+        gives=f"{found['leapfrog']:.2f} and {found['rk4']:.2f}",
+        differs=f"{abs(found['leapfrog'] - 2.0):.0e} and {abs(found['rk4'] - 4.0):.0e}",
+        verdict="agrees; with impacts or dampers leapfrog is of first order",
+    )
+
+
+def rigid_centers(teeth: tuple[int, int], pitch: float, links: int, places: int = 20) -> list[float]:
+    """Center distances [m] at which rigid links close, rollers on pitch circles and their tangents.
+
+    A link that goes from an arc to a tangent cuts the corner, by more or less as the first roller's place is.
+    """
+    small, large = (pitch / (2.0 * math.sin(math.pi / z)) for z in teeth)
+
+    def excess(center: float, place: float) -> float:
+        lean = math.asin((large - small) / center)
+        strand = math.sqrt(center * center - (large - small) ** 2)
+        normal = cmath.exp(1j * (0.5 * math.pi + lean))  # of the upper tangent
+        arcs = strand + (math.pi - 2.0 * lean) * small, (math.pi + 2.0 * lean) * large
+        whole = arcs[0] + strand + arcs[1]
+
+        def at(s: float) -> complex:
+            s %= whole
+            if s < strand:
+                return center + large * normal + (small - large) * normal * s / strand - center * s / strand
+            if s < arcs[0]:
+                return small * normal * cmath.exp(1j * (s - strand) / small)
+            s -= arcs[0]
+            low = normal.conjugate()
+            if s < strand:
+                return small * low + ((large - small) * low + center) * s / strand
+            return center + large * low * cmath.exp(1j * (s - strand) / large)
+
+        def following(s: float) -> float:
+            last = at(s)
+            return float(brentq(lambda u: abs(at(u) - last) - pitch, s + 0.99 * pitch, s + 1.05 * pitch, xtol=1e-15))
+
+        s = place * whole
+        for _ in range(links):
+            s = following(s)
+        return s - (place + 1.0) * whole
+
+    about = 0.5 * pitch * (links - 0.5 * sum(teeth))
+    return [float(brentq(excess, 0.98 * about, 1.01 * about, args=(k / places,), xtol=1e-14)) for k in range(places)]
+
+
+def center_distance() -> Row:
+    """Links and center distance of 11 and 20 teeth about 400 mm apart."""
+    values = {
+        "chain.pitch": 0.0254,
+        "chain.roller_radius": 0.00794,
+        "contact.sprocket.seat_angle": 115.0,
+        "sprockets.driver.teeth": 11,
+        "sprockets.driven.teeth": 20,
+        "sprockets.driven.center": [0.4, 0.0],
+    }
+    start = fit_links(load_drive(TWO).with_values(values), odd=True)
+    fitted = fit_position(start, "driven", (1.0, 0.0), strain=0.0)
+    found, stated = 1e3 * fitted.sprockets[1].center[0], 398.338658801
+    rigid = 1e3 * np.array(rigid_centers((11, 20), 0.0254, 47))
+    return Row(
+        name="links and centers",
+        source="asa-roller-chain-drive-calculator and its FreeCAD workbench",
+        states=f"ASA 80, 11 and 20 teeth, about 400 mm: 47 links, {stated} mm",
+        drive="`fit --links --odd --strain 0`",
+        gives=f"{fitted.chain.links} links, {found:.6f} mm",
+        differs=f"{found - stated:+.4f} mm; rigid links close from {rigid.min():.4f} to {rigid.max():.4f} mm (below)",
+        verdict="agrees within the scatter of the source's method",
+    )
+
+
+EXACT: tuple[Callable[[], Row], ...] = (
+    polygon_action,
+    string_modes,
+    wave_speed,
+    restitution,
+    sag,
+    centrifugal_tension,
+    orders,
+    center_distance,
+)
+"""Rows that take a second or a few."""
