@@ -31,7 +31,7 @@ GROUPS = {
     "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
     "Studies and decisions": ("studies", "analysis", "optimization", "risk", "jump", "judged-runs"),
     "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
-    "Model and limits": ("model", "devices", "performance", "reliability"),
+    "Model and limits": ("validation", "model", "devices", "performance", "reliability"),
     "Reference": ("metrics",),
     "The project": ("contributing", "changelog"),
 }
