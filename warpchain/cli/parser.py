@@ -27,6 +27,7 @@ from warpchain.cli.arguments import (
     number_or_auto,
     whole_number,
 )
+from warpchain.cli.better_command import add_better
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands, add_risk
 from warpchain.errors import WarpchainError
@@ -432,6 +433,7 @@ COMMANDS = (
     _study,
     add_optimize,
     add_risk,
+    add_better,
 )
 """Functions that add a command each, in the order of the help."""
 

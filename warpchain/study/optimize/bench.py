@@ -91,6 +91,7 @@ class Bench:
         folder: where rounds are kept; None keeps nothing but what this object remembers.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
+        drive: file of another base drive, or the name of an example; None is the study's own.
 
     Raises:
         StudyError: an error of the study or its drive; one line each.
@@ -103,9 +104,10 @@ class Bench:
         *,
         workers: int | None = None,
         memory: int = MEMORY,
+        drive: str | os.PathLike[str] | None = None,
     ) -> None:
         self.source = Path(source)
-        self.study, self.drive, _ = read_study(source)
+        self.study, self.drive, _ = read_study(source, drive)
         self.folder = None if folder is None else Path(folder)
         self._workers, self._memory = workers, memory
         self._known: dict[str, tuple[pa.Table, int]] = {}

@@ -78,8 +78,14 @@ def prepare(
     return make_folder(Path(out), study, drive, design, size)
 
 
-def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
+def read_study(
+    source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None
+) -> tuple[Study, Drive, pa.Table]:
     """A study, its base drive and its rows, checked.
+
+    Args:
+        source: the study file.
+        base: file of another base drive, or the name of an example; None is the study's own.
 
     Raises:
         StudyError: one line for each error.
@@ -91,8 +97,8 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
         if readable is None:
             raise
         study = readable
-    word = study.study.drive
-    beside = Path(source).parent / word
+    word = study.study.drive if base is None else os.fspath(base)
+    beside = Path(source).parent / word if base is None else Path(word)
     try:
         drive = load_drive(beside if beside.exists() or beside.suffix == ".toml" else drive_path(word))
     except DriveError as error:
