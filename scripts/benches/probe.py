@@ -68,7 +68,7 @@ def assembled(drive: Any, count: int) -> float:
     """So many drives that differ, assembled and packed in a second of CPU time."""
     sprocket = drive.sprockets[-1]
     x, y = sprocket.center
-    place, mass = f"sprockets.{sprocket.name}.center", drive.chain.roller_mass
+    place, mass = f"sprockets.{sprocket.name}.center", drive.chain.mass
     values = [{place: [x + 1e-7 * k, y], "chain.roller_mass": mass * (1.0 + 1e-5 * k)} for k in range(count)]
     drives = [drive.with_values(each) for each in values]
     whens = [Schedule(1e-6, 10, 0, 10, 0)] * count
