@@ -13,6 +13,16 @@ from warpchain.study.run.recordings import recorded_variants, with_recorded_obje
 from warpchain.study.run.row_drives import adjusted_all, placed
 from warpchain.study.spec import load_study
 
+RUN = """
+[limits]
+energy_residual = inf
+energy_change = inf
+[record]
+variants = [0]
+[run]
+device = "cpu"
+duration = {}
+"""
 STUDY = """
 [study]
 drive = "two.toml"
@@ -26,14 +36,6 @@ levels = [100.0, 300.0]
 name = "teeth"
 path = "sprockets.out.teeth"
 levels = [36, 60]
-[limits]
-energy_residual = inf
-energy_change = inf
-[record]
-variants = [0]
-[run]
-device = "cpu"
-duration = 0.005
 """
 
 
@@ -41,7 +43,7 @@ duration = 0.005
 def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     """As of `simulate`; a row whose second chain does not fit says why."""
     save_drive(chains.two_stages(), tmp_path / "two.toml")
-    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "study.toml").write_text(STUDY + RUN.format(0.005))
     outcome = run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
     rows = read_results(outcome.table).table.to_pylist()
     drive = load_drive(tmp_path / "two.toml").with_values({"sprockets.out.load.torque": 100.0})
@@ -69,14 +71,6 @@ sprocket = "out"
 direction = [1.0, 0.0]
 links = "even"
 preload = 4000.0
-[limits]
-energy_residual = inf
-energy_change = inf
-[record]
-variants = [0]
-[run]
-device = "cpu"
-duration = 0.002
 """
 
 
@@ -84,7 +78,7 @@ duration = 0.002
 def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
     """Each row's second chain has the wanted preload, with links for its teeth; the first stays as it is."""
     save_drive(chains.two_stages(), tmp_path / "two.toml")
-    (tmp_path / "study.toml").write_text(ADJUSTED)
+    (tmp_path / "study.toml").write_text(ADJUSTED + RUN.format(0.002))
     study = load_study(tmp_path / "study.toml")
     base = load_drive(tmp_path / "two.toml")
     outcome = run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
@@ -114,7 +108,7 @@ def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
 )  # fmt: skip
 def test_adjust_names_a_chain(adjust, line, tmp_path):
     save_drive(chains.two_stages(), tmp_path / "two.toml")
-    head, tail = ADJUSTED.split("[adjust]")
+    head, tail = (ADJUSTED + RUN.format(0.002)).split("[adjust]")
     (tmp_path / "study.toml").write_text(f"{head}[adjust]\n{adjust}\npreload{tail.partition('preload')[2]}")
     with pytest.raises(StudyError) as caught:
         run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)

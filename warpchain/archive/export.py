@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.archive.housing_export import measured_data, universal
-from warpchain.errors import ArchiveError, WarpchainError
+from warpchain.errors import ArchiveError, without_package
 from warpchain.files import refusals, whole_file
 from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
 from warpchain.results.channels import AXES, CHANNEL, UNITS
@@ -149,7 +149,7 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
     try:
         import h5py
     except ImportError:
-        raise WarpchainError("HDF5: needs h5py; install it with: pip install 'warpchain[hdf5]'") from None
+        raise without_package("HDF5", "h5py", "hdf5") from None
 
     with h5py.File(file, "w") as root:
         root.attrs["warpchain"] = installed()

@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.errors import WarpchainError
+from warpchain.errors import without_package
 from warpchain.results.channels import CHANNEL
 from warpchain.results.housing import components, housing_loads
 from warpchain.version import installed
@@ -35,7 +35,7 @@ def universal(file: IO[bytes], trajectory: Trajectory) -> None:
     try:
         import pyuff
     except ImportError:
-        raise WarpchainError("UFF58: needs pyuff; install it with: pip install 'warpchain[uff]'") from None
+        raise without_package("UFF58", "pyuff", "uff") from None
 
     time, loads = np.asarray(trajectory.time, dtype=float), housing_loads(trajectory)
     nodes, places = list(range(1, len(loads) + 1)), np.array([load.place for load in loads]).reshape(-1, 2)
@@ -80,7 +80,7 @@ def measured_data(file: IO[bytes], trajectory: Trajectory) -> None:
     try:
         import asammdf
     except ImportError:
-        raise WarpchainError("MDF4: needs asammdf; install it with: pip install 'warpchain[mdf]'") from None
+        raise without_package("MDF4", "asammdf", "mdf") from None
 
     time = np.asarray(trajectory.time, dtype=float)
     signals = [

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.cli.arguments import add_command, add_options, number, whole_number
-from warpchain.cli.commands import DONE, UNFINISHED
+from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 
 if TYPE_CHECKING:
     from warpchain.study.optimize.better import Better
@@ -55,8 +55,7 @@ def _better(arguments: argparse.Namespace) -> int:
             report=None if quiet else lambda now: print(f"warpchain: {_status(now)}", file=sys.stderr),
         )
     except KeyboardInterrupt:
-        print("warpchain: interrupted; what is done is kept: run again to go on", file=sys.stderr)
-        return UNFINISHED
+        return interrupted("what is done is")
     lines = [json.dumps(_values(found), indent=2)] if arguments.json else _lines(found, arguments.drives)
     print(*lines, sep="\n")
     return UNFINISHED if found.better is None else DONE

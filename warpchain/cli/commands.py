@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
@@ -13,6 +14,12 @@ if TYPE_CHECKING:
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
+
+
+def interrupted(done: str) -> int:
+    """Says that a command goes on where Ctrl-C has stopped it; `done` is what is kept, with its verb. The status."""
+    print(f"warpchain: interrupted; {done} kept: run again to go on", file=sys.stderr)
+    return UNFINISHED
 
 
 def _value(word: str) -> Any:

@@ -20,7 +20,7 @@ from warpchain.cli.arguments import (
     woehler_curve,
     workers,
 )
-from warpchain.cli.commands import DONE, UNFINISHED
+from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 from warpchain.errors import StudyError
 from warpchain.files import read_text
 from warpchain.progress import clock
@@ -122,8 +122,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 grow=arguments.grow,
             )
     except KeyboardInterrupt:
-        print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)
-        return UNFINISHED
+        return interrupted("the shards that are done are")
     status = _print_status(outcome)
     return status if outcome.left or outcome.counts["ok"] else UNFINISHED
 
@@ -185,8 +184,7 @@ def _grow(arguments: argparse.Namespace) -> int:
             report=say,
         )
     except KeyboardInterrupt:
-        print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)
-        return UNFINISHED
+        return interrupted("the shards that are done are")
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")
     print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
@@ -468,8 +466,7 @@ def _optimize(arguments: argparse.Namespace) -> int:
             report=None if quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr),
         )
     except KeyboardInterrupt:
-        print("warpchain: interrupted; what is done is kept: run again to go on", file=sys.stderr)
-        return UNFINISHED
+        return interrupted("what is done is")
     _print_found(found)
     return DONE
 
@@ -494,8 +491,7 @@ def _risk(arguments: argparse.Namespace) -> int:
     try:
         found = estimate_risk(arguments.study, arguments.output, progress=bar, **options)
     except KeyboardInterrupt:
-        print("warpchain: interrupted; what is done is kept: run again to go on", file=sys.stderr)
-        return UNFINISHED
+        return interrupted("what is done is")
     _print_risk(found)
     return DONE
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.errors import DriveError, WarpchainError
+from warpchain.errors import DriveError, without_package
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def read_edges(path: Path, layer: str | None) -> list[Edge]:
         import ezdxf
         from ezdxf import units
     except ImportError:
-        raise WarpchainError("DXF: needs ezdxf; install it with: pip install 'warpchain[dxf]'") from None
+        raise without_package("DXF", "ezdxf", "dxf") from None
 
     try:
         document = ezdxf.readfile(path)

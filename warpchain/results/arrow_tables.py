@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.errors import StudyError, WarpchainError
+from warpchain.errors import StudyError, WarpchainError, without_package
 from warpchain.files import refusals, whole_file
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 
@@ -58,7 +58,7 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     try:
         import xarray as xr
     except ImportError:
-        raise WarpchainError("to_xarray: needs xarray; install it with: pip install 'warpchain[xarray]'") from None
+        raise without_package("to_xarray", "xarray", "xarray") from None
 
     variables = {}
     for name, values in channels.items():
