@@ -58,24 +58,28 @@ def in_a_star(joint: dict[str, float] | None) -> Drive:
     return _drive(sprockets, chain={"links": 180, "joint": joint, **CHAIN})
 
 
-def rate(drive: Drive, steps: int, precision: str, metrics: bool, tied: bool = True) -> float:
-    """1e6 roller-steps a second of CPU time on one core, compilation and start apart."""
-    rows = Rows([drive], stacks_of([drive]))
+def rate(drive: Drive, device: str, count: int, steps: int, precision: str, metrics: bool, tied: bool = True) -> float:
+    """1e6 roller-steps a second, on the CPU of CPU time on one core, compilation and start apart."""
+    drives = [drive] * count
+    rows = Rows(drives, stacks_of(drives))
     when = schedule(rows.drives[0], metrics)
     packed = pack(rows.drives, [when] * len(rows.drives), rows.stacks)
     if tied:
         rows.couple(packed)
-    return drive.links * steps / launch(packed.at_precision(precision), "cpu", steps)[0] / 1e6
+    return count * drive.links * steps / launch(packed.at_precision(precision), device, steps)[0] / 1e6
 
 
 @case(
     option("--steps", type=int, default=100_000, help="of each timed run, of `v6` a fourth (default 100000)"),
     option("--rounds", type=int, default=7, help="of which the best but one counts (default 7)"),
+    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    option("--variants", type=int, default=1, help="how many at once"),
 )
 def chains(asked: argparse.Namespace) -> Iterator[Line]:
-    """Roller-steps a second and core of drives with several chains.
+    """Roller-steps a second of drives with several chains.
 
     python scripts/bench.py chains
+    python scripts/bench.py chains --device cuda:0 --variants 1056 --steps 2000
 
     Three chains beside one with as many rollers and sprockets and as many rollers on these, and beside themselves
     untied, each a drive of its own; and `v6` beside itself untied. All are timed in turns, and the best but one is
@@ -88,7 +92,8 @@ def chains(asked: argparse.Namespace) -> Iterator[Line]:
             drive = example("v6") if title == "v6" else in_a_row(joint)
             steps = asked.steps // 4 if title == "v6" else asked.steps
             for metrics in (False, True):
-                timed = partial(rate, steps=steps, precision=precision, metrics=metrics)
+                fixed = {"device": asked.device, "count": asked.variants, "precision": precision, "metrics": metrics}
+                timed = partial(rate, steps=steps, **fixed)
                 jobs = {"tied": partial(timed, drive), "untied": partial(timed, drive, tied=False)}
                 if title != "v6":
                     jobs["one"] = partial(timed, in_a_star(joint))

@@ -45,8 +45,19 @@ def of_length(links: int) -> Drive:
 def other(drive: Drive, k: int) -> Drive:
     """The k-th of marine drives that differ in five values, two of which move rollers to other places.
 
-    The camshaft's torque, the tightener's place, the chain's elongation, roller mass and damping.
+    The camshaft's torque, the tightener's place, the chain's elongation, roller mass and damping. Of `car` the
+    tensioner's preload, a camshaft's inertia, the chain's elongation and damping, and the guides' friction.
     """
+    if drive.tensioners:
+        return drive.with_values(
+            {
+                "tensioners.tensioner.spring.preload": 40.0 + 1e-4 * k,
+                "sprockets.intake cam.inertia": 1.2e-3 + 1e-9 * k,
+                "chain.elongation": 1e-8 * k,
+                "chain.damping_ratio": 0.02 + 1e-7 * k,
+                "contact.guide.friction": 0.06 + 1e-7 * k,
+            }
+        )
     x, y = drive.sprockets[1].center
     values = {
         "sprockets.camshaft.load.torque": 8000.0 + 0.2 * k,

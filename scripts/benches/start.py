@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -66,3 +67,38 @@ def start(asked: argparse.Namespace) -> Iterator[Line]:
         for number, tree in enumerate(trees):
             cpu, clock = (min(of[number][which] for of in rounds) for which in (0, 1))
             yield (title, cpu, clock, tree)
+
+
+RUNS = """
+import sys, time
+from warpchain import Record, load_drive, simulate
+from warpchain.examples import drive_path
+name, count, device, precision = sys.argv[1], int(sys.argv[2]), *sys.argv[3:]
+begin = time.perf_counter()
+simulate([load_drive(drive_path(name))] * count, device=device, precision=precision, record=Record("none"))
+print(time.perf_counter() - begin)
+"""
+ENSEMBLES = (("car", 2000), ("marine", 2000), ("marine", 1))
+
+
+@case(option("--device", default="cuda:0", help="such as cpu (default cuda:0)"))
+def cold(asked: argparse.Namespace) -> Iterator[Line]:
+    """Seconds of whole runs with no kernel compiled, and of the same drive in another number with these.
+
+    python scripts/bench.py cold
+    """
+    yield ("drives", "precision", "no kernel compiled [s]", "seven more [s]")
+    for (name, count), precision in product(ENSEMBLES, ("float64", "float32")):
+        with TemporaryDirectory() as folder:
+            found = []
+            for many in (count, count + 7):
+                words = [name, str(many), asked.device, precision]
+                done = subprocess.run(
+                    [sys.executable, "-c", RUNS, *words],
+                    env=os.environ | {"WARP_CACHE_PATH": folder},
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    check=True,
+                )
+                found.append(float(done.stdout.splitlines()[-1]))
+        yield (f"{count} {name}", precision, *found)
