@@ -82,6 +82,16 @@ def test_every_page_is_in_the_menu(site):
         assert (site / "notes" / f"{path.stem}.html").exists() and f"notes/{path.stem}.html" not in index
 
 
+@pytest.mark.parametrize(("folder", "kind"), [("drives", "drive"), ("studies", "study")])
+def test_examples_are_beside_their_schema(site, folder, kind):
+    examples = ROOT / "warpchain" / kind / "examples"
+    published = {path.name for path in (site / folder).iterdir()}
+    assert published == {path.name for path in examples.iterdir() if path.suffix in (".toml", ".json")}
+    assert f"{kind}.schema.json" in published
+    if kind == "drive":
+        assert 'href="drives/car.toml"' in (site / "examples.html").read_text()
+
+
 def test_the_site_asks_no_other_machine_for_anything(site):
     for path in site.rglob("*.html"):
         text = path.read_text()

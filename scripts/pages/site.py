@@ -36,11 +36,15 @@ GROUPS = {
     "The project": ("contributing", "changelog"),
 }
 """Pages by their place in the menu; pages that are not named are of the model."""
+EXAMPLES = {"drives": "warpchain/drive/examples", "studies": "warpchain/study/examples"}
+"""Folders of the site with the examples' files, and where they are in the repository."""
 
 
 def sources(folder: Path) -> None:
-    """Lays all pages into a folder."""
+    """Lays all pages into a folder, and the examples' files, each beside the schema that its first line names."""
     shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
+    for kind in EXAMPLES:
+        shutil.copytree(ROOT / EXAMPLES[kind], folder / kind, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
     for name in ("README", "CONTRIBUTING", "CHANGELOG"):
         text = (ROOT / f"{name}.md").read_text()
         text = re.sub(r"(\]\(|src=\")docs/", r"\1", text).replace("](CONTRIBUTING.md)", "](contributing.md)")
@@ -48,6 +52,8 @@ def sources(folder: Path) -> None:
         (folder / ("index.md" if name == "README" else f"{name.lower()}.md")).write_text(text)
     for path in folder.glob("*.md"):
         text = path.read_text()
+        for kind, home in EXAMPLES.items():
+            text = text.replace(f"](../{home}/", f"]({kind}/")
         path.write_text(
             text.replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../README.md", "](index.md")
         )
