@@ -22,8 +22,9 @@ from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
 from warpchain.drive.stiffness import contact_rebound
-from warpchain.drive.thermal import REFERENCE, Expansion, growth
+from warpchain.drive.thermal import Expansion, growth
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.viscosity import REFERENCE
 
 _ROUND = 1e-3
 """Relative: a step that a file rounds is still the automatic one."""

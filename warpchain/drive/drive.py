@@ -573,7 +573,7 @@ class Drive(Part):
 
 
 def temperature_rules(drive: Any) -> Iterator[Problem]:
-    """What is wrong with a drive, which is right as its file says, at its temperature."""
+    """Problems of a drive, which is right as its file says, at its temperature."""
     if not isinstance(drive, Drive) or not heated(drive):
         return
     known = list(oil_rules(drive))

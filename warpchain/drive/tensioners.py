@@ -34,8 +34,7 @@ from warpchain.drive.schema import (
     get,
     numbers,
 )
-from warpchain.drive.thermal import REFERENCE
-from warpchain.drive.viscosity import THICKEST, THINNEST, Walther, by_two_points
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
 Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]

@@ -14,18 +14,13 @@ per kelvin (makeitfrom.com).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, WithJsonSchema
 
 from warpchain.drive.schema import BARE, Allowed, Part, Problem, Value, get
-from warpchain.drive.viscosity import THICKEST, THINNEST
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST
 
-if TYPE_CHECKING:
-    from warpchain.drive.drive import Drive
-
-REFERENCE = 20.0
-"""T_0 [degrees C]."""
 COLDEST, HOTTEST = -100.0, 300.0
 """Temperatures that drives may have [degrees C], for which coefficients are about constant."""
 MATERIALS = {"steel": 12e-6, "aluminum": 23e-6, "cast iron": 11e-6}
@@ -68,7 +63,7 @@ Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheel
 
 
 class Growth(NamedTuple):
-    """What a number of drive files grows with, and by which power of its factor.
+    """The part that a number of drive files grows with, and the power of its factor.
 
     Attributes:
         of: key of `Expansion`.
@@ -122,7 +117,7 @@ def heated(drive: Any) -> bool:
     return drive.temperature is not None and drive.temperature != REFERENCE
 
 
-def growth(drive: Drive, of: str) -> float:
+def growth(drive: Any, of: str) -> float:
     """l/l_0 of (a) of a part, by the key of `Expansion`; 1 at the reference."""
     if not heated(drive):
         return 1.0
@@ -131,7 +126,7 @@ def growth(drive: Drive, of: str) -> float:
     return 1.0 + coefficient * (drive.temperature - REFERENCE)
 
 
-def grown(drive: Drive) -> dict[str, Any]:
+def grown(drive: Any) -> dict[str, Any]:
     """The parts of a drive, which is as its file says, that are others at its temperature, by key."""
     factors = {of: growth(drive, of) for of in Expansion.model_fields}
     found: dict[str, Any] = {}
@@ -176,7 +171,7 @@ def _with_pins(chain: Any, factor: float) -> Any:
     return chain.model_copy(update={"joint": chain.joint.model_copy(update={"pin_radius": factor * chain.pin_radius})})
 
 
-def _unlike_wheels(drive: Drive, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
+def _unlike_wheels(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
     """Teeth of wheels that grow otherwise than the chain: the pitch that they were cut with, and the clearance."""
     chains: Any = drive.chains or (drive.chain,)
     pitches = {get(chain, "name"): chain.pitch for chain in chains}
@@ -203,7 +198,7 @@ def _with_oil(tensioner: Any, temperature: float | None) -> Any:
     return tensioner.model_copy(update={"oil": tensioner.oil.model_copy(update=own)})
 
 
-def clearance_rules(drive: Drive) -> Iterator[Problem]:
+def clearance_rules(drive: Any) -> Iterator[Problem]:
     """Rollers that fit into the seats, of a drive at its temperature."""
     clearance = drive.contact.sprocket.clearance
     if clearance is not None and clearance < 0.0:
@@ -211,7 +206,7 @@ def clearance_rules(drive: Drive) -> Iterator[Problem]:
         yield Problem(("contact", "sprocket", "clearance"), clearance, text)
 
 
-def oil_rules(drive: Drive) -> Iterator[Problem]:
+def oil_rules(drive: Any) -> Iterator[Problem]:
     """Oils of a drive at a temperature: known there, and liquid."""
     temperature = drive.temperature
     assert temperature is not None

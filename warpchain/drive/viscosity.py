@@ -15,7 +15,9 @@ from typing import NamedTuple
 KELVIN = 273.15
 SLOPE = 3.1
 """B of (a) by default."""
-REFERENCE = 40.0
+REFERENCE = 20.0
+"""Temperature [degrees C] at which drives are as their files say."""
+SWEPT_FROM = 40.0
 """Temperature [degrees C] at which a drive's viscosity is meant where the rig sweeps over temperature."""
 THINNEST, THICKEST = 2e-6, 20.0
 """Viscosities [m^2/s] that (a) holds for."""
@@ -49,11 +51,11 @@ def by_two_points(at_40: float, at_100: float) -> Walther:
     return by_slope(at_40, 40.0, fall / math.log10((100.0 + KELVIN) / (40.0 + KELVIN)))
 
 
-def by_slope(viscosity: float, at: float = REFERENCE, slope: float = SLOPE) -> Walther:
+def by_slope(viscosity: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> Walther:
     """(a) of an oil that has a viscosity [m^2/s] at a temperature [degrees C], with B given."""
     return Walther(_twice_log(viscosity) + slope * math.log10(at + KELVIN), slope)
 
 
-def viscosity_at(viscosity: float, temperature: float, at: float = REFERENCE, slope: float = SLOPE) -> float:
+def viscosity_at(viscosity: float, temperature: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> float:
     """Kinematic viscosity [m^2/s] at a temperature [degrees C], of an oil that has `viscosity` at another one."""
     return by_slope(viscosity, at, slope).viscosity(temperature)
