@@ -95,6 +95,13 @@ def test_wheels_of_another_material_keep_the_pitch_and_the_seats_that_they_were_
     assert hot.tooth(1).seat_radius == pytest.approx(factor * car().tooth(1).seat_radius, rel=1e-14)
 
 
+def test_wheels_of_another_material_with_teeth_of_iso_606():
+    teeth = {"profile": "iso606", "gap": "minimum", "restitution": 0.3, "impact_speed_floor": 0.02, "stiffness": 1e8}
+    drive = two_sprockets().with_values({"contact.sprocket": teeth})
+    hot = drive.with_values({"temperature": 120.0, "expansion.wheels": "aluminum"})
+    assert hot.pitch_radius(0) == pytest.approx((1.0 + 23e-4) * drive.pitch_radius(0), rel=1e-14)
+
+
 def test_one_material_throughout_leaves_strain_and_angles():
     """All is larger by one factor: a figure that is similar to the cold one."""
     hot = assemble(load_drive(drive_path("marine")).with_values({"temperature": 140.0} | STEEL))

@@ -131,7 +131,7 @@ class Drive(Part):
         shafts: (H,) what sprockets turn with; as bodies they stand between the sprockets and the arms.
         gears: pairs of gears that tie two shafts.
         couplings: springs and dampers with play between two shafts.
-        temperature: of all [degrees C], at which sizes and oil are (`warpchain.drive.thermal`); None is 20.
+        temperature: temperature [degrees C] at which sizes and oil are (`warpchain.drive.thermal`); None is 20.
         expansion: coefficients of expansion; None is a block of aluminum, wheels and chain of steel.
 
     Raises:

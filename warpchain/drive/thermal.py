@@ -43,9 +43,9 @@ class Expansion(Part):
     """Coefficients of linear expansion of a drive's parts, or the names of their materials.
 
     Attributes:
-        block: of what holds centers, guides and pivots [1/K].
-        wheels: of the sprockets [1/K].
-        chain: of the chains [1/K].
+        block: coefficient of what holds centers, guides and pivots [1/K].
+        wheels: coefficient of the sprockets [1/K].
+        chain: coefficient of the chains [1/K].
     """
 
     block: Coefficient = MATERIALS["aluminum"]
@@ -181,12 +181,13 @@ def _unlike_wheels(drive: Any, found: Mapping[str, Any], factors: Mapping[str, f
         else sprocket.model_copy(update={"pitch": factors["wheels"] * pitches[sprocket.chain]})
         for sprocket in found["sprockets"]
     )  # fmt: skip
-    law = found["contact"].sprocket
+    contact = found.get("contact", drive.contact)
+    law = contact.sprocket
     if law.clearance is None:
         return {"sprockets": sprockets}
     clearance = law.clearance + min(radius * (factors["wheels"] - factors["chain"]) for radius in radii)
-    contact = found["contact"].model_copy(update={"sprocket": law.model_copy(update={"clearance": clearance})})
-    return {"sprockets": sprockets, "contact": contact}
+    law = law.model_copy(update={"clearance": clearance})
+    return {"sprockets": sprockets, "contact": contact.model_copy(update={"sprocket": law})}
 
 
 def _with_oil(tensioner: Any, temperature: float | None) -> Any:
