@@ -10,6 +10,7 @@ from tensioner_rig import TEXT, engine, looked, moved, tensioner
 import warpchain
 from warpchain import bench_tensioner, loads_drive
 from warpchain.drive import oil
+from warpchain.drive.viscosity import viscosity_at
 from warpchain.engine.fill_bodies import fill_tensioner
 from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
@@ -74,11 +75,11 @@ def test_python_and_kernels_have_one_oil_and_one_valve(drive):
 
 
 def test_viscosity_over_temperature_is_walther_s():
-    assert oil.viscosity_at(8e-5, 40.0) == pytest.approx(8e-5, rel=1e-12)
+    assert viscosity_at(8e-5, 40.0) == pytest.approx(8e-5, rel=1e-12)
     # a 5W-30 of 62 mm^2/s at 40 degrees C has about 10.3 at 100
-    assert oil.viscosity_at(62e-6, 100.0) == pytest.approx(10.3e-6, rel=0.01)
+    assert viscosity_at(62e-6, 100.0) == pytest.approx(10.3e-6, rel=0.01)
     # VG 100 of a viscosity index of 95 has 11.1 at 100 (B = 3.6)
-    assert oil.viscosity_at(100e-6, 100.0, slope=3.6) == pytest.approx(11.1e-6, rel=0.03)
+    assert viscosity_at(100e-6, 100.0, slope=3.6) == pytest.approx(11.1e-6, rel=0.03)
 
 
 # ---- rides ----
@@ -143,7 +144,7 @@ def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(driv
     assert (np.diff(gaps) < 0.0).all()
     airs = [force_max(drive, oil__air=air) for air in (0.0, 0.01, 0.03, 0.1)]
     assert (np.diff(airs) < 0.0).all()
-    warm = [force_max(drive, oil__viscosity=oil.viscosity_at(8e-5, t)) for t in (20.0, 40.0, 80.0, 120.0)]
+    warm = [force_max(drive, oil__viscosity=viscosity_at(8e-5, t)) for t in (20.0, 40.0, 80.0, 120.0)]
     assert (np.diff(warm) < 0.0).all()
 
 

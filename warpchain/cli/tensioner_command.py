@@ -130,16 +130,18 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """The drive's oil at each temperature [m^2/s]."""
-    from warpchain.drive.oil import THICKEST, THINNEST, viscosity_at
+    from warpchain.drive.viscosity import THICKEST, THINNEST, by_slope
     from warpchain.engine.rig import tensioner_of
 
-    oil = tensioner_of(drive, arguments.name).oil
+    oil = tensioner_of(drive.as_read, arguments.name).oil
     if oil is None:
         raise WarpchainError(f"--sweep temperature: tensioner {arguments.name!r} has no oil")
-    if not THINNEST <= oil.viscosity <= THICKEST:
+    law = oil.walther
+    if law is None and not THINNEST <= oil.viscosity <= THICKEST:
         key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
         raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
-    return [viscosity_at(oil.viscosity, t, arguments.at) for t in temperatures]
+    law = by_slope(oil.viscosity, arguments.at) if law is None else law
+    return [law.viscosity(t) for t in temperatures]
 
 
 def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:

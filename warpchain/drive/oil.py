@@ -1,16 +1,9 @@
-r"""The oil of a hydraulic tensioner: pressure at rest, properties over temperature, stiffness; plain Python.
+r"""The oil of a hydraulic tensioner: pressure at rest, stiffness; plain Python.
 
 Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
 
 The pressure at rest is the one at which the check valve brings in what leaks through the gap, Q_cv(P) = G (P - P_0),
 the laws being those of `kernels/physics/tensioner.py`.
-
-Viscosity over temperature, Walther (ASTM D341), nu in mm^2/s and T in K:
-
-    log10(log10(nu + 0.7)) = A - B log10(T).                                                              (a)
-
-B is 3.1 for engine oils of several grades (a 5W-30 of 62 mm^2/s at 40 degrees C and 10.3 at 100), 3.5 to 3.7 for
-mineral oils of a single one.
 """
 
 from __future__ import annotations
@@ -30,14 +23,6 @@ LAMINAR_DROP = 5.0e3
 """Drop of pressure [Pa] below which the valve's flow is linear in it."""
 BOTTOM = 0.95
 """Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
-
-WALTHER_SLOPE = 3.1
-"""B of (a) by default."""
-REFERENCE = 40.0
-"""Temperature [degrees C] at which a drive's viscosity is meant where it is swept over temperature."""
-KELVIN = 273.15
-THINNEST, THICKEST = 0.5e-6, 1.0
-"""Viscosities [m^2/s] that the law holds for, with some margin."""
 
 
 def bulk_modulus(tensioner: Tensioner, pressure: float) -> float:
@@ -124,16 +109,3 @@ def bottom_place(tensioner: Tensioner) -> float:
         return -math.inf
     assert tensioner.chamber is not None
     return -BOTTOM * tensioner.chamber.volume / tensioner.area
-
-
-def viscosity_at(viscosity: float, temperature: float, at: float = REFERENCE, slope: float = WALTHER_SLOPE) -> float:
-    """Kinematic viscosity [m^2/s] at a temperature, of an oil that has `viscosity` at another one, (a).
-
-    Args:
-        viscosity: [m^2/s], `THINNEST` to `THICKEST`.
-        temperature, at: [degrees C].
-        slope: B.
-    """
-    known = math.log10(math.log10(1e6 * viscosity + 0.7))
-    wanted = known - slope * math.log10((temperature + KELVIN) / (at + KELVIN))
-    return 1e-6 * (10.0 ** (10.0**wanted) - 0.7)

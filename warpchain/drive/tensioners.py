@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -34,14 +34,23 @@ from warpchain.drive.schema import (
     get,
     numbers,
 )
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
 Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 Share = Annotated[float, Field(strict=True, ge=0.0, lt=1.0), Value("must be a number of at least 0 and below 1")]
 Discharge = Annotated[float, Field(strict=True, gt=0.0, le=1.0), Value("must be a number above 0, at most 1")]
+Viscosity = Annotated[
+    float,
+    Field(strict=True, ge=THINNEST, le=THICKEST),
+    Value(f"must be a number from {THINNEST:g} to {THICKEST:g}, for which ASTM D341 holds"),
+]
 SeatAngle = Annotated[
     float, Field(strict=True, gt=0.0, lt=90.0), Value("must be a number of degrees above 0, below 90")
 ]
+
+POINTS = ("viscosity_40", "viscosity_100")
+"""The keys of an oil's viscosity over temperature."""
 
 VAPOR_PRESSURE = 1.0e3
 """Absolute pressure at which oil boils [Pa], below which none falls: mineral oils, with what volatile they take up."""
@@ -152,7 +161,9 @@ class Oil(Part):
 
     Attributes:
         density: its density [kg/m^3].
-        viscosity: its kinematic viscosity [m^2/s].
+        viscosity: its kinematic viscosity [m^2/s]; None is that of the next two at the drive's temperature.
+        viscosity_40, viscosity_100: its kinematic viscosities at 40 and at 100 degrees C [m^2/s]; needed where the
+            drive has a temperature other than 20 degrees C (`warpchain.drive.viscosity`).
         bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
         air: share of air in the volume at ambient pressure [-].
         supply: pressure of the supply, P_s [Pa].
@@ -161,18 +172,49 @@ class Oil(Part):
 
     density: Positive = 800.0
     viscosity: Positive
+    viscosity_40: Viscosity | None = None
+    viscosity_100: Viscosity | None = None
     bulk_modulus: Positive = 8.0e8
     air: Share = 0.01
     supply: Positive
     ambient: Positive = 1.0e5
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "viscosity": ("viscosity_40", "viscosity_100"),
+        "viscosity_40": ("viscosity",),
+        "viscosity_100": ("viscosity",),
+    }
+    _filled: ClassVar[tuple[str, ...]] = ("viscosity",)
+    """Keys that others fill."""
 
     @property
     def dynamic_viscosity(self) -> float:
         """eta [Pa s]."""
         return self.density * self.viscosity
 
+    @property
+    def walther(self) -> Walther | None:
+        """Its viscosity over temperature; None where two viscosities do not say it."""
+        return _walther(self)
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        given = isinstance(values, Mapping) and any(values.get(key) is not None for key in POINTS)
+        if not given or values.get("viscosity") is not None:
+            return values
+        law = _walther(cls._measured(values)[0])  # of points that are wrong, their own rules say it
+        return dict(values) | {"viscosity": THINNEST if law is None else law.viscosity(REFERENCE)}
+
+    @classmethod
+    def _missing(cls, key: str, node: Any) -> Problem:
+        if key == "viscosity":
+            text = f"missing; {allowed(cls, key)}, or give viscosity_40 and viscosity_100 instead"
+            return Problem((key,), None, text, BARE)
+        return super()._missing(key, node)
+
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _two_points(node)
         supply, ambient = get(node, "supply"), get(node, "ambient")
         ambient = 1.0e5 if ambient is None else ambient
         dry = False
@@ -185,6 +227,27 @@ class Oil(Part):
         if not dry and numbers(supply, ambient) and 0.0 < supply < ambient:
             text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
             yield Problem(("supply",), supply, text)
+
+
+def _walther(oil: Any) -> Walther | None:
+    """The viscosity over temperature of an oil, or of the mapping to become one; None where it is not whole."""
+    at_40, at_100 = (get(oil, key) for key in POINTS)
+    if not numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
+        return None
+    return by_two_points(at_40, at_100)
+
+
+def _two_points(oil: Any) -> Iterable[Problem]:
+    """The rules of the viscosities at two temperatures."""
+    at_40, at_100 = (get(oil, key) for key in POINTS)
+    for key, other in zip(POINTS, reversed(POINTS), strict=True):
+        if get(oil, key) is None and get(oil, other) is not None:
+            yield Problem((key,), None, f"missing; {allowed(Oil, key)}; needed with {other}", BARE)
+    if numbers(at_40, at_100) and at_100 >= at_40 >= THINNEST:
+        yield Problem(("viscosity_100",), at_100, f"must be below viscosity_40, {at_40:g}: oil thins as it warms")
+    law, own = _walther(oil), get(oil, "viscosity")
+    if law is not None and numbers(own) and not math.isclose(own, law.viscosity(REFERENCE), rel_tol=1e-12):
+        yield Problem(("viscosity",), own, "not together with viscosity_40 and viscosity_100, which say it")
 
 
 class Ratchet(Part):
