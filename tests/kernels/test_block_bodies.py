@@ -6,6 +6,7 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    fed,
     gear_changes,
     gear_changes_rk4,
     led,
@@ -43,6 +44,7 @@ KINDS = (
     led,
     led_light,
     led_rk4,
+    fed,
     *TRAINS,
 )
 USUAL = [
@@ -58,6 +60,8 @@ USUAL = [
     (swung_light, True, "float32"),
     (led, True, "float64"),
     (led_light, False, "float32"),
+    (fed, False, "float64"),
+    (fed, True, "float32"),
 ]
 
 

@@ -310,7 +310,28 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
             known = [name for name in (*arms, *_on_sliders(drive)) if is_name(name)]
             hint = nearest(on, known) if known else "there are none"
             found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
-        yield from (problem.under("tensioners", t) for problem in found)
+        yield from (problem.under("tensioners", t) for of in (found, _pumped(drive, node)) for problem in of)
+
+
+def _pumped(drive: Any, node: Any) -> Iterator[Problem]:
+    """What turns the pump of a tensioner's supply must be there, of several chains on the tensioner's own."""
+    shaft = get(get(get(node, "oil"), "supply_table"), "shaft")
+    kinds = TURNED if not elements(drive, "chains") else ("sprockets",)
+    parts = [part for kind in kinds for part in elements(drive, kind)]
+    if elements(drive, "chains"):
+        on = get(node, "on")
+        carried = [p for p in (*elements(drive, "guides"), *elements(drive, "sprockets")) if _moves_with(p, on)]
+        own = {get(part, "chain") for part in carried}
+        parts = [part for part in parts if get(part, "chain") in own]
+    names = [name for part in parts if is_name(name := get(part, "name"))]
+    if isinstance(shaft, str) and shaft not in names:
+        what = "a sprocket of its chain" if elements(drive, "chains") else "a sprocket or a shaft"
+        yield Problem(("oil", "supply_table", "shaft"), shaft, f"must be the name of {what}; {nearest(shaft, names)}")
+
+
+def _moves_with(part: Any, on: Any) -> bool:
+    """Whether a guide or a sprocket is the body of this name, or on it."""
+    return on in (get(part, "name"), get(part, "arm"), get(get(part, "mount"), "arm"))
 
 
 def _by_name(parts: Sequence[Any]) -> dict[str, int]:
