@@ -290,6 +290,19 @@ def v6():
     return [drive, drive.with_values({"sprockets.exhaust cam.load.torque": 4.0} | worn)]
 
 
+def v6_fed():
+    """The same with supplies of two chains' tensioners over the speeds of sprockets there."""
+    over = {
+        f"tensioners.{side} tensioner.oil.supply_table": {
+            "speed": speed,
+            "pressure": [1e5, 8e5],
+            "shaft": f"{side} cam",
+        }
+        for side, speed in (("left", [0.0, 300.0]), ("right", [100.0, 900.0]))
+    }
+    return [drive.with_values(over) for drive in v6()]
+
+
 def stages_of_two_chains():
     """Two chains that differ in all: in pitch, in how links alternate, and one with play whose joints rub."""
     drive = chains.two_stages(step=2e-6)

@@ -50,7 +50,7 @@ from .sync import lanes, sync
 @cache
 def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     """The functions of one variant's tensioners on a block."""
-    tensioners_of = block_rings(kind).tensioners_of
+    tensioners_of, body_of = block_rings(kind).tensioners_of, block_rings(kind).body_of
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
@@ -105,7 +105,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
         for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = ensemble.tensioners[t]
             if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
-                pump = mine.body - mine.number + tensioner.pump
+                pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
                 forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
                 state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
 

@@ -337,6 +337,14 @@ def test_rule_of_valves_and_supply(path, value, line):
     lines_of(copy.deepcopy(OUTLETS), path, value, line)
 
 
+def test_a_pump_of_several_chains_is_on_the_tensioner_s_own():
+    base, path = load_drive(drive_path("v6")), "tensioners.right tensioner.oil.supply_table"
+    table = {"speed": [0.0, 100.0], "pressure": [1e5, 4e5]}
+    assert base.with_values({path: table | {"shaft": "right cam"}}).tensioners[2].oil.supply_table.shaft == "right cam"
+    with pytest.raises(DriveError, match='"left cam": must be the name of a sprocket of its chain; did you mean right'):
+        base.with_values({path: table | {"shaft": "left cam"}})
+
+
 def test_outlets_read_back_equal_and_only_with_oil():
     drive = Drive(**copy.deepcopy(OUTLETS))
     assert loads_drive(dumps_drive(drive)) == drive and pickle.loads(pickle.dumps(drive)) == drive

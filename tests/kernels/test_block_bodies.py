@@ -44,8 +44,8 @@ KINDS = (
     led,
     led_light,
     led_rk4,
-    fed,
     *TRAINS,
+    fed,
 )
 USUAL = [
     (moving_sprockets, False, "float64"),

@@ -310,23 +310,26 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
             known = [name for name in (*arms, *_on_sliders(drive)) if is_name(name)]
             hint = nearest(on, known) if known else "there are none"
             found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
-        yield from (problem.under("tensioners", t) for of in (found, _pumped(drive, node)) for problem in of)
+        yield from (problem.under("tensioners", t) for problem in found)
 
 
-def _pumped(drive: Any, node: Any) -> Iterator[Problem]:
+def pump_rules(drive: Any) -> Iterator[Problem]:
     """What turns the pump of a tensioner's supply must be there, of several chains on the tensioner's own."""
-    shaft = get(get(get(node, "oil"), "supply_table"), "shaft")
-    kinds = TURNED if not elements(drive, "chains") else ("sprockets",)
-    parts = [part for kind in kinds for part in elements(drive, kind)]
-    if elements(drive, "chains"):
-        on = get(node, "on")
-        carried = [p for p in (*elements(drive, "guides"), *elements(drive, "sprockets")) if _moves_with(p, on)]
-        own = {get(part, "chain") for part in carried}
-        parts = [part for part in parts if get(part, "chain") in own]
-    names = [name for part in parts if is_name(name := get(part, "name"))]
-    if isinstance(shaft, str) and shaft not in names:
-        what = "a sprocket of its chain" if elements(drive, "chains") else "a sprocket or a shaft"
-        yield Problem(("oil", "supply_table", "shaft"), shaft, f"must be the name of {what}; {nearest(shaft, names)}")
+    several = bool(elements(drive, "chains"))
+    what = "a sprocket of its chain" if several else "a sprocket or a shaft"
+    for t, node in enumerate(elements(drive, "tensioners")):
+        shaft = get(get(get(node, "oil"), "supply_table"), "shaft")
+        if not isinstance(shaft, str):
+            continue
+        parts = [part for kind in TURNED for part in elements(drive, kind)]
+        if several:
+            of_chains = (part for kind in ("sprockets", "guides") for part in elements(drive, kind))
+            own = {get(part, "chain") for part in of_chains if _moves_with(part, get(node, "on"))}
+            parts = [part for part in elements(drive, "sprockets") if get(part, "chain") in own]
+        names = [name for part in parts if is_name(name := get(part, "name"))]
+        if shaft not in names:
+            path = ("tensioners", t, "oil", "supply_table", "shaft")
+            yield Problem(path, shaft, f"must be the name of {what}; {nearest(shaft, names)}")
 
 
 def _moves_with(part: Any, on: Any) -> bool:
