@@ -341,7 +341,9 @@ def test_a_pump_of_several_chains_is_on_the_tensioner_s_own():
     base, path = load_drive(drive_path("v6")), "tensioners.right tensioner.oil.supply_table"
     table = {"speed": [0.0, 100.0], "pressure": [1e5, 4e5]}
     assert base.with_values({path: table | {"shaft": "right cam"}}).tensioners[2].oil.supply_table.shaft == "right cam"
-    with pytest.raises(DriveError, match='"left cam": must be the name of a sprocket of its chain; did you mean right'):
+    with pytest.raises(
+        DriveError, match='"left cam": must be the name of a sprocket of its chain; allowed are idler right'
+    ):
         base.with_values({path: table | {"shaft": "left cam"}})
 
 

@@ -314,7 +314,7 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
 
 
 def pump_rules(drive: Any) -> Iterator[Problem]:
-    """What turns the pump of a tensioner's supply must be there, of several chains on the tensioner's own."""
+    """A sprocket or shaft that turns a pump must be there, of several chains on that of the tensioner."""
     several = bool(elements(drive, "chains"))
     what = "a sprocket of its chain" if several else "a sprocket or a shaft"
     for t, node in enumerate(elements(drive, "tensioners")):

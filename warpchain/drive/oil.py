@@ -77,7 +77,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
-    """What goes out through relief valve and vent of a chamber of an absolute pressure [Pa], each [m^3/s]."""
+    """Flows out through relief valve and vent of a chamber of an absolute pressure [Pa], each [m^3/s]."""
     oil, relief, vent = tensioner.oil, tensioner.relief, tensioner.vent
     assert oil is not None
     drop = pressure - oil.ambient
