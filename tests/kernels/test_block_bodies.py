@@ -23,6 +23,8 @@ from blocks import (
     swung_trains,
     trains,
     trains_rk4,
+    valves,
+    valves_rk4,
     ways,
 )
 
@@ -43,6 +45,8 @@ KINDS = (
     led,
     led_light,
     led_rk4,
+    valves,
+    valves_rk4,
     *TRAINS,
 )
 USUAL = [
@@ -58,6 +62,8 @@ USUAL = [
     (swung_light, True, "float32"),
     (led, True, "float64"),
     (led_light, False, "float32"),
+    (valves, True, "float64"),
+    (valves, False, "float32"),
 ]
 
 

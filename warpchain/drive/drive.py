@@ -69,6 +69,7 @@ from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth,
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import top_speed
 from warpchain.drive.trains import driving_sprocket
+from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
@@ -90,6 +91,7 @@ RULES = (
     pivot_rules,
     tensioner_rules,
     train_rules,
+    valve_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
@@ -130,6 +132,7 @@ class Drive(Part):
         shafts: (H,) what sprockets turn with; as bodies they stand between the sprockets and the arms.
         gears: pairs of gears that tie two shafts.
         couplings: springs and dampers with play between two shafts.
+        valves: groups of valves that cams of sprockets and shafts lift.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -147,6 +150,7 @@ class Drive(Part):
     shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
     gears: Annotated[tuple[Gear, ...], Allowed("must be a list of gear pairs")] = ()
     couplings: Annotated[tuple[Coupling, ...], Allowed("must be a list of couplings")] = ()
+    valves: Annotated[tuple[Valves, ...], Allowed("must be a list of groups of valves")] = ()
 
     if not TYPE_CHECKING:
 

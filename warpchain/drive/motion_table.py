@@ -41,6 +41,8 @@ HEADS = {
     "speed": ("speed", 1.0),
     "speed_rpm": ("speed", math.pi / 30.0),
     "torque": ("torque", 1.0),
+    "lift": ("lift", 1.0),
+    "lift_mm": ("lift", 1e-3),
 }
 """Heads of a CSV file's columns: the key that they become, and its unit in the column's."""
 
@@ -108,7 +110,7 @@ class Table(Part):
                 return
             if len(values) != len(over):
                 yield Problem((cls._quantity,), list(values), f"must have as many elements as {key}, {len(over)}")
-            falling = list(_ascending(key, over))
+            falling = list(ascending(key, over))
             if falling:
                 yield from falling
                 return
@@ -185,7 +187,7 @@ class PlaceTable(Part):
                 return
             if time and time[0] < 0.0:
                 yield Problem(("time", 0), time[0], "must be at least 0, when the run begins")
-            yield from _ascending("time", time)
+            yield from ascending("time", time)
         for axis in ("x", "y"):
             column = elements(node, axis)
             if get(node, axis) is not None and time and len(column) != len(time):
@@ -216,7 +218,7 @@ class PlaceColumn:
         return CubicSpline(self.over, self.values, bc_type=(start, (1, 0.0)))
 
 
-def _ascending(key: str, over: Any) -> Iterator[Problem]:
+def ascending(key: str, over: Any) -> Iterator[Problem]:
     """The first of some numbers that is not above the one before."""
     for i in range(1, len(over)):
         if over[i] <= over[i - 1]:
@@ -301,7 +303,7 @@ def read_csv(path: Path, places: bool = False) -> dict[str, list[float]]:
     elif len(known) != 2 or [key in ("time", "angle") for key, _ in known] != [True, False] or not known[1][0]:
         raise DriveError(
             f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle or "
-            f"angle_deg, the second speed, speed_rpm or torque"
+            f"angle_deg, the second speed, speed_rpm, torque, lift or lift_mm"
         )
     columns: dict[str, list[float]] = {key: [] for key, _ in known}
     for number, row in rows[1:]:

@@ -150,7 +150,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int) -> None:
     """
     tensioner, body = drive.tensioners[t], drive.tensioner_body(t)
     row["body"] = body
-    arm = body - len(drive.sprockets)
+    arm = body - drive.first_arm_body
     if arm < 0:
         row["home"] = joined(drive.sprockets[body].center)
     else:
