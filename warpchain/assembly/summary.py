@@ -496,7 +496,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _valve_lines(values: dict[str, Any]) -> list[str]:
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             v["name"],
             v["on"],

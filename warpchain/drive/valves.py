@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending
@@ -42,9 +40,11 @@ from warpchain.drive.schema import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from scipy.interpolate import CubicSpline
 
-Array = NDArray[np.float64]
+    Array = NDArray[np.float64]
 
 MOST_VALVES = 64
 """Most valves at a place, and places, of a group."""
@@ -97,12 +97,15 @@ class LiftCurve:
     @cached_property
     def steepest(self) -> tuple[float, float]:
         """Largest magnitudes of the first and the second derivative."""
-        _, slope, bend = self.derivatives(np.linspace(self.over[0], self.over[-1], ROWS + 1))
-        return float(np.abs(slope).max()), float(np.abs(bend).max())
+        _, slope, bend = self.around()
+        return float(abs(slope).max()), float(abs(bend).max())
 
-    def derivatives(self, angle: Array) -> tuple[Array, Array, Array]:
-        """Lift and its first and second derivative by the angle, at angles [rad]."""
-        return self.spline(angle), self.spline(angle, 1), self.spline(angle, 2)
+    def around(self) -> tuple[Array, Array, Array]:
+        """Lift and its first and second derivative by the angle over a turn from angle 0 on, (`ROWS`,) each."""
+        import numpy as np  # here, since drives are read without it
+
+        turn = np.linspace(0.0, 2.0 * np.pi, ROWS, endpoint=False)
+        return self.spline(turn), self.spline(turn, 1), self.spline(turn, 2)
 
 
 class LiftTable(Part):
@@ -201,8 +204,8 @@ class LiftProfile(Part):
 
 FLANKS = {
     "polynomial": lambda s: s**4 * (35.0 - s * (84.0 - s * (70.0 - 20.0 * s))),
-    "cycloid": lambda s: s - np.sin(2.0 * np.pi * s) / (2.0 * np.pi),
-    "cosine": lambda s: 0.5 * (1.0 - np.cos(np.pi * s)),
+    "cycloid": lambda s: s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi),
+    "cosine": lambda s: 0.5 * (1.0 - math.cos(math.pi * s)),
 }
 """A flank from 0 to 1 over s from 0 to 1."""
 
@@ -210,12 +213,10 @@ FLANKS = {
 @cache
 def profile_curve(shape: str, rise: float, dwell: float, fall: float) -> LiftCurve:
     """The lift of a profile over its largest; angles in degrees."""
-    degrees = np.linspace(0.0, 360.0, ROWS + 1)
-    up = np.clip(degrees / rise, 0.0, 1.0)
-    down = np.clip((rise + dwell + fall - degrees) / fall, 0.0, 1.0)
-    lift = FLANKS[shape](np.minimum(up, down))
-    lift[-1] = lift[0]
-    return LiftCurve(tuple(np.radians(degrees).tolist()), tuple(lift.tolist()))
+    degrees = [360.0 * row / ROWS for row in range(ROWS)]
+    parts = (min(angle / rise, (rise + dwell + fall - angle) / fall, 1.0) for angle in degrees)
+    lift = [FLANKS[shape](max(part, 0.0)) for part in parts]
+    return LiftCurve((*map(math.radians, degrees), 2.0 * math.pi), (*lift, lift[0]))
 
 
 class ValveSpring(Part):
@@ -269,8 +270,7 @@ class Valves(Part):
 
     def lifts(self) -> tuple[Array, Array, Array]:
         """Lift and its derivatives by the angle over a turn, (`ROWS`,) each [m]."""
-        turn = np.linspace(0.0, 2.0 * np.pi, ROWS, endpoint=False)
-        lift, slope, bend = (self.height * of for of in self.curve.derivatives(turn))
+        lift, slope, bend = (self.height * of for of in self.curve.around())
         return lift, slope, bend
 
     @property
@@ -282,7 +282,7 @@ class Valves(Part):
         lift, _, bend = self.lifts()
         pressed, thrown = self.spring.preload + self.spring.stiffness * lift, -self.mass * bend
         over = thrown > 0.0
-        return float(np.sqrt(np.maximum(pressed[over], 0.0) / thrown[over]).min(initial=math.inf))
+        return math.sqrt(max(0.0, float((pressed[over] / thrown[over]).min(initial=math.inf))))
 
     @property
     def torsional_stiffness(self) -> Any:

@@ -168,7 +168,8 @@ def standing(
     stands in float64, and the tensions of its links (N,) [N].
 
     Prescribed motions stand, loads have their mean, valves no springs, whose torque has the mean 0, nothing rubs,
-    couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners are at rest. Links are those of
+    couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners
+    are at rest. Links are those of
     `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
     the sprockets too.
 

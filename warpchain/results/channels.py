@@ -135,8 +135,8 @@ class FrameLayout:
     """Layout of one frame's values in a row of memory.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
-    after the other, those of the arms, the tensioners, the shafts, the couplings and the valves likewise. With N rollers and
-    S sprockets, component k of a channel is at
+    after the other, those of the arms, tensioners, shafts, couplings and valves likewise. With N rollers and S
+    sprockets, component k of a channel is at
 
         (place + k) N + i                                         of roller or link i
         values(roller) N + values(sprocket) s + place + k         of sprocket s

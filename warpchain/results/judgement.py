@@ -60,7 +60,7 @@ class Limits(Part):
     slips: Limit = 0.0
     missed: Limit = 0.0
     engaged: Share = 0.5
-    valve_float: Share = 0.0
+    valve_float: Limit = 0.0
     layout: Limit = 0.0
 
     @classmethod
