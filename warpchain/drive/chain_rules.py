@@ -175,10 +175,10 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
 
 
 def one_chain_rules(drive: Any) -> Iterator[Problem]:
-    """Gears, couplings, motors and speeds at the start are for drives of one chain so far."""
+    """Gears, couplings, valves, motors and speeds at the start are for drives of one chain so far."""
     if not elements(drive, "chains"):
         return
-    for kind in ("gears", "couplings"):
+    for kind in ("gears", "couplings", "valves"):
         if elements(drive, kind):
             yield Problem((kind,), None, NOT_YET, BARE)
     for h, shaft in enumerate(elements(drive, "shafts")):
