@@ -104,8 +104,8 @@ GEARED = {
     "a coupling needs two that turn alike":
         SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n' + PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"')
         + '[[couplings]]\nname = "c"\nbetween = ["A", "C"]\nstiffness = 9.0\n',
-    'couplings.c.between = ["a1", "C"]: the rest of the drive turns "C" 0.5 times as fast, the other way round, as "a1"; '
-    "a coupling needs two that turn alike":
+    'couplings.c.between = ["a1", "C"]: the rest of the drive turns "C" 0.5 times as fast, the other way round, '
+    'as "a1"; a coupling needs two that turn alike':
         SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n' + PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"')
         + '[[couplings]]\nname = "c"\nbetween = ["a1", "C"]\nstiffness = 9.0\n',
     'couplings.c.between = ["A", "B"]: the rest of the drive turns "B" 0.5 times as fast as "A"; '
@@ -131,7 +131,9 @@ def test_contradictions_of_gears_and_chains_are_refused_in_a_line(line):
 
 def test_ratios_of_chains_that_contradict_each_other_beside_gears_name_the_teeth():
     pump = PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"') + '[[shafts]]\nname = "C"\ninertia = 1.0\n'
-    line = 'sprockets.b2.shaft = "B": the rest of the drive turns "b2" 0.97561 times as fast as "B"; teeth = 40 would fit'
+    line = (
+        'sprockets.b2.shaft = "B": the rest of the drive turns "b2" 0.97561 times as fast as "B"; teeth = 40 would fit'
+    )
     assert error(text_of(more="") + pump) == line
 
 

@@ -128,7 +128,11 @@ def test_a_prescribed_shaft_leads_chains_through_gears(device):
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_variant_alone_is_the_same_in_a_crowd(precision):
-    drives = [chains.motored_stages(duration=5e-3), chains.cushed_stages(duration=5e-3), chains.two_stages(duration=5e-3)]
+    drives = [
+        chains.motored_stages(duration=5e-3),
+        chains.cushed_stages(duration=5e-3),
+        chains.two_stages(duration=5e-3),
+    ]
     crowd = simulate(drives, device="cpu", precision=precision, limits=STARTING)
     for v, drive in enumerate(drives):
         alone = simulate(drive, device="cpu", precision=precision, limits=STARTING)[0]

@@ -27,7 +27,13 @@ from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
 KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light, geared_stages, cushed_stages
-USUAL = [(geared_stages, True, "float64"), (cushed_stages, False, "float32"), (v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
+USUAL = [
+    (geared_stages, True, "float64"),
+    (cushed_stages, False, "float32"),
+    (v6, True, "float64"),
+    (light_stages, False, "float64"),
+    (stages_rk4, True, "float32"),
+]
 
 
 @pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))

@@ -349,9 +349,9 @@ def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
         shapes.append(shape)
         at = [*ring.places["sprockets"], *(len(drive.sprockets) + h for h in ring.places["shafts"])]
         at += [drive.first_arm_body + a for a in ring.places["arms"]]
-        own = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
-        own += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
-        bodies[:, at], placed[at] = turned[:, own], part.state.bodies[0][own]
+        mine = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
+        mine += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
+        bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
             values[:, list(ring.places["tensioners"])] = getattr(plunger, name)
     several = drive.chains and not is_geared(drive)
@@ -382,7 +382,8 @@ def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[
     for r, s in (first for first, *_ in common_shafts(found.rings, found.drive)):
         if s < len(found.rings[r].drive.sprockets):
             named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
-    parts, shares, off, roller = [], [], np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
+    parts, shares = list[str](), list[Array]()
+    off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_each(found, vector)):
         energy = (own.conj() * (part.mass @ own)).real.T
         before = f"{found.rings[r].name}." if found.drive.chains else ""
