@@ -118,6 +118,8 @@ class Tie:
     # turns alone; negative: an arm of a drive that is tied
     ratio: wp.float64  # rho, its speed over that of the first
     inertia: wp.float64  # J of its own [kg m^2]
+    apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
+    # shaft, of another chain; 0: it is that itself
 
 
 @wp.struct

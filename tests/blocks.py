@@ -341,6 +341,19 @@ def stages_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in stages_of_two_chains()]
 
 
+def geared_stages():
+    """Two stages with gears and a coupling, and with less load."""
+    drive = chains.motored_stages(step=2e-6)
+    return [drive, drive.with_values({"shafts.wheel.load.torque": 100.0})]
+
+
+def cushed_stages():
+    """Two stages, with bodies so light that contacts want their accelerations before forces, on a coupling."""
+    light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 0.02, "shafts.pump.inertia": 2e-3}
+    drive = chains.cushed_stages(step=2e-6).with_values(light)
+    return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
+
+
 def unjoined():
     """Two chains, each with an idler on an arm, that nothing joins."""
     return [chains.twice(drive) for drive in swung()]

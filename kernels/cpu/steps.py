@@ -247,7 +247,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
             wrench.load = wrench.load + wrench.bearing
-            if drive.tied != 0 and ensemble.ties[b].train >= 0:
+            if drive.tied != 0 and ensemble.ties[b].train >= 0 and ensemble.ties[b].apart == 0:
                 wrench.moment = gathered(ensemble, state, drive, b)
                 wrench.load = wp.float64(0.0)
                 if drive.valves > 0:

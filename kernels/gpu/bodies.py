@@ -401,11 +401,13 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
         first = ensemble.drives[mine.variant].first_body
-        train = ensemble.ties[place_of(shared, first, mine.body)].train
+        own = ensemble.ties[place_of(shared, first, mine.body)]
         total = Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            if ensemble.ties[place_of(shared, first, b)].train == train:
-                total = total + shared.passed[wp.static(kind.parts.bodies) + b]
+            tie = ensemble.ties[place_of(shared, first, b)]
+            if tie.train == own.train:
+                ratio = tie.ratio / own.ratio
+                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
     @wp.func

@@ -40,6 +40,7 @@ def block_types(Real: type) -> SimpleNamespace:
         sprocket: wp.int32
         guide: wp.int32
         arm: wp.int32
+        shaft: wp.int32
         partners: wp.int32  # its sprockets and guides, as bits
 
     @wp.struct

@@ -19,8 +19,9 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
+from warpchain.drive.rings import loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, growth
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
@@ -138,7 +139,7 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **({"shafts": train_report.shafts(drive)} if drive.shafts else {}),
+        **({"shafts": train_report.shafts(drive)} if own_shafts(drive) else {}),
         **({"gears": train_report.gears(drive)} if drive.gears else {}),
         **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
         **({"valves": train_report.valves(drive)} if drive.valves else {}),
@@ -180,13 +181,13 @@ def _step(drive: Drive) -> dict[str, Any]:
 
 def _derive_several(drive: Drive) -> dict[str, Any]:
     """`derive` of several chains."""
-    speeds = transmission_of(with_shafts(drive)).speeds
+    ratios = shaft_ratios(drive)
     shafts = [
         {
             "name": shaft.name,
             "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
-            "ratio": float(speeds[shaft.name]),
-            "speed": float(speeds[shaft.name]) * drive.driver_speed,
+            "ratio": ratios[shaft.name],
+            "speed": ratios[shaft.name] * drive.driver_speed,
         }
         for shaft in drive.shafts
     ]
@@ -572,7 +573,8 @@ def _report_several(values: dict[str, Any]) -> list[str]:
     for name, chain in values["chains"].items():
         lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
     rows: list[tuple[str, ...]] = [
-        (s["name"], ", ".join(s["sprockets"]), f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s") for s in values["shafts"]
+        (s["name"], ", ".join(s["sprockets"]) or "-", f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s")
+        for s in values["shafts"]
     ]
     lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
     return [*lines, *_step_lines(values)]

@@ -242,6 +242,11 @@ class Drive(Part):
     def driver_speed(self) -> float:
         """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
         prescribed = with_shafts(self)[self.driver].prescribed
+        if prescribed is None and self.chains:
+            driver = self.driver
+            ring, s = next((r.drive, r.places["sprockets"].index(driver)) for r in rings_of(self)
+                           if driver in r.places["sprockets"])  # fmt: skip
+            return ring.driver_speed * ring.sprockets[ring.driver].teeth / ring.sprockets[s].teeth
         return top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property

@@ -20,8 +20,10 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
+from warpchain.drive.chain_parts import Ring, shaft_of
+from warpchain.drive.geared import is_geared, joined
 from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.drive.rings import Ring, driver_ratios, rings_of, shaft_of
+from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
@@ -155,7 +157,11 @@ class Whole:
 
 
 def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Sprockets of the chains, as (chain, sprocket), that turn as one; in order, without those that turn alone."""
+    """Sprockets of the chains, and shafts that stand for them, as (chain, body), that turn as one; in order, without
+    those that turn alone.
+    """
+    if is_geared(drive):
+        return [list(pair) for pair in joined(drive, rings)]
     groups: dict[str, list[tuple[int, int]]] = {}
     for r, ring in enumerate(rings if drive.chains else ()):
         for k, s in enumerate(ring.places["sprockets"]):
