@@ -27,7 +27,7 @@ from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
-from ..sums import metered
+from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .jointed import carrier_of, jointed
 from .joints import joint_passes
@@ -258,9 +258,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             x, rate = stroke_of(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
-            after, flows = tensioner_step(x, rate, drive.step, state.tensioners[t], tensioner)
+            after, flows = tensioner_step(x, rate, drive.step, True, state.tensioners[t], tensioner)
             state.tensioners[t] = after
-            state.meters[t] = metered(state.meters[t], flows)
+            state.meters[t] = add_flows(state.meters[t], flows)
 
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
@@ -413,7 +413,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]
                 pushed = state.poses[drive.first_body + tensioner.body]
-                state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
+                state.pushes[t] = push_by(pushed, memory.stage <= 0, state.tensioners[t], tensioner)
 
     @wp.func
     def push(
