@@ -94,7 +94,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.sprocket >= 0:
             begin, count = own_span(shared, mine)
             at = ensemble.drives[mine.variant].first_sprocket + mine.sprocket
-            observe.update_strand(state, shared, begin, count, at)
+            observe.update_strand(state, shared, begin, count, at, now.flags & START != 0)
         barrier()
         find_strands(ensemble, state, shared, mine)
         statistics.look(ensemble, state, out, shared, mine)

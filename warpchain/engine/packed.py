@@ -181,6 +181,12 @@ class Packed(Arrays):
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
+    @property
+    def fed(self) -> NDArray[np.bool_]:
+        """(variants,) whether the supply of a tensioner is tabulated."""
+        owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
+        return np.bincount(owner, self.tensioners["supply_table"]["cells"][: len(owner)], self.variants) > 0
+
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
         return STATE_ROWS * int(self.drives["first_roller"][v])
