@@ -60,7 +60,8 @@ class Drive:
     shafts: wp.int32  # H: the bodies after the sprockets
     gears: wp.int32
     couplings: wp.int32
-    tied: wp.int32  # 1: has shafts, gears or couplings
+    valves: wp.int32  # groups of valves
+    tied: wp.int32  # 1: has shafts, gears, couplings or valves
     first_roller: wp.int32
     first_sprocket: wp.int32
     first_guide: wp.int32
@@ -71,6 +72,7 @@ class Drive:
     first_shaft: wp.int32
     first_gear: wp.int32
     first_coupling: wp.int32
+    first_valve: wp.int32
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
@@ -116,6 +118,8 @@ class Tie:
     # turns alone; negative: an arm of a drive that is tied
     ratio: wp.float64  # rho, its speed over that of the first
     inertia: wp.float64  # J of its own [kg m^2]
+    apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
+    # shaft, of another chain; 0: it is that itself
 
 
 @wp.struct
@@ -162,6 +166,33 @@ class Gear:
     side: wp.int64  # bodies that turn with that but for this pair, as bits; 0 where gears go round
     inertia: wp.float64  # of those, as that body sees it [kg m^2]
     lever: wp.float64  # R cos 20 degrees of the second gear [m]
+
+
+@wp.struct
+class ValveGroup:
+    """A group of like valves that the cams of a body lift (`physics.valve`)."""
+
+    body: wp.int32  # of the drive's bodies
+    phases: wp.int32  # how many places of its cams
+    first_phase: wp.int32  # where their angles [rad] stand among the tables' values
+    sign: wp.float64  # +1 where forward rotation of the body is counter-clockwise, else -1
+    turned: wp.float64  # forward angle at which the cams would be as for 0 [rad]
+    count: wp.float64  # valves at each place
+    height: wp.float64  # by which the lift of the table is multiplied
+    mass: wp.float64  # m that moves with a valve [kg]
+    preload: wp.float64  # F_0 of its spring [N]
+    stiffness: wp.float64  # k [N/m]
+    lift: Tabulated  # l over the forward angle [m]
+
+
+@wp.struct
+class Cam:
+    """What the valves on a body do to it where it stands."""
+
+    inertia: wp.float64  # sum m l'^2 [kg m^2]
+    growth: wp.float64  # half of its slope by the body's angle [kg m^2]
+    moment: wp.float64  # of the springs [N m]
+    energy: wp.float64  # of the springs [J]
 
 
 @wp.struct
@@ -239,8 +270,21 @@ class Piece:
 
 
 @wp.struct
+class Valve:
+    """A valve, or an orifice, through which oil flows one way (`physics.tensioner`, eq. (8))."""
+
+    hole_area: wp.float64  # A_b of its seat [m^2]; 0: there is none
+    preload: wp.float64  # F_0 [N]
+    stiffness: wp.float64  # k_cv [N/m]
+    lift_max: wp.float64  # y_max [m]
+    seat_width: wp.float64  # 2 r_B tan(g) [m]
+    seat_growth: wp.float64  # sin(g) / cos(g)^2
+    discharge: wp.float64  # C_d
+
+
+@wp.struct
 class Tensioner:
-    """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+    """A tensioner: where it touches its body, its spring, oil, valves and ratchet (`physics.tensioner`)."""
 
     body: wp.int32  # of the drive
     point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
@@ -255,20 +299,18 @@ class Tensioner:
     leak: wp.float64  # G of the gap [m^3/(s Pa)]
     drag: wp.float64  # pi d h / 2 of the gap [m^2]
     supply: wp.float64  # P_s [Pa]; pressures are absolute
+    supply_table: Tabulated  # instead of `supply`, once the run has begun [Pa]
+    pump: wp.int32  # body of the drive whose forward speed it is over, if over speed
     ambient: wp.float64  # P_0 [Pa]
     vapor: wp.float64  # P_v [Pa]
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
     air: wp.float64  # share a of air at P_0
-    hole_area: wp.float64  # A_b of the valve's seat [m^2]
-    valve_preload: wp.float64  # F_0 [N]
-    valve_stiffness: wp.float64  # k_cv [N/m]
-    lift_max: wp.float64  # y_max [m]
-    seat_width: wp.float64  # 2 r_B tan(g) [m]
-    seat_growth: wp.float64  # sin(g) / cos(g)^2
-    discharge: wp.float64  # C_d
+    check: Valve  # from the supply to the chamber
+    relief: Valve  # out of the chamber
+    vent: Valve  # likewise, always open
     density: wp.float64  # rho of the oil [kg/m^3]
-    laminar_limit: wp.float64  # drop of pressure below which the valve's flow is linear in it [Pa]
+    laminar_limit: wp.float64  # drop of pressure below which a valve's flow is linear in it [Pa]
     ratchet_pitch: wp.float64  # a [m]; 0: no ratchet
     backlash: wp.float64  # s [m]
     bottom: wp.float64  # x_b below which the plunger stands on the chamber's bottom [m]
@@ -283,6 +325,7 @@ class TensionerState:
     content: wp.float64  # mu: logarithm of the mass of oil
     pressure: wp.float64  # P after the last step [Pa]
     farthest: wp.float64  # x_max [m]
+    supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
 
 
 @wp.struct
@@ -602,13 +645,26 @@ class GearSums:
 
 
 @wp.struct
+class ValveSums:
+    """Sums over the window of a group of valves (time integrals, trapezoidal)."""
+
+    torque_min: wp.float64  # against forward rotation [N m]
+    torque_max: wp.float64
+    torque: wp.float64  # [N m s]
+    force_min: wp.float64  # of a cam on a follower [N]
+    afloat: wp.float64  # time for which a follower would lift off [s]
+
+
+@wp.struct
 class TensionerFlows:
     """Flows through a tensioner, in a step or since the run began, and their energies."""
 
-    leaked: wp.float64  # [m^3]
+    leaked: wp.float64  # through the gap [m^3]
     supplied: wp.float64  # [m^3]
-    leak_loss: wp.float64  # [J]
-    valve_loss: wp.float64  # [J]
+    relieved: wp.float64  # [m^3]
+    vented: wp.float64  # [m^3]
+    leak_loss: wp.float64  # in gap, relief valve and vent [J]
+    valve_loss: wp.float64  # in the check valve [J]
     supply_work: wp.float64  # [J]
     lift: wp.float64  # y of the valve at the step's end [m]
 
@@ -753,6 +809,7 @@ class Sums:
     shaft: wp.array[ShaftSums]  # (all shafts,)
     coupling: wp.array[CouplingSums]  # (all couplings,)
     gear: wp.array[GearSums]  # (all gears,)
+    valve: wp.array[ValveSums]  # (all groups of valves,)
     tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
@@ -783,6 +840,7 @@ class Ensemble:
     motors: wp.array[Motor]  # (all shafts,)
     couplings: wp.array[Coupling]  # (all couplings,)
     gears: wp.array[Gear]  # (all gears,)
+    valves: wp.array[ValveGroup]  # (all groups of valves,)
     curves: Curves
     tooth_sliding: wp.array[Sliding]  # (all sprockets,)
     guide_sliding: wp.array[Sliding]  # (all guide-bars,)
@@ -813,6 +871,7 @@ class State:
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
     passed: wp.array[wp.float64]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
+    cams: wp.array[Cam]  # (all bodies,), on the CPU
     couplings: wp.array[Engaged]  # (all couplings,)
     tensioners: wp.array[TensionerState]  # (all tensioners,)
     pushes: wp.array[Push]  # (all tensioners,)
@@ -880,10 +939,13 @@ PAIRS = {
     Coupling: (),
     Engaged: ("rest",),
     Gear: (),
+    ValveGroup: ("turned",),
+    Cam: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
     Hub: ("lever",),
     Arm: (),
     Piece: ("start", "direction"),
+    Valve: (),
     Tensioner: ("point", "home", "direction"),
     TensionerState: ("content",),
     BodyState: ("angle", "speed", "center", "velocity"),
@@ -914,7 +976,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))
-    for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, Sums):
+    for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, ValveSums, Sums):
         made[full] = sums_at_float32(full, made)
 
 
@@ -941,7 +1003,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates", "passed", "hub_hold"))
+        made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

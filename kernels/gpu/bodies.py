@@ -27,8 +27,18 @@ from ..physics.body import (
 from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
-from ..physics.tensioner import lost_power, push_by, stroke_of, stroke_rate, tensioner_energy, tensioner_step, touch_arm
+from ..physics.tensioner import (
+    lost_power,
+    push_by,
+    stroke_of,
+    stroke_rate,
+    supply_at,
+    tensioner_energy,
+    tensioner_step,
+    touch_arm,
+)
 from ..physics.tooth import grid_of
+from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
 from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
 from .geometry import contact_geometry
@@ -41,7 +51,7 @@ from .sync import lanes, sync
 @cache
 def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     """The functions of one variant's tensioners on a block."""
-    tensioners_of = block_rings(kind).tensioners_of
+    tensioners_of, body_of = block_rings(kind).tensioners_of, block_rings(kind).body_of
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
@@ -87,6 +97,20 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
     @wp.func
+    def feed(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, time: kinds.Number):
+        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
+
+        No body moves meanwhile: what turns a pump is another thread's.
+        """
+        drive = ensemble.drives[mine.row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
+            tensioner = ensemble.tensioners[t]
+            if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
+                pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
+                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+
+    @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
         """Takes the tensioners of the thread's body a step of `h` [s] on, once it has moved."""
         if now.going != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
@@ -95,6 +119,9 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == mine.number:
                     x, rate = stroke_of(shared.poses[mine.body], tensioner)
+                    if wp.static(kind.parts.fed > 0):
+                        if tensioner.supply_table.cells > 0:
+                            tensioner.supply = state.tensioners[t].supply
                     after, flows = tensioner_step(x, rate, h, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
                     state.meters[t] = metered(state.meters[t], flows)
@@ -343,7 +370,20 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
-    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, b: int):
+    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
+        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
+        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[place_of(shared, first, b)]
+        for other in range(wp.static(kind.parts.mounted)):
+            tie = ensemble.ties[place_of(shared, first, other)]
+            if tie.train == own.train:
+                cam = geared(cam, shared.cams[other], tie.ratio / own.ratio)
+        if wp.static(not staged):
+            kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
+        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
+
+    @wp.func
+    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
         first = ensemble.drives[mine.variant].first_body
         own = ensemble.ties[place_of(shared, first, b)]
@@ -352,25 +392,30 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             tie = ensemble.ties[place_of(shared, first, other)]
             if tie.train == own.train:
                 total = total + tie.ratio * shared.passed[other]
-        return total / own.ratio
+        moment = total / own.ratio
+        if wp.static(kind.parts.valves > 0):
+            moment = against_valves(ensemble, shared, mine, now, b, moment)
+        return moment
 
     @wp.func
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
         first = ensemble.drives[mine.variant].first_body
-        train = ensemble.ties[place_of(shared, first, mine.body)].train
+        own = ensemble.ties[place_of(shared, first, mine.body)]
         total = Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            if ensemble.ties[place_of(shared, first, b)].train == train:
-                total = total + shared.passed[wp.static(kind.parts.bodies) + b]
+            tie = ensemble.ties[place_of(shared, first, b)]
+            if tie.train == own.train:
+                ratio = tie.ratio / own.ratio
+                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
     @wp.func
-    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, wrench: Wrench):
+    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others pass on to it."""
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                wrench.moment = gathered(ensemble, shared, mine, mine.body)
+                wrench.moment = gathered(ensemble, shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
 
@@ -389,7 +434,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         mount = mount_of(shared, mine.body)
         if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            by, body, apart = turning(ensemble, shared, mine, with_bearing(wrench)), state_of(pose), off(pose, mount)
+            by = turning(ensemble, shared, mine, now, with_bearing(wrench))
+            body, apart = state_of(pose), off(pose, mount)
             if wp.static(kind.parts.rings > 1):
                 wrench.yielding = yielding_together(ensemble, shared, mine)
             time = time_of(mine, now)
@@ -419,7 +465,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        moved_by = turning(ensemble, shared, mine, with_bearing(wrench))
+        moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
         lag = leapfrog_lag(now.step, h)
         seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
@@ -446,7 +492,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = ensemble.drives[mine.row].first_body + mine.number
-            by, to = turning(ensemble, shared, mine, with_bearing(wrench)), heading(pose)
+            by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages

@@ -24,6 +24,7 @@ from ..physics.body import (
 from ..physics.link import roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
+from ..physics.valve import cam_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
 from ..sums import (
     add_arm,
@@ -238,9 +239,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         return of
 
     @wp.func
-    def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int):
-        """Strand `at` of all brought up to date, of a chain of n rollers from `first` on."""
-        state.strands[at] = follow(shared.rows, X + first, Y + first, n, state.strands[at])
+    def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int, anew: bool):
+        """Strand `at` of all brought up to date, or sought `anew`, of a chain of n rollers from `first` on."""
+        state.strands[at] = follow(shared.rows, X + first, Y + first, n, state.strands[at], anew)
 
     @wp.func
     def add_middle(sums: Sums, shared: Shared, first: int, n: int, at: int, strand: Strand):
@@ -354,6 +355,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
                 energy = own_energy(energy, seen.speed, ensemble.ties[at], motion)
+                if wp.static(kind.parts.valves > 0):
+                    energy = energy + cam_energy(seen.speed, shared.cams[mine.body], motion)
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 
     return SimpleNamespace(**locals())

@@ -263,11 +263,23 @@ OIL = Group(
         Column("pressure_max", "Pa", "largest absolute pressure in the chamber", total("pressure_max")),
         Column("leaked", "m^3", "oil that leaked through the gap", flowed("leaked")),
         Column("supplied", "m^3", "oil that came in through the check valve", flowed("supplied")),
-        Column("oil_loss", "J", "energy that gap and check valve take", flowed("leak_loss", "valve_loss")),
+        Column("oil_loss", "J", "energy that gap and valves take", flowed("leak_loss", "valve_loss")),
         Column("supply_work", "J", "work of the oil supply", flowed("supply_work")),
     ),
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].hydraulic,
+)
+RELIEF = Group(
+    "tensioner",
+    (Column("relieved", "m^3", "oil that its relief valve let out", flowed("relieved")),),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].relief is not None,
+)
+VENT = Group(
+    "tensioner",
+    (Column("vented", "m^3", "oil that went out through its vent", flowed("vented")),),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].vent is not None,
 )
 SPEEDS = ("speed_min", "speed_mean", "speed_max", "speed_std")
 SHAFT = Group(
@@ -313,6 +325,17 @@ GEAR = Group(
         Column("tooth_force_max", "N", "largest magnitude of the force between its teeth", total("force_max")),
     ),
     source="gear",
+)
+VALVE = Group(
+    "valve",
+    (
+        Column("cam_torque_min", "N m", "smallest moment against forward rotation", total("torque_min")),
+        Column("cam_torque_mean", "N m", "mean moment against forward rotation", mean("torque")),
+        Column("cam_torque_max", "N m", "largest moment against forward rotation", total("torque_max")),
+        Column("cam_force_min", "N", "smallest force of a cam on its follower", total("force_min")),
+        Column("valve_float", "1", "share of time for which a follower would lift off its cam", mean("afloat")),
+    ),
+    source="valve",
 )
 JOINTS = Group(
     "chain",
@@ -493,10 +516,11 @@ MEASURED = (
     (SPROCKET, MOUNT, BEARING, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (ARM, PIVOT),
-    (TENSIONER, OIL),
+    (TENSIONER, OIL, RELIEF, VENT),
     (SHAFT, MOTOR),
     (COUPLING, SLIPPING),
     (GEAR,),
+    (VALVE,),
     (JOINTS,),
 )
 """Columns formed of the window's sums. Groups in one tuple go thing by thing: all of one, then all of the next."""
@@ -548,7 +572,7 @@ def _kind(drive: Drive) -> Hashable:
         return tuple((ring.name, _kind(ring.drive)) for ring in rings_of(drive))
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
     sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
-    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears) for part in parts)
+    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
     return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains, None, *has)
 
