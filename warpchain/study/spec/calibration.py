@@ -39,15 +39,15 @@ class Measurement(Part):
     """A value that was measured, a metric's, or a signal.
 
     Attributes:
-        metric: of which the value is.
-        value: that was measured, in the metric's unit.
+        metric: name of the metric that was measured.
+        value: measured value, in the metric's unit.
         signal: name of a signal that was measured, as for `warpchain import --as`: "cam->crank.tension".
-        file: that holds it, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
+        file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
         column, time: its columns, variables or channels; see `results.measured_file.Columns`.
         unit, time_unit: their units; None takes what the file says, else SI.
-        statistics: of the signal that count, such as "mean", "std", "largest".
-        orders: of the driver's revolution, whose amplitudes count.
-        bands: [low, high] of frequency [Hz], whose root mean squares count.
+        statistics: statistics of the signal that count, such as "mean", "std", "largest".
+        orders: orders of the driver's revolution, whose amplitudes count.
+        bands: bands of frequency, low and high end [Hz], whose root mean squares count.
         error: standard deviation of the measurement, in SI.
         relative_error: standard deviation in parts of the value, instead.
     """
@@ -102,7 +102,7 @@ class Calibrate(Part):
         rounds: further rounds.
         predict: metrics that are predicted by prior and posterior; none takes those that were measured.
         model_error: standard deviation of what the model itself misses, in parts of each value.
-        seed: of everything that is drawn.
+        seed: seed of everything that is drawn.
     """
 
     count: Annotated[int, Field(strict=True, ge=8, le=1000), Value("must be an integer from 8 to 1000")] = 48
