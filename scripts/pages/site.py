@@ -32,7 +32,7 @@ GROUPS = {
         "temperature",
     ),
     "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
-    "Studies and decisions": ("studies", "analysis", "optimization", "risk", "jump", "judged-runs"),
+    "Studies and decisions": ("studies", "analysis", "optimization", "risk", "calibration", "jump", "judged-runs"),
     "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
     "Model and limits": ("validation", "model", "devices", "performance", "reliability"),
     "Reference": ("metrics",),

@@ -29,7 +29,7 @@ from warpchain.cli.arguments import (
 )
 from warpchain.cli.better_command import add_better
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.search_commands import add_optimize, add_risk
+from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
 from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
@@ -435,6 +435,7 @@ COMMANDS = (
     add_optimize,
     add_risk,
     add_better,
+    add_calibrate,
 )
 """Functions that add a command each, in the order of the help."""
 

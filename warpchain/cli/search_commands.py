@@ -1,4 +1,4 @@
-"""The commands `warpchain optimize | risk`: runs in rounds, each chosen by those before."""
+"""The commands `warpchain optimize | risk | calibrate`: runs in rounds, each chosen by those before."""
 
 from __future__ import annotations
 
@@ -141,3 +141,31 @@ def _print_found(found: Any) -> None:
             print(f"  {way}: warpchain view {archive} --variant {number}")
     print("\n± is one standard deviation of the metric itself, by a surrogate of all variants")
     print(f"report: warpchain study report {found.folder} -o report.html")
+
+
+def add_calibrate(commands: Any) -> None:
+    """Adds the command to the parser's subparsers."""
+    text = "what measured values and signals tell of a drive's unknowns"
+    parser = add_command(commands, "calibrate", text, "warpchain calibrate CALIBRATION.toml -o DIR")
+    words = "study file with [[measured]], whose noise factors are the unknowns"
+    parser.add_argument("study", metavar="CALIBRATION.toml", type=Path, help=words)
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
+    add_run_options(parser)
+    parser.set_defaults(run=_calibrate)
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    from warpchain.engine import start_warp
+    from warpchain.study.optimize.calibrate import calibrate
+    from warpchain.study.report.calibration_page import calibration_lines, write_calibration
+
+    start_warp(precompiled=False)
+    try:
+        found = calibrate(
+            arguments.study, arguments.output, report=say_unless_quiet(arguments), **run_options(arguments)
+        )
+    except KeyboardInterrupt:
+        return interrupted("what is done is")
+    print(*calibration_lines(found), sep="\n")
+    print(f"drive: {found.drive}\nsamples: {found.folder / 'posterior.csv'}\npage: {write_calibration(found)}")
+    return DONE

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.frequencies import orders, tooth_orders
+from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
@@ -76,6 +77,21 @@ def sources(trajectory: Trajectory) -> dict[str, Source]:
     for chain, own in chain_trajectories(trajectory).items():
         found |= _chain_sources(own, f"{chain}." if chain else "")
     return found
+
+
+def signal_units(drive: Drive) -> dict[str, str]:
+    """SI units of all `sources` of a drive whose runs are recorded as by default, by name."""
+    units: dict[str, str] = {}
+    for ring in rings_of(drive):
+        before = f"{ring.name}." if ring.name else ""
+        strands = {f"{before}{name}.{kind}": unit for name in ring.drive.strand_names
+                   for kind, unit in (("tension", "N"), ("displacement", "m"))}  # fmt: skip
+        parts = [*(s.name for s in ring.drive.sprockets), *(g.name for g in ring.drive.guides)]
+        sprockets = {f"{s.name}.{kind}": unit for s in ring.drive.sprockets
+                     for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
+        links = {f"{before}link {i}.tension": "N" for i in range(ring.drive.chain.links)}
+        units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
+    return units
 
 
 def _chain_sources(trajectory: Trajectory, before: str) -> dict[str, Source]:

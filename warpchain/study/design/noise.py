@@ -60,7 +60,12 @@ def at_normals(study: Study, u: Array) -> list[dict[str, Any]]:
     """Values of the noise factors at independent standard normals u (R, D)."""
     from scipy.stats import norm
 
-    return rows_at(study, np.asarray(norm.cdf(u @ np.linalg.cholesky(_correlation(study)).T)))
+    return rows_at(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
+
+
+def noise_mixing(study: Study) -> Array:
+    """From independent standard normals (D,) to the scores of a study's noise (D,): a matrix (D, D)."""
+    return np.asarray(np.linalg.cholesky(_correlation(study)))
 
 
 def with_correlation(points: Array, wanted: Array, rng: np.random.Generator) -> Array:

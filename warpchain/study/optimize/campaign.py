@@ -147,6 +147,8 @@ def _fixed(study: Study, name: str) -> object:
     """A field of a study that may not change: of the search all but its length, and of runs all but shards."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
+    if name in ("measured", "calibrate"):
+        return None  # runs do not depend on them
     return study.run.model_copy(update={"shard": None, "keep_states": False}) if name == "run" else getattr(study, name)
 
 

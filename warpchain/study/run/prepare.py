@@ -29,6 +29,7 @@ from warpchain.study.design import make_design
 from warpchain.study.run.folder import REPLICATES, Folder, differences, make_folder, open_folder, plan_file, write_plan
 from warpchain.study.run.shard_plan import Block
 from warpchain.study.spec import Study, check_drive, dumps_study, load_study
+from warpchain.study.spec.calibration import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.noise import statistic_of
 from warpchain.study.spec.study_file import Subject
@@ -151,6 +152,8 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
         "adjust": valid(Adjust, values.get("adjust")),
         "objectives": tuple(o for o in (valid(Objective, e) for e in elements(values, "objectives")) if o is not None),
         "bounds": tuple(b for b in (valid(Bound, e) for e in elements(values, "bounds")) if b is not None),
+        "measured": tuple(m for m in (valid(Measurement, e) for e in elements(values, "measured")) if m is not None),
+        "calibrate": valid(Calibrate, values.get("calibrate")),
     }
     return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
 
@@ -221,7 +224,8 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
 
 
 def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """Mistakes in the metrics that objectives and limits name."""
+    """Mistakes in the metrics that objectives, limits and a calibration name."""
+    from warpchain.results.measured import signal_units
     from warpchain.results.metric_columns import RECORDED, of_drive
 
     recorded = {
@@ -241,6 +245,14 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
             elif metric not in (*names, *known):
                 near = nearest(metric, [*known, *names, *recorded], 8)
                 yield f'{key}.{i}.metric = "{name}": no such metric; {near}'
+    for i, measured in enumerate(study.measured):
+        if measured.metric is not None and measured.metric not in names:
+            yield f'measured.{i}.metric = "{measured.metric}": no such metric; {nearest(measured.metric, names, 8)}'
+        elif measured.signal is not None and measured.signal not in (signals := signal_units(drive)):
+            yield f'measured.{i}.signal = "{measured.signal}": no such signal; {nearest(measured.signal, signals, 8)}'
+    for i, name in enumerate(study.calibrate.predict if study.calibrate is not None else ()):
+        if name not in names:
+            yield f'calibrate.predict.{i} = "{name}": no such metric; {nearest(name, names, 8)}'
 
 
 def growable(known: Study, other: Study) -> bool:

@@ -21,6 +21,7 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
 from warpchain.results.judgement import Limits
 from warpchain.results.replicate_metrics import COPY, COUNT
+from warpchain.study.spec.calibration import Calibrate, Measurement, calibration_rules
 from warpchain.study.spec.expression import Expression, parse
 from warpchain.study.spec.factor import NEEDS, Factor, form_of
 from warpchain.study.spec.noise import NOISE, Noise, metric_in, noise_names, noise_rules, with_sample
@@ -229,6 +230,8 @@ class Study(Part):
         bounds: limits on metrics, the entries of a list `limits` that name one.
         optimize: settings of the search for designs.
         risk: settings of `warpchain risk`.
+        measured: what was measured on a rig, for `warpchain calibrate`.
+        calibrate: settings of it.
         noise: rows of noise, and the share of them in which limits must be kept.
 
     Raises:
@@ -250,11 +253,15 @@ class Study(Part):
     optimize: Search | None = None
     noise: Noise | None = None
     risk: Risk | None = None
+    measured: Annotated[tuple[Measurement, ...], Allowed("must be a list of measured values and signals")] = ()
+    calibrate: Calibrate | None = None
 
     @property
     def wanted(self) -> tuple[str, ...]:
-        """The metrics and factors that objectives and limits name, or statistics of theirs."""
+        """The metrics and factors that objectives, limits and a calibration name, or statistics of theirs."""
         named = [*(objective.metric for objective in self.objectives), *(bound.metric for bound in self.bounds)]
+        named += [of.metric for of in self.measured if of.metric is not None]
+        named += self.calibrate.predict if self.calibrate is not None else ()
         return tuple(dict.fromkeys(map(metric_in, named)))
 
     @property
@@ -294,6 +301,7 @@ class Study(Part):
         yield from fatigue_rules(node)
         yield from objective_rules(node)
         yield from noise_rules(node)
+        yield from calibration_rules(node)
 
 
 def loads_study(text: str, source: str = "<text>") -> Study:

@@ -98,10 +98,15 @@ class Process:
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of the metric without noise at rows (R, D), eq. (b)."""
         with one_thread():
-            across = self.kernel(x, self.x)
-            inner = solve_triangular(self.factor, across.T, lower=True)
-            variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
-            return self.center + self.scale * (across @ self.weights), self.scale * np.sqrt(variance)
+            mean, variance = self.moments(x)
+        return mean, np.sqrt(variance)
+
+    def moments(self, x: Array) -> tuple[Array, Array]:
+        """Mean and variance of the metric without noise at rows (R, D), eq. (b), on as many threads as there are."""
+        across = self.kernel(x, self.x)
+        inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
+        variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
+        return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
 
     def left_out(self) -> tuple[Array, Array]:
         """Mean and standard deviation of each row as the others have it (N,), eq. (c)."""

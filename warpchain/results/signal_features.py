@@ -1,0 +1,82 @@
+"""Numbers that stand for a signal: its statistics, amplitudes of orders, root mean squares of frequency bands.
+
+Signals of rig and run are reduced in the same way, so that what the reduction leaves out is left out of both. Neither
+is compared instant by instant: impacts make runs chaotic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.measured import STATISTICS, WITHIN
+from warpchain.results.signals import amplitude_spectrum
+
+Array = NDArray[np.float64]
+PARTS = 8
+"""Equal parts of a signal, between which its numbers scatter."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """The numbers that a signal is reduced to.
+
+    Attributes:
+        statistics: of `measured.STATISTICS`.
+        orders: of the driver's revolution, whose amplitudes are taken.
+        bands: [low, high] frequencies [Hz], between which the root mean square is taken.
+    """
+
+    statistics: tuple[str, ...] = ()
+    orders: tuple[float, ...] = ()
+    bands: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers."""
+        of_orders = (f"order {order:g}" for order in self.orders)
+        return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
+
+    def of(self, time: Array, values: Array, turns: float) -> Array:
+        """The numbers (N,) in the signal's unit; NaN where the signal is too short or too coarse for one.
+
+        Args:
+            time: (K,) ascending [s].
+            values: (K,)
+            turns: mean speed of the driver [1/s].
+        """
+        held = np.isfinite(values)
+        time, values = time[held], values[held]
+        if len(time) < 8:
+            return np.full(len(self.names), np.nan)
+        found = [STATISTICS[name](values) for name in self.statistics]
+        if not (self.orders or self.bands):
+            return np.array(found)
+        even = np.linspace(time[0], time[-1], len(time))
+        lines, amplitude = amplitude_spectrum(np.interp(even, time, values), float(even[1] - even[0]))
+        found += [_amplitude(lines, amplitude, order * turns) for order in self.orders]
+        return np.array(found + [_root_mean_square(lines, amplitude, *band) for band in self.bands])
+
+    def errors(self, time: Array, values: Array, turns: float) -> Array:
+        """Standard errors (N,) from the scatter between `PARTS` parts of a signal; 0 where parts are too short."""
+        cuts = np.array_split(np.arange(len(time)), PARTS)
+        parts = np.array([self.of(time[cut], values[cut], turns) for cut in cuts])
+        return np.nan_to_num(parts.std(axis=0, ddof=1) / np.sqrt(PARTS))
+
+
+def _amplitude(lines: Array, amplitude: Array, frequency: float) -> float:
+    """The largest amplitude within `WITHIN` lines of a frequency."""
+    at = round(frequency / float(lines[1]))
+    if at <= WITHIN or at + WITHIN >= len(lines):
+        return np.nan
+    return float(amplitude[at - WITHIN : at + WITHIN + 1].max())
+
+
+def _root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
+    """Of a band: the power of its lines, each spread by the Hann window over 1.5 lines."""
+    inside = (lines >= low) & (lines < high)
+    if inside.sum() < 4 or high > lines[-1]:
+        return np.nan
+    return float(np.sqrt((amplitude[inside] ** 2).sum() / 2.0 / 1.5))

@@ -1,0 +1,341 @@
+"""Page of a calibration: priors and posteriors, fit, directions that are not identified, predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpchain.results.measured import source
+from warpchain.results.signals import amplitude_spectrum
+from warpchain.results.units import quantity, shown_unit
+from warpchain.study.analysis.posterior import UNIDENTIFIED, Direction
+from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.optimize.calibrate import Calibrated
+from warpchain.study.report import panels
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, rounded
+from warpchain.study.results import Array
+from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.store import write_text
+from warpchain.view import html
+
+FAR = 3.0
+"""A number that is off by more standard deviations is not explained."""
+TRACE, LINES = 600, 800
+"""Most points of a signal's trace, and of its spectrum."""
+WEIGHT = 0.25
+"""Least weight of an unknown that is named in a direction."""
+
+
+def write_calibration(found: Calibrated) -> Path:
+    """Writes the page into the folder of a calibration; returns it."""
+    page = found.folder / "calibration.html"
+    title = found.study.study.name or found.folder.resolve().name
+    sections = [_summary(found), _unknowns(found), _fit(found), *_signals(found), _open(found), _predicted(found)]
+    write_text(page, panels.report_page(title, [*(s for s in sections if s), _course(found)]))
+    return page
+
+
+def calibration_lines(found: Calibrated) -> list[str]:
+    """The result, a line each."""
+    runs, ok = len(found.results.status), int(found.results.ok.sum())
+    lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
+    for name in found.values:
+        lines.append(f"{name}: {_spread(found, name, found.values_before)} a priori, "
+                     f"{_spread(found, name, found.values)} a posteriori")  # fmt: skip
+    return [*lines, *_open_lines(found), *_residual_lines(found), *_trust_lines(found)]
+
+
+def _spread(found: Calibrated, name: str, values: dict[str, Array]) -> str:
+    """Mean and standard deviation of an unknown, in its unit."""
+    return quantity(float(values[name].mean()), _unit(found, name), float(values[name].std()))
+
+
+def _unit(found: Calibrated, name: str) -> str:
+    return found.results.unit(name)
+
+
+def _combination(found: Calibrated, of: Direction) -> str:
+    """A direction in words: "stiffness up, damping down"."""
+    parts = [
+        f"{name} {'up' if weight > 0.0 else 'down'}"
+        for name, weight in sorted(zip(_axes(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
+        if abs(weight) >= WEIGHT
+    ]
+    return " with ".join(parts)
+
+
+def _axes(found: Calibrated) -> list[str]:
+    """Names of the normals' dimensions: unknowns, or groups of them."""
+    from warpchain.study.design.factor_values import dimensions
+
+    return [axis.name for axis in dimensions(found.study.noise_alone)]
+
+
+def _open_lines(found: Calibrated) -> list[str]:
+    """The directions that are not identified."""
+    return [
+        f"not identified by the measurements: {_combination(found, of)}, which keeps "
+        f"{100.0 * min(of.left, 1.0):.0f} % of its prior standard deviation"
+        for of in found.directions
+        if of.left >= UNIDENTIFIED
+    ]
+
+
+def _residual_lines(found: Calibrated) -> list[str]:
+    """The numbers that no values of the unknowns explain."""
+    return [
+        f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
+        "the model lacks something, a prior is too narrow or an error too small"
+        for of, off in zip(found.numbers, found.residuals, strict=True)
+        if abs(off) > FAR
+    ]
+
+
+def _trust_lines(found: Calibrated) -> list[str]:
+    """Whether the surrogates can be trusted."""
+    inside, of = found.checked
+    lines = [
+        f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands"
+    ]
+    poor = [f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2, strict=True) if q < TRUSTED]
+    if poor:
+        lines.append(f"surrogates with a Q\u00b2 below {TRUSTED:g}, which constrain little: {', '.join(poor)}; "
+                     "raise calibrate.count, or the length of the window")  # fmt: skip
+    return lines
+
+
+def _summary(found: Calibrated) -> html.Section:
+    first, *lines = calibration_lines(found)
+    files = (
+        f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
+        'noise factor of distribution "empirical" may name.'
+    )
+    return html.section("summary", "In short", html.text(f"{first}."), html.bullets(lines), html.text(files))
+
+
+def _unknowns(found: Calibrated) -> html.Section:
+    rows, figures = [], []
+    for k, name in enumerate(found.values):
+        before, after = found.values_before[name], found.values[name]
+        word, factor = shown_unit(_unit(found, name), float(np.abs(before).max()))
+        ends = [factor * np.percentile(values, (5, 95)) for values in (before, after)]
+        cells = [f"{html.number(low, 4)} to {html.number(high, 4)}" for low, high in ends]
+        left = float(after.std() / before.std())
+        rows.append((name, word, cells[0], cells[1], float(factor * after.mean()), f"{100.0 * left:.0f} %"))
+        figures.append(_histogram(f"{name} [{word}]" if word else name, factor * before, factor * after, k == 0))
+    heads = ("unknown", "unit", "90 % prior", "90 % posterior", "posterior mean", "standard deviation left")
+    return html.section(
+        "unknowns",
+        "The unknowns",
+        html.table(heads, rows),
+        panels.chart(figures, "prior and posterior"),
+    )
+
+
+def _histogram(label: str, before: Array, after: Array, named: bool) -> Panel:
+    """Densities of samples of the prior, as steps, and of the posterior, as columns."""
+    low, high = np.percentile(before, (0.5, 99.5))
+    low, high = min(low, after.min()), max(high, after.max())
+    edges = np.linspace(low, high, 41)
+    prior, posterior = (np.histogram(values, edges, density=True)[0] for values in (before, after))
+    top = float(1.08 * max(prior.max(), posterior.max()))
+    series: list[dict[str, Any]] = [
+        {"kind": "columns", "low_x": rounded(edges[:-1]), "high_x": rounded(edges[1:]), "y": rounded(posterior)},
+        {"kind": "line", "x": rounded(np.repeat(edges, 2)[1:-1]), "y": rounded(np.repeat(prior, 2)), "color": MARK},
+    ]
+    if named:
+        series[0]["label"], series[1]["label"] = "posterior", "prior"
+    return {"x": {"label": label}, "y": {"label": "density", "range": [0.0, top]}, "series": series}
+
+
+def _fit(found: Calibrated) -> html.Section:
+    """Measured numbers beside the model's by prior and posterior, and a run of the calibrated drive."""
+    calibrated = found.runs[len(found.runs) - found.checks]
+    models = [found.emulated(u) for u in (found.before, found.after)]
+    spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
+    rows = []
+    for j, of in enumerate(found.numbers):
+        cells = [quantity(float(mean[j]), of.unit, float(sd[j])) for mean, sd in spans]
+        run = quantity(float(calibrated[j]), of.unit) if np.isfinite(calibrated[j]) else "\N{EN DASH}"
+        measured = quantity(of.value, of.unit, of.error)
+        rows.append((of.name, measured, *cells, run, round(float(found.residuals[j]), 1) + 0.0, found.emulated.q2[j]))
+    heads = ("number", "measured", "prior", "posterior", "calibrated run", "off [standard deviations]", "Q\u00b2")
+    return html.section(
+        "fit", "Fit of the measured numbers",
+        html.text("\N{PLUS-MINUS SIGN} is one standard deviation; of the model it holds the scatter of runs. Off: "
+                  "measured less expected, in standard deviations of both.", muted=True),
+        panels.chart(_fit_panel(found, spans), "numbers over what was measured"),
+        html.table(heads, rows),
+    )  # fmt: skip
+
+
+def _fit_panel(found: Calibrated, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
+    """Deviations from the measured values, in parts of these."""
+    values = np.array([of.value for of in found.numbers])
+    shown = np.flatnonzero(values)
+    if not len(shown):
+        return []
+    errors, x = np.array([of.error for of in found.numbers]), np.arange(len(shown))
+    series: list[dict[str, Any]] = []
+    parts = ((values, errors, INK, "measured"), (*spans[0], MARK, "prior"), (*spans[1], ACCENT, "posterior"))
+    for k, (mean, deviation, color, label) in enumerate(parts):
+        low, middle, high = (
+            rounded(100.0 * ((mean + s * deviation) / values - 1.0)[shown]) for s in (-1.96, 0.0, 1.96)
+        )
+        at = rounded(x + 0.22 * (k - 1))
+        series.append({"kind": "errors", "x": at, "low": low, "high": high, "color": color})
+        series.append({"kind": "points", "x": at, "y": middle, "color": color, "size": 3.0, "label": f"{label}, 95 %"})
+    words = [found.numbers[j].name for j in shown]
+    across = {"words": words, "turned": True}
+    return [
+        {
+            "x": across,
+            "y": {"label": "off the measured [%]"},
+            "series": series,
+            "width": 300 + 60 * len(shown),
+            "height": 320,
+        }
+    ]
+
+
+def _signals(found: Calibrated) -> list[html.Section]:
+    """Traces and spectra of the measured signals beside those of the last round's runs."""
+    if not found.signals:
+        return []
+    results = found.results
+    last = [row for row in range(len(results.status) - found.checks, len(results.status)) if results.ok[row]]
+    played = recorded_variants(results, found.folder, [int(results.variants[row]) for row in last])
+    windows = [[float(results.values(name)[row]) for name in ("window_start", "window_end")] for row in last]
+    figures = []
+    for name, measured in found.signals.items():
+        word, factor = shown_unit(measured.unit, float(np.abs(measured.values).max()))
+        of_runs = []
+        for trajectory, (start, end) in zip(played.values(), windows, strict=True):
+            part = (trajectory.time >= start) & (trajectory.time <= end)
+            of_runs.append((trajectory.time[part] - start, factor * source(trajectory, name).values()[part]))
+        rig = (measured.time - measured.time[0], factor * measured.values)
+        figures += _signal_panels(f"{name} [{word}]" if word else name, rig, of_runs)
+    return [
+        html.section(
+            "signals", "The signals",
+            html.text("Blue: runs drawn from the posterior. Red: measured. Instants need not agree, as the rig's time "
+                      "has another origin and impacts are chaotic; levels and spectra should.", muted=True),
+            panels.chart(figures, "measured signals and those of runs"),
+        )
+    ]  # fmt: skip
+
+
+def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Array, Array]]) -> list[Panel]:
+    span = min(float(of[0][-1]) for of in (rig, *runs))
+    traces, spectra = [], []
+    nyquist = min(0.5 / float(np.diff(of[0]).mean()) for of in (rig, *runs))
+    drawn = [*((of, ACCENT, "runs of the posterior") for of in runs[:4]), (rig, MARK, "measured")]
+    for k, ((time, values), color, words) in enumerate(drawn):
+        named = {"label": words} if k in (0, len(drawn) - 1) else {}
+        width = 1.2
+        shown = np.flatnonzero(time <= span)
+        shown = shown[:: max(1, len(shown) // TRACE)]
+        traces.append(
+            {"kind": "line", "x": rounded(time[shown]), "y": rounded(values[shown]), "color": color, "width": width}
+            | named
+        )
+        even = np.linspace(time[0], time[-1], len(time))
+        held = np.isfinite(values)
+        lines, size = amplitude_spectrum(np.interp(even, time[held], values[held]), float(even[1] - even[0]))
+        lines, size = _peaks(lines[1:], size[1:], nyquist)
+        spectra.append(
+            {"kind": "line", "x": rounded(lines), "y": rounded(size), "color": color, "width": width} | named
+        )
+    wide: dict[str, Any] = {"width": 540, "height": 250}
+    return [
+        {"x": {"label": "time from the window's start [s]"}, "y": {"label": label}, "series": traces, **wide},
+        {"x": {"label": "frequency [Hz]"}, "y": {"label": f"amplitude of {label}"}, "series": spectra, **wide},
+    ]
+
+
+def _peaks(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
+    """A spectrum up to a frequency with at most `LINES` points, each the largest of those that it stands for."""
+    lines, size = lines[lines <= most], size[lines <= most]
+    wide = max(1, -(-len(lines) // LINES))
+    starts = np.arange(0, len(lines), wide)
+    return lines[starts], np.maximum.reduceat(size, starts) if len(lines) else size
+
+
+def _open(found: Calibrated) -> html.Section:
+    """Directions of the unknowns, the least identified first."""
+    words = [_combination(found, of) for of in found.directions]
+    at = np.arange(len(words))[::-1]
+    left = [100.0 * of.left for of in found.directions]
+    bars = {"kind": "rows", "y": at.tolist(), "x": rounded(left), "color": ACCENT, "thick": 0.6}
+    x = {"label": "standard deviation left [%]", "range": [0.0, max(100.0, 1.05 * max(left))]}
+    figure = {"x": x, "y": {"words": words[::-1]}, "series": [bars], "width": 860, "height": 70 + 34 * len(words)}
+    lines = _open_lines(found) or ["every direction is identified: half of its variance is gone, or more"]
+    return html.section(
+        "open", "What the measurements cannot tell",
+        html.text("Combinations of unknowns, the least identified first. Near 100 % only the prior is left: another "
+                  "measurement is needed.", muted=True),
+        panels.chart([figure, *_pair(found)], "directions of the unknowns"),
+        html.bullets(lines),
+    )  # fmt: skip
+
+
+def _pair(found: Calibrated) -> list[Panel]:
+    """Samples of the two unknowns that the posterior correlates most."""
+    names = list(found.values)
+    if len(names) < 2:
+        return []
+    both = np.abs(np.corrcoef([found.values[name] for name in names])) - np.eye(len(names))
+    a, b = sorted(divmod(int(np.argmax(both)), len(names)))
+    series, axes = [], []
+    for name in (names[a], names[b]):
+        word, factor = shown_unit(_unit(found, name), float(np.abs(found.values_before[name]).max()))
+        axes.append((f"{name} [{word}]" if word else name, factor))
+    for values, color, label in ((found.values_before, PALE, "prior"), (found.values, ACCENT, "posterior")):
+        x, y = (
+            rounded(factor * values[name][:500]) for name, (_, factor) in zip((names[a], names[b]), axes, strict=True)
+        )
+        series.append({"kind": "points", "x": x, "y": y, "color": color, "size": 1.8, "label": label})
+    return [{"x": {"label": axes[0][0]}, "y": {"label": axes[1][0]}, "series": series, "width": 400, "height": 320}]
+
+
+def _predicted(found: Calibrated) -> html.Section | None:
+    """Predictions of metrics by prior and posterior."""
+    if not found.predictions:
+        return None
+    rows, figures = [], []
+    for k, of in enumerate(found.predictions):
+        unit = found.results.unit(of.metric)
+        cells = []
+        for values in (of.before, of.after):
+            low, high = (float(end) for end in np.percentile(values, (2.5, 97.5)))
+            cells += [quantity(float(values.mean()), unit), f"{quantity(low, unit)} to {quantity(high, unit)}"]
+        rows.append((of.metric, *cells, of.q2))
+        word, factor = shown_unit(unit, float(np.abs(of.before).max()))
+        figures.append(
+            _histogram(f"{of.metric} [{word}]" if word else of.metric, factor * of.before, factor * of.after, k == 0)
+        )
+    heads = ("metric", "prior mean", "95 % of runs, prior", "posterior mean", "95 % of runs, posterior", "Q\u00b2")
+    return html.section(
+        "predictions", "How predictions change",
+        html.text("What a run gives, scatter between runs in it.", muted=True),
+        panels.chart(figures, "predictions by prior and posterior"), html.table(heads, rows),
+    )  # fmt: skip
+
+
+def _course(found: Calibrated) -> html.Section:
+    """The posterior round by round."""
+    axes = _axes(found)
+    rows = [
+        (f"{k + 1}", *(f"{m:+.2f} \N{PLUS-MINUS SIGN} {s:.2f}" for m, s in zip(mean, deviation, strict=True)))
+        for k, (mean, deviation) in enumerate(found.rounds)
+    ]
+    return html.section(
+        "course", "How it was found",
+        html.text("The posterior after each round, in prior standard deviations: where it still moves, raise "
+                  "calibrate.rounds.", muted=True),
+        html.table(("round", *axes), rows),
+        html.bullets([*_trust_lines(found), f"{found.independent:.0f} independent samples of the posterior"]),
+    )  # fmt: skip

@@ -1,0 +1,132 @@
+"""Measurements on a rig, and settings of a calibration: tables of a study file.
+
+The unknowns are the study's noise factors, and their distributions the priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.schema import (
+    BARE,
+    Finite,
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Text,
+    Value,
+    elements,
+    get,
+    numbers,
+    plain_sequence,
+)
+from warpchain.results.measured import STATISTICS
+from warpchain.study.results import NOISE
+from warpchain.study.spec.factor import NEEDS, Texts, Whole, form_of
+
+_STATISTICS_TEXT = "must be a list of " + ", ".join(f'"{name}"' for name in STATISTICS)
+_Band = Annotated[
+    tuple[Annotated[float, Field(ge=0.0)], Annotated[float, Field(gt=0.0)]], BeforeValidator(plain_sequence)
+]
+_BANDS_TEXT = "must be a list of bands [low, high] in Hz, 0 <= low < high"
+
+
+class Measurement(Part):
+    """A value that was measured, a metric's, or a signal.
+
+    Attributes:
+        metric: name of the metric that was measured.
+        value: measured value, in the metric's unit.
+        signal: name of a signal that was measured, as for `warpchain import --as`: "cam->crank.tension".
+        file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
+        column, time: its columns, variables or channels; see `results.measured_file.Columns`.
+        unit, time_unit: their units; None takes what the file says, else SI.
+        statistics: statistics of the signal that count, such as "mean", "std", "largest".
+        orders: orders of the driver's revolution, whose amplitudes count.
+        bands: bands of frequency, low and high end [Hz], whose root mean squares count.
+        error: standard deviation of the measurement, in SI.
+        relative_error: standard deviation in parts of the value, instead.
+    """
+
+    metric: Text | None = None
+    value: Finite | None = None
+    signal: Text | None = None
+    file: Text | None = None
+    column: Text | None = None
+    time: Text | None = None
+    unit: Text | None = None
+    time_unit: Text | None = None
+    statistics: Annotated[
+        tuple[Literal[*STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_TEXT)  # type: ignore[valid-type]
+    ] = ()
+    orders: Annotated[
+        tuple[Annotated[float, Field(gt=0.0)], ...],
+        BeforeValidator(plain_sequence),
+        Value("must be a list of positive numbers"),
+    ] = ()
+    bands: Annotated[tuple[_Band, ...], BeforeValidator(plain_sequence), Value(_BANDS_TEXT)] = ()
+    error: Positive | None = None
+    relative_error: Positive | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if (get(node, "metric") is None) == (get(node, "signal") is None):
+            yield Problem(("metric",), get(node, "metric"), "give metric and value, or signal and file", BARE)
+            return
+        of_signal = ("file", "column", "time", "unit", "time_unit", "statistics", "orders", "bands")
+        needed, other = ("file", ("value",)) if get(node, "signal") is not None else ("value", of_signal)
+        if get(node, needed) is None:
+            yield Problem((needed,), None, "missing", BARE)
+        for key in other:
+            if get(node, key):
+                yield Problem((key,), get(node, key), f"not together with {'signal' if needed == 'file' else 'metric'}")
+        if needed == "file" and not any(elements(node, key) for key in ("statistics", "orders", "bands")):
+            yield Problem(("statistics",), None, "missing; give statistics, orders or bands of the signal", BARE)
+        if (get(node, "error") is None) == (get(node, "relative_error") is None):
+            yield Problem(("error",), get(node, "error"), "give either error or relative_error", BARE)
+        for i, band in enumerate(elements(node, "bands")):
+            if isinstance(band, (list, tuple)) and len(band) == 2 and numbers(*band) and band[0] >= band[1]:
+                yield Problem(("bands", i), band, "must be [low, high], low below high")
+
+
+class Calibrate(Part):
+    """Settings of `warpchain calibrate`.
+
+    Attributes:
+        count: runs of the first round, spread over the priors.
+        batch: runs of each further round, drawn from the posterior so far.
+        rounds: further rounds.
+        predict: metrics that are predicted by prior and posterior; none takes those that were measured.
+        model_error: standard deviation of what the model itself misses, in parts of each value.
+        seed: seed of everything that is drawn.
+    """
+
+    count: Annotated[int, Field(strict=True, ge=8, le=1000), Value("must be an integer from 8 to 1000")] = 48
+    batch: Annotated[int, Field(strict=True, ge=4, le=1000), Value("must be an integer from 4 to 1000")] = 16
+    rounds: Annotated[int, Field(strict=True, ge=1, le=20), Value("must be an integer from 1 to 20")] = 2
+    predict: Texts = ()
+    model_error: NonNegative = 0.0
+    seed: Whole = 0
+
+
+def calibration_rules(node: Any) -> Iterator[Problem]:
+    """Measurements have unknowns to explain them: noise factors of continuous distributions."""
+    measured = elements(node, "measured")
+    if get(node, "calibrate") is not None and not measured:
+        yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)
+    if not measured:
+        return
+    unknowns = [(i, factor) for i, factor in enumerate(elements(node, "factors")) if get(factor, "kind") == NOISE]
+    if not unknowns:
+        yield Problem(("factors",), None, 'none is of kind "noise": measurements need an unknown to explain them', BARE)
+    for i, factor in unknowns:
+        form = form_of(factor)
+        if form is not None and (form not in NEEDS or get(factor, "integer") is True):
+            yield Problem(("factors", i, "distribution"), form, "an unknown needs a continuous distribution")
+    if get(get(node, "design"), "replicates") is not None:
+        text = "not together with measured: how far runs scatter is found without replicates"
+        yield Problem(("design", "replicates"), get(get(node, "design"), "replicates"), text)
