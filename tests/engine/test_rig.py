@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
-from tensioner_rig import TEXT, engine, looked, moved, tensioner
+from tensioner_rig import RELIEF, TEXT, VENT, engine, looked, moved, still, tensioner
 
 import warpchain
 from warpchain import bench_tensioner, loads_drive
+from warpchain.assembly.table_cells import TableList
 from warpchain.drive import oil
 from warpchain.drive.viscosity import viscosity_at
 from warpchain.engine.fill_bodies import fill_tensioner
@@ -16,7 +17,20 @@ from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner
 
-ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
+ELSEWHERE = (
+    "body",
+    "home",
+    "rest",
+    "stop_stiffness",
+    "stop_damping",
+    "bottom",
+    "direction",
+    "point",
+    "check",
+    "relief",
+    "vent",
+    "supply_table",
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +40,7 @@ def drive():
 
 def filled(drive, t):
     row = np.zeros(1, dtype=Tensioner.numpy_dtype())[0]
-    fill_tensioner(row, drive, t)
+    fill_tensioner(row, drive, t, TableList())
     return row
 
 
@@ -38,6 +52,9 @@ def test_a_row_has_the_numbers_of_its_drive(drive):
     for name in row.dtype.names:
         if name not in ELSEWHERE:
             assert row[name] == pytest.approx(getattr(wanted, name), rel=1e-14), name
+    for name in row["check"].dtype.names:
+        assert row["check"][name] == pytest.approx(getattr(wanted.check, name), rel=1e-14), name
+    assert not any(row[name]["hole_area"] for name in ("relief", "vent"))
     assert drive.sprockets[row["body"]].name == "tensioner"
     assert row["home"] == pytest.approx(drive.sprockets[row["body"]].center)
     assert row["direction"] == pytest.approx([-1.0, 0.0]) and not row["point"].any()
@@ -72,6 +89,21 @@ def test_python_and_kernels_have_one_oil_and_one_valve(drive):
     assert oil.oil_stiffness(part) == pytest.approx(8e8 * 1.01 * part.area**2 / 1e-6)
     assert oil.oil_stiffness(part, 1e6) == pytest.approx(found[2][6] * part.area**2 / 1e-6)
     assert oil.oil_stiffness(drive.tensioners[1]) == 0.0
+
+
+def test_python_and_kernels_have_one_relief_valve_and_one_vent(drive):
+    """One step each, so short that P stays, of a chamber that is so large that nothing changes it."""
+    relief = {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
+    part = drive.with_values({"tensioners.0.relief": relief, "tensioners.0.vent": {"diameter": 2e-4}}).tensioners[0]
+    for pressure in (9e4, 1.02e5, 4e5, 5.1e5, 1e6, 4e6):
+        got = moved(still(pressure, volume=1e3, **RELIEF, **VENT), [0.0, 0.0], 1e-6)
+        relieved, vented = oil.outlet_flows(part, pressure)
+        assert got["relieved"][1] / 1e-6 == pytest.approx(relieved, rel=1e-7)
+        assert got["vented"][1] / 1e-6 == pytest.approx(vented, rel=1e-7)
+    rest = oil.static_pressure(part)
+    assert rest < oil.static_pressure(drive.tensioners[0])  # the vent takes some of it
+    held = moved(tensioner(rest=rest, **RELIEF, **VENT), np.zeros(1001), 1e-3)
+    assert held["pressure"] == pytest.approx(rest, rel=1e-11)
 
 
 def test_viscosity_over_temperature_is_walther_s():

@@ -16,6 +16,7 @@ from blocks import (
     unjoined,
     unjoined_light,
     v6,
+    v6_fed,
     ways,
 )
 
@@ -24,7 +25,7 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light
+KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light, v6_fed
 USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
 
 

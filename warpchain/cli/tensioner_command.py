@@ -196,7 +196,8 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
             f"  pressure  {1e-5 * row['pressure_min']:10.4g} to {1e-5 * row['pressure_max']:.4g} bar"
             + (f", boiling {100.0 * row['vapor']:.2g} % of the time" if row["vapor"] > 0.0 else ""),
             f"  valve     opens {row['openings']} times, lifts {1e3 * row['lift_max']:.3g} mm; "
-            f"in {1e9 * row['supplied']:.4g} mm^3, leaked {1e9 * row['leaked']:.4g} mm^3",
+            f"in {1e9 * row['supplied']:.4g} mm^3, leaked {1e9 * row['leaked']:.4g} mm^3"
+            + "".join(f", {name} {1e9 * row[name]:.4g} mm^3" for name in ("relieved", "vented") if row[name] > 0.0),
         ]
     return lines
 

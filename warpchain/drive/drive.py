@@ -40,6 +40,7 @@ from warpchain.drive.drive_rules import (
     pivot_rules,
     place_rules,
     profile_rules,
+    pump_rules,
     rolling_rules,
     shaft_rules,
     size_rules,
@@ -90,6 +91,7 @@ RULES = (
     arm_rules,
     pivot_rules,
     tensioner_rules,
+    pump_rules,
     train_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
