@@ -27,6 +27,7 @@ STAY = {
     "arms.pivot_table.x", "arms.pivot_table.y",
     "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
     "tensioners.valve.ball_radius", "tensioners.valve.seat_diameter", "tensioners.valve.lift",
+    "tensioners.relief.diameter", "tensioners.relief.lift", "tensioners.vent.diameter",
     "tensioners.ratchet.pitch", "tensioners.ratchet.backlash",
 }  # fmt: skip
 """Lengths that are as files say: motions, and a tensioner's own parts."""

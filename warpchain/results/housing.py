@@ -5,10 +5,10 @@ on to the housing
 
     F - m a  [N];                                                                                                 (a)
 
-a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90
-degrees. A mount on springs passes on what its springs and dampers have, a slider across its line what it holds. A
-tensioner's seat takes the reaction of the force on its plunger. An arm on another one passes its own on to that. A guide on n bolts at r_i, r their mean, shares its
-force F, of the moment M about r, as n equal bolts do,
+a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A
+mount on springs passes on what its springs and dampers have, a slider across its line what it holds. A tensioner's
+seat takes the reaction of the force on its plunger. An arm on another one passes its own on to that. A guide on n
+bolts at r_i, r their mean, shares its force F, of the moment M about r, as n equal bolts do,
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
