@@ -89,6 +89,14 @@ def test_a_guide_of_a_drawing_is_the_guide_of_its_arcs(tmp_path):
     assert loads_drive(dumps_drive(drive)) == drive
 
 
+def test_a_polyline_of_many_pieces_is_no_more_points_than_a_face_may_have(tmp_path):
+    """A piece of a few has stretches, which hold it straight; one of many needs none."""
+    document, space = drawing(6)
+    x = np.linspace(0.0, 0.1, 1500)
+    space.add_lwpolyline(np.column_stack([x, 5e-3 * np.sin(30.0 * x)]).tolist())
+    assert len(read_face(saved(document, tmp_path), None)) == len(x)
+
+
 def test_polylines_ellipses_and_splines_follow_each_other(tmp_path):
     """A polyline with a bulge (a quarter circle), half an ellipse and a spline through points of a parabola."""
     document, space = drawing(6)

@@ -24,12 +24,13 @@ from warpchain.results.schedule import Schedule
 
 STAY = {
     "sprockets.mount.table.x", "sprockets.mount.table.y", "sprockets.mount.offset", "sprockets.mount.amplitude",
-    "arms.pivot_table.x", "arms.pivot_table.y",
+    "arms.pivot_table.x", "arms.pivot_table.y", "valves.profile.lift", "valves.table.lift",
     "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
     "tensioners.valve.ball_radius", "tensioners.valve.seat_diameter", "tensioners.valve.lift",
+    "tensioners.relief.diameter", "tensioners.relief.lift", "tensioners.vent.diameter",
     "tensioners.ratchet.pitch", "tensioners.ratchet.backlash",
 }  # fmt: skip
-"""Lengths that are as files say: motions, and a tensioner's own parts."""
+"""Lengths that are as files say: motions, lifts of valves, and a tensioner's own parts."""
 OIL = "tensioners.tensioner.oil"
 POINTS = {f"{OIL}.viscosity_40": 62e-6, f"{OIL}.viscosity_100": 10.3e-6}
 STEEL = {"expansion.block": "steel"}

@@ -18,6 +18,7 @@ from warpchain.errors import SimulationError, WarpchainError
 from warpchain.results import housing
 from warpchain.results.channels import NAMES
 from warpchain.results.housing import components, housing_loads, order_levels
+from warpchain.results.pivots import pivots
 
 SCREWED = BLADE.replace('side = "right"\n', 'side = "right"\nbolts = [[0.06, 0.22], [0.05, 0.15], [0.045, 0.08]]\n')
 
@@ -88,6 +89,34 @@ def test_mounts_pass_on_their_springs_and_wheels_turn():
     off = trajectory.sprocket_center[:, 1] - drive.sprockets[1].center
     held = off * (4e6, 5e6) + np.gradient(off, trajectory.time, axis=0) * (10.0, 20.0) - (-300.0, 40.0)
     np.testing.assert_allclose(loads["hub driven"], held, rtol=1e-9)
+
+
+def momentum_of(arm, time, pivot, angle):
+    """Momentum of an arm over time (F, 2), its pivot moving."""
+    x, y = np.subtract(arm.center, arm.pivot)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    center = pivot + np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+    return arm.mass * np.gradient(center, time, axis=0)
+
+
+def test_an_arm_on_another_one_loads_the_pivot_of_that():
+    """Sum of the loads = m g - d(momentum)/dt of rollers and both arms, as above; the sprockets have no mass."""
+    time = np.linspace(0.0, 0.02, 5)
+    upper = {"name": "upper", "pivot": [0.5, -1.0], "mass": 2.0, "center": [0.5, -1.2], "inertia": 0.1}
+    lower = upper | {"name": "lower", "arm": "upper", "pivot": [0.5, -1.3], "center": [0.6, -1.5], "mass": 1.0}
+    lead = {"time": time.tolist(), "x": (20.0 * time**2).tolist(), "y": (-5.0 * time**2).tolist()}
+    drive = two_sprockets(speed=0.0, torque=0.0, gravity=-9.81, step=5e-6)
+    drive = drive.with_values({"arms": [upper | {"pivot_table": lead}, lower]})
+    trajectory = simulate(drive, record=Record(rate=1e9, channels=NAMES), duration=0.015, device="cpu")[0]
+    loads = {load.name: load.force for load in housing_loads(trajectory)}
+    assert list(loads) == ["hub driver", "hub driven", "pivot upper"]
+    t, angle = trajectory.time, np.asarray(trajectory.arm_angle, dtype=float)
+    at = pivots(drive, t, angle)
+    momentum = sum(momentum_of(arm, t, at[:, a], angle[:, a]) for a, arm in enumerate(drive.arms))
+    change = (momentum[-10] - momentum[10]) / (t[-10] - t[10])
+    mean = np.trapezoid(loads["pivot upper"][10:-9], t[10:-9], axis=0) / (t[-10] - t[10])
+    np.testing.assert_allclose(mean, [-change[0], -9.81 * 3.0 - change[1]], atol=0.02)  # second differences
+    assert abs(change[0]) > 20.0
 
 
 def test_several_chains_have_their_hubs_each():

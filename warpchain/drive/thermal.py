@@ -108,8 +108,8 @@ GROWS = {
     "probes.radius": _BLOCK,
     "gears.module": _WHEELS,
 }
-"""What grows, by key; `chains` are as `chain`. Other lengths are as files say: displacements, which are motions, and a
-tensioner's own parts, whose gaps, of one material, change by a thousandth."""
+"""What grows, by key; `chains` are as `chain`. Other lengths are as files say: displacements, which are motions,
+lifts of valves, and a tensioner's own parts, whose gaps, of one material, change by a thousandth."""
 
 
 def heated(drive: Any) -> bool:

@@ -5,10 +5,10 @@ on to the housing
 
     F - m a  [N];                                                                                                 (a)
 
-a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90
-degrees. A mount on springs passes on what its springs and dampers have, a slider across its line what it holds. A
-tensioner's seat takes the reaction of the force on its plunger. A guide on n bolts at r_i, r their mean, shares its
-force F, of the moment M about r, as n equal bolts do,
+a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A
+mount on springs passes on what its springs and dampers have, a slider across its line what it holds. A tensioner's
+seat takes the reaction of the force on its plunger. An arm on another one passes its own on to that. A guide on n
+bolts at r_i, r their mean, shares its force F, of the moment M about r, as n equal bolts do,
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
@@ -32,6 +32,7 @@ from warpchain.drive.mounts import unit
 from warpchain.drive.sprocket import ArmMount, ElasticMount, PrescribedMount, Sprocket
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import nearest_guides
 from warpchain.results.shaft_signals import hub_forces
@@ -85,7 +86,11 @@ def _of_chain(trajectory: Trajectory) -> list[Load]:
     for g, (force, moment) in enumerate(guides):
         if drive.arm_of(g) is None:
             found += _bolts(drive, g, force, moment)
-    found += [_pivot(trajectory, a, hubs, guides) for a in range(len(drive.arms))]
+    on_arms = [_pivot(trajectory, a, hubs, guides) for a in range(len(drive.arms))]
+    for a, load in enumerate(on_arms):
+        if drive.parent(a) is None:
+            force = load.force + sum((on_arms[k].force for k in drive.arms_on(a)), np.zeros_like(load.force))
+            found.append(load._replace(force=force))
     for t, tensioner in enumerate(drive.tensioners):
         (push,) = need(trajectory, "tensioner_force")
         found.append(Load(f"seat {tensioner.name}", tensioner.at, -np.outer(push[:, t], tensioner.unit_direction)))
@@ -174,7 +179,7 @@ def _about(place: Array, force: Array, moment: Array) -> Array:
 
 
 def _pivot(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> Load:
-    """Load of the pivot of arm a, (a)."""
+    """Load of the pivot of arm a, (a), without the arms on it."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
     arm_angle, arm_speed = need(trajectory, "arm_angle", "arm_speed")
@@ -185,6 +190,8 @@ def _pivot(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple
     mass_at = np.stack([c * r[0] - s * r[1], s * r[0] + c * r[1]], axis=-1)
     turned = np.stack([-mass_at[:, 1], mass_at[:, 0]], axis=-1)
     acceleration = turning[:, None] * turned - (speed**2)[:, None] * mass_at
+    if arm.pivot_table is not None or arm.arm is not None:
+        acceleration += _rate(_rate(pivots(drive, time, arm_angle)[:, a], time), time)
     force = arm.mass * (np.asarray(drive.run.gravity) - acceleration)
     force = force + sum((guides[g][0] for g in drive.guides_of(a)), np.zeros_like(force))
     force = force + sum((hubs[s] for s in drive.sprockets_on(a)), np.zeros_like(force))
