@@ -252,10 +252,12 @@ def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
 
 
 @wp.func
-def metered(total: Any, flows: Any):
+def add_flows(total: Any, flows: Any):
     """A tensioner's meter after one more step; the lift is that of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)
     total.supplied = added(total.supplied, flows.supplied)
+    total.relieved = added(total.relieved, flows.relieved)
+    total.vented = added(total.vented, flows.vented)
     total.leak_loss = added(total.leak_loss, flows.leak_loss)
     total.valve_loss = added(total.valve_loss, flows.valve_loss)
     total.supply_work = added(total.supply_work, flows.supply_work)
@@ -268,6 +270,8 @@ def flowed_since(now: Any, start: Any):
     """Flows that a tensioner's meter has counted since `start`."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
+    now.relieved = now.relieved - start.relieved
+    now.vented = now.vented - start.vented
     now.leak_loss = now.leak_loss - start.leak_loss
     now.valve_loss = now.valve_loss - start.valve_loss
     now.supply_work = now.supply_work - start.supply_work
@@ -343,6 +347,11 @@ def following(Real: type) -> wp.Function:
         return along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
+    def aside(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
+        """Distance of roller i to a strand's nominal line [m]."""
+        return wp.abs(across(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand))
+
+    @wp.func
     def last_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
         """The last roller that is not past `limit` [m] along a strand's nominal line, sought from roller i on."""
         tries = int(0)
@@ -356,15 +365,38 @@ def following(Real: type) -> wp.Function:
         return i
 
     @wp.func
-    def follow(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
-        """The strand with its middle and its links brought up to date; the chain has moved little since.
+    def crossing(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
+        """The last roller that is not past mid-strand, anywhere in the chain. Where a chain that winds back and forth
+        crosses there several times, that of the crossing nearest the strand's line.
+        """
+        limit = wp.float64(0.5) * strand.length
+        found = strand.middle
+        nearest = wp.float64(wp.inf)
+        i = int(0)
+        while i < n:
+            j = after(i, n)
+            if reach(rollers, x, y, i, strand) <= limit and reach(rollers, x, y, j, strand) > limit:
+                apart = aside(rollers, x, y, i, strand) + aside(rollers, x, y, j, strand)
+                if apart < nearest:
+                    nearest = apart
+                    found = i
+            i = i + 1
+        return found
+
+    @wp.func
+    def follow(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
+        """The strand with its middle and its links brought up to date: the chain has moved little since, unless they
+        are sought `anew`.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """
-        middle = last_before(rollers, x, y, n, strand.middle, wp.float64(0.5) * strand.length, strand)
+        middle = strand.middle
+        if anew:
+            middle = crossing(rollers, x, y, n, strand)
+        middle = last_before(rollers, x, y, n, middle, wp.float64(0.5) * strand.length, strand)
         first = middle
         last = middle
-        if strand.links > 0:
+        if strand.links > 0 and not anew:
             first = strand.first_link
             last = (first + strand.links) % n
         first = after(last_before(rollers, x, y, n, before(first, n), wp.float64(0.0), strand), n)

@@ -66,9 +66,27 @@ class Browser:
                     raise RuntimeError(f"{method}: {message['error']['message']}")
                 return message["result"]
 
+    def resize(self, width: int, height: int) -> None:
+        """Makes the window as large as a phone's or another screen [px]."""
+        sizes = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.call("Emulation.setDeviceMetricsOverride", self._session, **sizes)
+
     def open(self, url: str) -> None:
         """Goes to a page."""
         self.call("Page.navigate", self._session, url=url)
+
+    def value(self, expression: str) -> object:
+        """The value of an expression in the page's script."""
+        return self.call("Runtime.evaluate", self._session, expression=expression)["result"].get("value")
+
+    def reaches(self, expression: str, value: object, patience: float = 20.0) -> bool:
+        """Whether an expression has a value within `patience` seconds."""
+        end = time.monotonic() + patience
+        while self.value(expression) != value:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.05)
+        return True
 
     def capture(self, picture: Path) -> None:
         """Saves what the page shows."""

@@ -74,6 +74,16 @@ gravity = [{gravity[0]}, {gravity[1]}]
     return loads_drive(text)
 
 
+def winding(speed: float) -> Drive:
+    """A chain that winds back and forth about five sprockets: s0->s1 and s2->s3 both cross the plane through mid-strand
+    of s0->s1, and the same way, 0.14 m apart.
+    """
+    places = [(0.0, 0.2, "cw"), (0.4, 0.2, "cw"), (0.15, 0.1, "ccw"), (0.39895, 0.0, "cw"), (0.0, 0.0, "cw")]
+    sprockets = [Placed(20, (x, y), wrap) for x, y, wrap in places]
+    sprockets[0] = replace(sprockets[0], speed=speed)
+    return drive_of(sprockets, 158)
+
+
 @st.composite
 def loops(draw: st.DrawFn) -> list[Placed]:
     """2 to 6 sprockets about a loop that does not cross itself, run either way; inner ones wrap the other way."""

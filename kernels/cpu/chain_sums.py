@@ -232,7 +232,7 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
         if step > drive.window_start:
             note(sums, variant, drive, step)
         for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-            state.strands[i] = follow(w, row.x, row.y, n, state.strands[i])
+            state.strands[i] = follow(w, row.x, row.y, n, state.strands[i], step == drive.window_start)
         add_statistics(ensemble, state, sums, variant, drive, w)
         sums.chain[variant] = tally.add_links(w, n, sums.chain[variant])
         for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):

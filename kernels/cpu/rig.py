@@ -39,6 +39,8 @@ class RideSums:
     openings: wp.int32  # of the valve
     leaked: wp.float64  # [m^3]
     supplied: wp.float64  # [m^3]
+    relieved: wp.float64  # [m^3]
+    vented: wp.float64  # [m^3]
     work: wp.float64  # on the plunger [J]
     supply_work: wp.float64  # [J]
     leak_loss: wp.float64  # [J]
@@ -74,7 +76,7 @@ def lead(
     total = RideSums()
     x, rate = place_at(0, ride)
     state = resting_state(x, tensioner)
-    force, pressure = tensioner_force(x, rate, state, tensioner)
+    force, pressure = tensioner_force(x, rate, True, state, tensioner)
     lift = wp.float64(0.0)
     steps = ride.cycle * ride.cycles
     i = int(0)
@@ -92,15 +94,15 @@ def lead(
             total.force_max = force
             total.pressure_min = pressure
             total.pressure_max = pressure
-            total.gained = -tensioner_energy(x, state, tensioner)
+            total.gained = -tensioner_energy(x, pressure, state, tensioner)
         if i < steps:
             lost = half * damper_power(x, rate, state, tensioner)
             before = x
             pushed = force
             opened = lift
             x, rate = place_at(i + 1, ride)
-            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, state, tensioner)
-            force, pressure = tensioner_force(x, rate, state, tensioner)
+            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, True, state, tensioner)
+            force, pressure = tensioner_force(x, rate, True, state, tensioner)
             lift = flows.lift
             leaked += flows.leaked
             supplied += flows.supplied
@@ -114,6 +116,8 @@ def lead(
                     total.openings += 1
                 total.leaked += flows.leaked
                 total.supplied += flows.supplied
+                total.relieved += flows.relieved
+                total.vented += flows.vented
                 total.work -= half * (pushed + force) * (x - before)
                 total.supply_work += flows.supply_work
                 total.leak_loss += flows.leak_loss
@@ -122,5 +126,5 @@ def lead(
                 if tensioner.hydraulic == 1 and pressure <= tensioner.vapor * wp.float64(1.000001):
                     total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)
         i += 1
-    total.gained += tensioner_energy(x, state, tensioner)
+    total.gained += tensioner_energy(x, pressure, state, tensioner)
     sums[r] = total

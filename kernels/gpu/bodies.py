@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of, stretching
+from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned,
@@ -27,14 +27,24 @@ from ..physics.body import (
 from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
-from ..physics.tensioner import lost_power, push_by, stroke_of, stroke_rate, tensioner_energy, tensioner_step, touch_arm
+from ..physics.tensioner import (
+    lost_power,
+    push_by,
+    stroke_of,
+    stroke_rate,
+    supply_at,
+    tensioner_energy,
+    tensioner_step,
+    touch_arm,
+)
 from ..physics.tooth import grid_of
 from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
-from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
+from ..sums import add_bearing, add_energy, add_flows, add_meter, add_tensioner, gathered_powers
 from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
 from .rings import block_rings
+from .rollers import roller_rows
 from .shared_memory import COURSE
 from .sync import lanes, sync
 
@@ -42,18 +52,21 @@ from .sync import lanes, sync
 @cache
 def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     """The functions of one variant's tensioners on a block."""
-    tensioners_of = block_rings(kind).tensioners_of
+    tensioners_of, body_of = block_rings(kind).tensioners_of, block_rings(kind).body_of
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
     @wp.func
-    def pushed(ensemble: Ensemble, state: State, mine: Mine, pose: Pose, wrench: kinds.Wrench):
-        """The wrench on the thread's body, at `pose`, with what its tensioners do to it."""
+    def pushed(ensemble: Ensemble, state: State, mine: Mine, stage: int, pose: Pose, wrench: kinds.Wrench):
+        """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
+        kept = True
+        if wp.static(kind.staged):
+            kept = stage <= 0
         drive = ensemble.drives[mine.row]
         for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = ensemble.tensioners[t]
             if tensioner.body == mine.number:
-                push = push_by(pose, state.tensioners[t], tensioner)
+                push = push_by(pose, kept, state.tensioners[t], tensioner)
                 state.pushes[t] = push
                 wrench.force = wrench.force + push.wrench.force
                 wrench.moment = wrench.moment + push.wrench.moment
@@ -83,9 +96,23 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 added = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
                 out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
                 if now.flags & ENDS != 0:
-                    energy = wp.float64(tensioner_energy(push.extension, state.tensioners[t], tensioner))
+                    energy = wp.float64(tensioner_energy(push.extension, push.pressure, state.tensioners[t], tensioner))
                     at = drive.first_body + mine.number
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
+
+    @wp.func
+    def feed(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, time: kinds.Number):
+        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
+
+        No body moves meanwhile: what turns a pump is another thread's.
+        """
+        drive = ensemble.drives[mine.row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
+            tensioner = ensemble.tensioners[t]
+            if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
+                pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
+                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
@@ -96,9 +123,13 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == mine.number:
                     x, rate = stroke_of(shared.poses[mine.body], tensioner)
-                    after, flows = tensioner_step(x, rate, h, state.tensioners[t], tensioner)
+                    window = wp.static(kind.measuring) and now.window != 0
+                    if wp.static(kind.parts.fed > 0):
+                        if tensioner.supply_table.cells > 0:
+                            tensioner.supply = state.tensioners[t].supply
+                    after, flows = tensioner_step(x, rate, h, window, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
-                    state.meters[t] = metered(state.meters[t], flows)
+                    state.meters[t] = add_flows(state.meters[t], flows)
 
     return SimpleNamespace(**locals())
 
@@ -319,11 +350,13 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
         first = ensemble.drives[mine.variant].first_body
-        train = ensemble.ties[place_of(shared, first, mine.body)].train
+        own = ensemble.ties[place_of(shared, first, mine.body)]
         total = Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            if ensemble.ties[place_of(shared, first, b)].train == train:
-                total = total + shared.passed[wp.static(kind.parts.bodies) + b]
+            tie = ensemble.ties[place_of(shared, first, b)]
+            if tie.train == own.train:
+                ratio = tie.ratio / own.ratio
+                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
     return SimpleNamespace(**locals())
@@ -502,6 +535,7 @@ def block_bearings(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     barrier, carry = sync(kind).barrier, body_access(kind).carry
+    stretched_now = roller_rows(kind).stretched
 
     @wp.func
     def rub(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -514,7 +548,7 @@ def block_bearings(kind: BlockKind) -> SimpleNamespace:
                 turning = leading(shared.poses[s].speed)
                 if hub.arm != GROUND:
                     turning = rounded(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
-                stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+                stretched = stretched_now(now)
                 moment, holds = bearing_moment(wrench.force, turning, Real(state.hub_hold[at]), hub, stretched)
                 shared.bearings[s] = moment
                 if now.stage == 0:

@@ -94,7 +94,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.sprocket >= 0:
             begin, count = own_span(shared, mine)
             at = ensemble.drives[mine.variant].first_sprocket + mine.sprocket
-            observe.update_strand(state, shared, begin, count, at)
+            observe.update_strand(state, shared, begin, count, at, now.flags & START != 0)
         barrier()
         find_strands(ensemble, state, shared, mine)
         statistics.look(ensemble, state, out, shared, mine)
@@ -226,7 +226,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
             if wp.static(kind.parts.tied > 0):
                 if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.mounted):
-                    write.write_shaft(frames, at, drive, mine.body - wp.static(sprockets), body)
+                    write.write_shaft(frames, at, drive, mine.number - drive.sprockets, body)
 
     @wp.func
     def write_coupling(
@@ -240,7 +240,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         moment: Real,
     ):
         """Writes coupling c of all to the frame."""
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         at = frame_at(drive, state, mine, now)
         write.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)
 

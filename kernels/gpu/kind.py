@@ -40,6 +40,7 @@ def block_types(Real: type) -> SimpleNamespace:
         sprocket: wp.int32
         guide: wp.int32
         arm: wp.int32
+        shaft: wp.int32
         partners: wp.int32  # its sprockets and guides, as bits
 
     @wp.struct
@@ -146,9 +147,9 @@ class BlockShape:
 @dataclass(frozen=True)
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
-    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub, and cams lift valves
-    (`structs.Drive.light`, `tied`, `hubs`, `valves`). Of several chains, `rings`, all others are of all of them, which
-    are tied.
+    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub, cams lift valves
+    (`structs.Drive.light`, `tied`, `hubs`, `valves`), and where supplies of tensioners are tabulated. Of several
+    chains, `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -161,6 +162,7 @@ class Parts:
     light: int = 0
     tied: int = 0
     hubs: int = 0
+    fed: int = 0
     valves: int = 0
     rings: int = 1
 
@@ -175,13 +177,16 @@ class Parts:
         return self.mounted + self.arms
 
 
+EVEN, BY_SPEED = 1, 2
+"""Whether a coefficient of friction is the same at all speeds."""
+
+
 @dataclass(frozen=True)
 class Friction:
-    """Where rollers rub: on teeth and guides, in the joints; and whether a coefficient depends on the speed."""
+    """How rollers rub on teeth and guides, and in the joints: 0 (not at all), `EVEN` or `BY_SPEED`."""
 
-    contacts: bool = False
-    joints: bool = False
-    by_speed: bool = False
+    contacts: int = 0
+    joints: int = 0
 
 
 @dataclass(frozen=True)
@@ -235,7 +240,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.light or self.parts.tied or self.parts.hubs
+        waiting = self.parts.light or self.parts.tied or self.parts.hubs or self.parts.fed
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

@@ -239,9 +239,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         return of
 
     @wp.func
-    def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int):
-        """Strand `at` of all brought up to date, of a chain of n rollers from `first` on."""
-        state.strands[at] = follow(shared.rows, X + first, Y + first, n, state.strands[at])
+    def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int, anew: bool):
+        """Strand `at` of all brought up to date, or sought `anew`, of a chain of n rollers from `first` on."""
+        state.strands[at] = follow(shared.rows, X + first, Y + first, n, state.strands[at], anew)
 
     @wp.func
     def add_middle(sums: Sums, shared: Shared, first: int, n: int, at: int, strand: Strand):

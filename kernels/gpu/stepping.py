@@ -84,7 +84,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
+                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.tied > 0):
                 trains.pass_on(ensemble, state, shared, mine, now, wrench)
             if wp.static(kind.parts.rings > 1):
@@ -135,7 +135,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         before = shared.poses[mine.body]
         whole = wrench
         if wp.static(kind.parts.tensioners > 0):
-            whole = tensioners.pushed(ensemble, state, mine, before, wrench)
+            whole = tensioners.pushed(ensemble, state, mine, now.stage, before, wrench)
         seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:
@@ -162,7 +162,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.body >= 0:
             trains.pass_on(ensemble, state, shared, mine, now, wrench)
         barrier()
-        if now.measured != 0 or now.flags & FRAME != 0 or ensemble.drives[mine.variant].couplings > 0:
+        couplings = ensemble.drives[mine.variant].couplings
+        for r in range(1, wp.static(kind.parts.rings)):
+            couplings = couplings + ensemble.drives[mine.variant + r].couplings
+        if now.measured != 0 or now.flags & FRAME != 0 or couplings > 0:
             if mine.body >= 0:
                 trains.observe_trains(ensemble, state, shared, out, mine, now)
             barrier()
@@ -173,6 +176,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
+        if wp.static(kind.parts.fed > 0):
+            if mine.body >= 0 and now.stage == 0:
+                tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
+            barrier()
         acting = chain_on(state, shared, mine, now)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):

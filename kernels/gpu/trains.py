@@ -23,6 +23,7 @@ from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import block_tensioners, body_steps, gathering
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
+from .rings import block_rings
 
 
 @cache
@@ -34,22 +35,31 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     Wrench = kinds.Wrench
     steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
     gathered, write_valve, frame_at = gathering(kind).gathered, sampling.write.write_valve, sampling.frame_at
+    body_of, place_of = block_rings(kind).body_of, block_rings(kind).place_of
 
     @wp.func
     def moment_of(ensemble: Ensemble, mine: Mine, time: Any, shared: Shared):
         """Moment [N m] of the motor on the thread's body."""
         moment = Real(0.0)
         if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
-            at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+            drive = ensemble.drives[mine.row]
+            at = drive.first_shaft + mine.number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
             moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.curves.tables)
         return moment
 
     @wp.func
-    def engage(ensemble: Ensemble, state: State, shared: Shared, c: int, time: Any):
+    def coupled(ensemble: Ensemble, shared: Shared, mine: Mine, c: int):
+        """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block."""
+        coupling, row, ring = ensemble.couplings[c], mine.row, mine.row - mine.variant
+        first = body_of(ensemble, shared, row, ring, coupling.first)
+        return coupling, first, body_of(ensemble, shared, row, ring, coupling.second)
+
+    @wp.func
+    def engage(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, c: int, time: Any):
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
-        coupling = ensemble.couplings[c]
-        first, second = shared.poses[coupling.first], shared.poses[coupling.second]
+        coupling, one, other = coupled(ensemble, shared, mine, c)
+        first, second = shared.poses[one], shared.poses[other]
         return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
 
     @wp.func
@@ -70,22 +80,22 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             time = stage_at(wp.static(kind.integrator), now.stage, time, steps.step_number(mine)).time
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
-            wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
+            wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
         if wp.static(kind.parts.hubs > 0):
             moment = moment + wrench.bearing
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            coupling = ensemble.couplings[c]
-            if coupling.first == mine.body or coupling.second == mine.body:
+            coupling, one, other = coupled(ensemble, shared, mine, c)
+            if one == mine.body or other == mine.body:
                 engaged = state.couplings[c]
                 if now.stage == 0:
-                    engaged = engage(ensemble, state, shared, c, time)
-                twist, rate = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
+                    engaged = engage(ensemble, state, shared, mine, c, time)
+                twist, rate = twist_of(shared.poses[one], shared.poses[other], engaged)
                 passed = coupling_moment(twist, rate, coupling, engaged)
-                moment = moment + wp.where(coupling.second == mine.body, engaged.ratio * passed, -passed)
+                moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
         if wp.static(kind.parts.valves > 0):
             lift_valves(ensemble, shared, mine, pose)
@@ -132,7 +142,8 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_shaft(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now):
         """One step of the thread's shaft for the sums of the window."""
-        at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+        drive = ensemble.drives[mine.row]
+        at = drive.first_shaft + mine.number - drive.sprockets
         pose, time = shared.poses[mine.body], steps.time_of(mine, now)
         speed = speed_now(ensemble, shared, mine, now, mine.body)
         before, motion = leading(pose.speed), shared.motions[mine.body]
@@ -143,20 +154,20 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_coupling(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, c: int):
         """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
-        drive = ensemble.drives[mine.variant]
-        coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        twist, before = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
-        first = speed_now(ensemble, shared, mine, now, coupling.first)
-        second = speed_now(ensemble, shared, mine, now, coupling.second)
+        drive, engaged = ensemble.drives[mine.row], state.couplings[c]
+        coupling, one, other = coupled(ensemble, shared, mine, c)
+        twist, before = twist_of(shared.poses[one], shared.poses[other], engaged)
+        first = speed_now(ensemble, shared, mine, now, one)
+        second = speed_now(ensemble, shared, mine, now, other)
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
             sampling.write_coupling(ensemble, state, out.frames, mine, now, c, twist, moment)
         if wp.static(measuring) and now.measured != 0:
             led = Real(0.0)
-            if shared.motions[coupling.first].prescribed == 1:
+            if shared.motions[one].prescribed == 1:
                 led = led - moment * first
-            if shared.motions[coupling.second].prescribed == 1:
+            if shared.motions[other].prescribed == 1:
                 led = led + engaged.ratio * moment * second
             power = coupling_loss(twist, rate, coupling, engaged)
             lost = wp.where(now.flags & START != 0, Real(0.0), engaged.lost)
@@ -169,16 +180,19 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_gear(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now, g: int):
         """One step of a pair of gears, whose second body is the thread's, for the sums of the window."""
-        drive = ensemble.drives[mine.variant]
+        drive, first = ensemble.drives[mine.row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
         motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
         angular = angular_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
         for b in range(wp.static(mounted)):
-            if on_side(gear, b):
-                beside = ensemble.ties[drive.first_body + b].ratio / tie.ratio
-                moment = moment - beside * shared.passed[b]
-        if wp.static(kind.parts.valves > 0):
+            place = place_of(shared, first, b)
+            other = ensemble.ties[place]
+            number = place + other.apart - drive.first_body  # of the body that it turns as, of this chain or another
+            if number >= 0 and number < drive.bodies:
+                if on_side(gear, number):
+                    moment = moment - other.ratio / tie.ratio * shared.passed[b]
+        if wp.static(kind.parts.valves > 0):  # of one chain, so far
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
                 if on_side(gear, valve.body):
@@ -190,11 +204,11 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_trains(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now):
         """One step of what the thread's body is, or is the second of, once all moments are shared; couplings go on."""
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            if ensemble.couplings[c].second == mine.body:
+            if ensemble.couplings[c].second == mine.number:
                 if now.stage == 0:
-                    state.couplings[c] = engage(ensemble, state, shared, c, steps.time_of(mine, now))
+                    state.couplings[c] = engage(ensemble, state, shared, mine, c, steps.time_of(mine, now))
                 if now.measured != 0 or now.flags & FRAME != 0:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
         if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
@@ -205,7 +219,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)
             for g in range(drive.first_gear, drive.first_gear + drive.gears):
-                if ensemble.gears[g].body == mine.body:
+                if ensemble.gears[g].body == mine.number:
                     observe_gear(ensemble, shared, out, mine, now, g)
 
     return SimpleNamespace(**locals())

@@ -132,7 +132,7 @@ def marine() -> Row:
         source="Pedersen, Hansen and Ambrósio (2004), figures 9 to 12",
         states="tight strand without guide-bar: mean displacement 2.7 mm",
         drive="`marine`, `marine_no_guides`: a drive of that kind, as the paper's data are not public",
-        gives=f"{found[1]} mm ([figures 9 and 10](examples.md#what-the-guide-bar-does-figures-9-and-10-of-the-paper))",
+        gives=f"{found[1]} mm ([figures 9 and 10](examples.md#the-guide-bar-figures-9-and-10-of-the-paper))",
         differs=f"{float(found[1]) - 2.7:+.1f} mm",
         verdict="does not agree: not the same drive (below)",
     )

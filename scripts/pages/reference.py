@@ -1,7 +1,6 @@
 """Pages of reference, made of the code's own tables and docstrings: keys of files, command line, Python."""
 
 import argparse
-import json
 import re
 from collections.abc import Iterator
 from typing import Any, get_args
@@ -10,7 +9,7 @@ import warpchain
 from pages.tables import table
 from warpchain.cli.parser import parser as command_line
 from warpchain.drive import Drive
-from warpchain.drive.json_schema import file_schema
+from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.drive.quantities import descriptions
 from warpchain.drive.schema import Part, allowed
 from warpchain.study.spec.study_file import Study, study_schema
@@ -131,8 +130,8 @@ def pages() -> dict[str, str]:
     return {
         "drive-keys.md": keys_page(Drive, "Keys of drive files", more.format("drive", "drive-file")),
         "study-keys.md": keys_page(Study, "Keys of study files", more.format("study", "studies")),
-        "drive.schema.json": json.dumps(file_schema(Drive, "warpchain drive file"), indent=1, ensure_ascii=False),
-        "study.schema.json": json.dumps(study_schema(), indent=1, ensure_ascii=False),
+        "drive.schema.json": schema_text(drive_schema()),
+        "study.schema.json": schema_text(study_schema()),
         "commands.md": commands_page(),
         **python_pages(),
     }

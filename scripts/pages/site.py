@@ -9,10 +9,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import tomlkit
 from common.cases import ROOT, SCRIPTS, Line, case, option
 
 from pages import reference
@@ -27,6 +29,7 @@ GROUPS = {
         "tensioners",
         "teeth",
         "wear",
+        "temperature",
     ),
     "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
     "Studies and decisions": ("studies", "analysis", "optimization", "risk", "jump", "judged-runs"),
@@ -35,12 +38,16 @@ GROUPS = {
     "Reference": ("metrics",),
     "The project": ("contributing", "changelog"),
 }
-"""Pages by their place in the menu; pages that are not named are of the model."""
+"""Pages by their place in the menu; those that are not named are of the model."""
+EXAMPLES = {"drives": "warpchain/drive/examples", "studies": "warpchain/study/examples"}
+"""Folders of the site with the examples' files, and where they are in the repository."""
 
 
 def sources(folder: Path) -> None:
-    """Lays all pages into a folder."""
+    """Lays all pages into a folder, and the examples' files, each beside the schema that its first line names."""
     shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
+    for kind in EXAMPLES:
+        shutil.copytree(ROOT / EXAMPLES[kind], folder / kind, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
     for name in ("README", "CONTRIBUTING", "CHANGELOG"):
         text = (ROOT / f"{name}.md").read_text()
         text = re.sub(r"(\]\(|src=\")docs/", r"\1", text).replace("](CONTRIBUTING.md)", "](contributing.md)")
@@ -48,6 +55,8 @@ def sources(folder: Path) -> None:
         (folder / ("index.md" if name == "README" else f"{name.lower()}.md")).write_text(text)
     for path in folder.glob("*.md"):
         text = path.read_text()
+        for kind, home in EXAMPLES.items():
+            text = text.replace(f"](../{home}/", f"]({kind}/")
         path.write_text(
             text.replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../README.md", "](index.md")
         )
@@ -71,7 +80,7 @@ def notebook(path: Path, folder: Path) -> str:
         for output in cell["outputs"]:
             data = output.get("data", {})
             if "text/html" in data:
-                lines += [f'<div class="shown">{"".join(data["text/html"])}</div>', ""]
+                lines += [f'<div class="shown" style="overflow-x: auto">{"".join(data["text/html"])}</div>', ""]
             elif "image/png" in data:
                 pictures += 1
                 name = f"{path.stem}-{pictures}.png"
@@ -97,7 +106,7 @@ def menu(folder: Path) -> list[Any]:
     groups["Model and limits"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
     groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
     groups["Reference"].append({"Python": below("reference/python", "warpchain")})
-    tutorials = below("tutorials", "first-drive", "own-drive", "first-study", "first-optimization")
+    tutorials = below("tutorials", "install", "first-drive", "own-drive", "first-study", "first-optimization")
     return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
 
 
@@ -116,23 +125,36 @@ def swallowed(text: str) -> Iterator[str]:
         before = line
 
 
+def faults(folder: Path) -> Iterator[str]:
+    """Faults that Zensical's strict mode does not find: lists in paragraphs; missing pictures and pages of the menu."""
+    for path in sorted(folder.rglob("*.md")):
+        text, page = path.read_text(), path.relative_to(folder)
+        yield from (f"{page}: a list without a blank line: {line}" for line in swallowed(text))
+        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+            if not (path.parent / picture).exists():
+                yield f"{page}: a picture that is not there: {picture}"
+    for page in re.findall(r'"([^"]+\.md)"', json.dumps(menu(folder))):
+        if not (folder / page).exists():
+            yield f"the menu: a page that is not there: {page}"
+
+
 def build(site: Path) -> subprocess.CompletedProcess:
-    """Builds the site; the output of mkdocs is in the result, or what keeps it from being built."""
+    """Builds the site; the output of Zensical is in the result, or what keeps it from being built."""
     with tempfile.TemporaryDirectory() as work:
-        folder = Path(work) / "docs"
+        folder, config = Path(work) / "docs", Path(work) / "zensical.toml"
         sources(folder)
-        pages = {path.relative_to(folder): path.read_text() for path in sorted(folder.rglob("*.md"))}
-        lists = [
-            f"{path}: a list without a blank line: {line}" for path, text in pages.items() for line in swallowed(text)
-        ]
-        if lists:
-            return subprocess.CompletedProcess([], 1, "\n".join(lists), "")
-        config = Path(work) / "mkdocs.yml"
-        base = {"INHERIT": str(SCRIPTS / "pages" / "mkdocs.yml"), "nav": menu(folder)}
-        config.write_text(json.dumps(base | {"docs_dir": str(folder), "site_dir": str(site.resolve())}))  # JSON is YAML
-        environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}  # of the theme's own future
-        command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(config)]
-        return subprocess.run(command, cwd=work, capture_output=True, text=True, env=environment)
+        if found := list(faults(folder)):
+            return subprocess.CompletedProcess([], 1, "\n".join(found), "")
+        settings = tomllib.loads((SCRIPTS / "pages" / "zensical.toml").read_text())
+        settings["project"] |= {"nav": menu(folder), "docs_dir": "docs", "site_dir": "site"}  # must be within its own
+        config.write_text(tomlkit.dumps(settings))
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        command = [sys.executable, "-m", "zensical", "build", "--strict", "--config-file", str(config)]
+        done = subprocess.run(command, cwd=work, capture_output=True, text=True, env=environment)
+        if done.returncode == 0:
+            shutil.copytree(Path(work) / "site", site, dirs_exist_ok=True)
+        colorless = (re.sub(r"\x1b\[[\d;]*m", "", text) for text in (done.stdout, done.stderr))
+        return subprocess.CompletedProcess(command, done.returncode, *colorless)
 
 
 @case(option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
@@ -141,8 +163,8 @@ def site(asked: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/docs.py site [FOLDER]
 
-    Any warning ends it: a link to nowhere, a page that no menu shows, a name that is not there, a list that a paragraph
-    takes in. The pages are those of
+    Any warning ends it: a link or a picture that leads nowhere, a name that is not there, a list that a paragraph takes
+    in. The pages are those of
     docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and those of `pages/reference.py`. Those
     of docs/notes/ are built, but no menu shows them.
     """

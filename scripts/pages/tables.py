@@ -3,9 +3,11 @@
 import argparse
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 from common.cases import ROOT, Line, case, option
 
+from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
 from warpchain.results.judgement import RULES, Limits
 from warpchain.results.metric_columns import (
@@ -21,6 +23,7 @@ from warpchain.results.metric_columns import (
     STEADY,
     Group,
 )
+from warpchain.study.spec import study_schema
 
 OF = {
     name: f"{name.upper()}."
@@ -92,6 +95,12 @@ def made_tables() -> dict[str, str]:
     }
 
 
+def made_schemas() -> dict[Path, str]:
+    """The JSON schemas beside the examples, whose first lines name them."""
+    made = {"drive": drive_schema(), "study": study_schema()}
+    return {ROOT / f"warpchain/{of}/examples/{of}.schema.json": schema_text(schema) for of, schema in made.items()}
+
+
 def renewed(text: str) -> str:
     """A document with its tables written anew."""
     made = made_tables()
@@ -101,18 +110,15 @@ def renewed(text: str) -> str:
 
 @case(option("--check", action="store_true", help="write nothing, name the documents that are out of date"))
 def tables(asked: argparse.Namespace) -> Iterator[Line]:
-    """Writes the tables of channels, of metrics and of limits into the documents, from the tables in the package.
+    """Writes what is made of the package: tables of channels, metrics and limits in the documents, examples' schemas.
 
-    python scripts/docs.py tables            # writes docs/archive.md, metrics.md, judged-runs.md anew
+    python scripts/docs.py tables            # writes docs/archive.md, metrics.md, judged-runs.md, *.schema.json
     python scripts/docs.py tables --check    # only looks whether they are up to date; status 1 if not
 
-    Each stands between `<!-- NAME: scripts/docs.py tables -->` and `<!-- end -->`.
+    Each table stands between `<!-- NAME: scripts/docs.py tables -->` and `<!-- end -->`.
     """
-    stale = {
-        path: text
-        for path in sorted((ROOT / "docs").glob("*.md"))
-        if (text := renewed(path.read_text())) != path.read_text()
-    }
+    made = {path: renewed(path.read_text()) for path in sorted((ROOT / "docs").glob("*.md"))} | made_schemas()
+    stale = {path: text for path, text in made.items() if not path.exists() or path.read_text() != text}
     for path, text in stale.items():
         yield f"{path.relative_to(ROOT)}: {'out of date' if asked.check else 'written'}"
         if not asked.check:

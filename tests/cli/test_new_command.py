@@ -9,7 +9,7 @@ from command import run as command
 from warpchain import load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.drive.catalogue import CHAINS
-from warpchain.drive.json_schema import file_schema
+from warpchain.drive.json_schema import drive_schema, file_schema, schema_text
 
 TWO = ["--teeth", 19, 57, "--centers", 0, 0, 1.0, 0]
 TIMING = ["--size", "06B", "--teeth", 19, 38, 38, "--centers", 0, 0, 0.062, 0.3, -0.062, 0.3]
@@ -109,3 +109,15 @@ def test_a_file_that_is_there_stays(capsys, tmp_path):
     status, _, err = command(capsys, "new", path, "--size", "16B", *TWO)
     assert status == 2 and "exists; --overwrite replaces it" in err[0] and path.read_text() == "mine"
     assert command(capsys, "new", path, "--size", "16B", *TWO, "--overwrite")[0] == 0
+
+
+def test_editors_find_the_schema_beside_the_file(capsys, tmp_path):
+    path, schema = tmp_path / "drive.toml", tmp_path / "drive.schema.json"
+    words = ["new", path, "--size", "16B", *TWO]
+    assert command(capsys, *words)[0] == 0
+    assert path.read_text().startswith("#:schema ./drive.schema.json\n# ")
+    assert schema.read_text() == schema_text(drive_schema())
+    schema.write_text("{}")
+    path.unlink()
+    assert command(capsys, *words)[0] == 0 and schema.read_text() == "{}"  # a file that is there stays
+    assert command(capsys, *words, "--overwrite")[0] == 0 and schema.read_text() == schema_text(drive_schema())

@@ -36,6 +36,18 @@ def test_examples_are_taken_as_written_and_as_saved(name):
     assert wrong(DRIVE, tomllib.loads(dumps_drive(load_drive(drive_path(name))))) == []
 
 
+@pytest.mark.parametrize("kind", ["drive", "study"])
+def test_examples_begin_with_the_schema_beside_them(kind):
+    """As Taplo and Even Better TOML read the line; `scripts/docs.py tables --check` says whether it is current."""
+    paths = sorted((ROOT / kind / "examples").glob("*.toml"))
+    assert paths
+    for path in paths:
+        first, second, *_ = path.read_text().splitlines()
+        assert first == f"#:schema ./{kind}.schema.json" and second.startswith("# "), path
+        schema = json.loads((path.parent / first.removeprefix("#:schema ")).read_text())
+        assert wrong(Draft202012Validator(schema), tomllib.loads(path.read_text())) == []
+
+
 def test_studies_and_the_drive_of_the_documents_are_taken():
     for path in (ROOT / "study" / "examples").glob("*.toml"):
         assert wrong(STUDY, tomllib.loads(path.read_text())) == [], path.name

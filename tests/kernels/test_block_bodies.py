@@ -6,6 +6,7 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    fed,
     gear_changes,
     gear_changes_rk4,
     led,
@@ -48,6 +49,7 @@ KINDS = (
     valves,
     valves_rk4,
     *TRAINS,
+    fed,
 )
 USUAL = [
     (moving_sprockets, False, "float64"),
@@ -62,6 +64,8 @@ USUAL = [
     (swung_light, True, "float32"),
     (led, True, "float64"),
     (led_light, False, "float32"),
+    (fed, False, "float64"),
+    (fed, True, "float32"),
     (valves, True, "float64"),
     (valves, False, "float32"),
 ]

@@ -33,8 +33,10 @@ from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, 
 from warpchain.assembly.place_search import Goal, Search, search_all
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.chain_parts import Ring
 from warpchain.drive.replace import with_numbers
-from warpchain.drive.rings import Ring, rings_of
+from warpchain.drive.rings import rings_of
+from warpchain.drive.thermal import growth
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -164,7 +166,7 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
         if place is None:
             found.append(DriveError(search.failure()))
             continue
-        x, y = (round(part, _DIGITS) for part in search.center(place))
+        x, y = (round(part / growth(drive, "block"), _DIGITS) for part in search.center(place))
         mine = search.drive.sprockets[search.index]
         shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
         together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]

@@ -19,10 +19,13 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
+from warpchain.drive.rings import loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
+from warpchain.drive.thermal import Expansion, growth
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.viscosity import REFERENCE
 
 _ROUND = 1e-3
 """Relative: a step that a file rounds is still the automatic one."""
@@ -83,8 +86,12 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    if drive.chains:
-        return _derive_several(drive)
+    found = _derive_several(drive) if drive.chains else _derive_alone(drive)
+    return found | _temperature(drive)
+
+
+def _derive_alone(drive: Drive) -> dict[str, Any]:
+    """`derive` of one chain."""
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
@@ -132,7 +139,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **({"shafts": train_report.shafts(drive)} if drive.shafts else {}),
+        **({"shafts": train_report.shafts(drive)} if own_shafts(drive) else {}),
         **({"gears": train_report.gears(drive)} if drive.gears else {}),
         **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
         **({"valves": train_report.valves(drive)} if drive.valves else {}),
@@ -153,6 +160,15 @@ def derive(drive: Drive) -> dict[str, Any]:
     }
 
 
+def _temperature(drive: Drive) -> dict[str, Any]:
+    """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
+    if drive.temperature is None:
+        return {}
+    found: dict[str, Any] = {of: growth(drive, of) - 1.0 for of in Expansion.model_fields}
+    oils = {t.name: t.oil.viscosity for t in drive.tensioners if t.oil is not None}
+    return {"temperature": {"temperature": drive.temperature, **found, "viscosity": oils}}
+
+
 def _step(drive: Drive) -> dict[str, Any]:
     """The step and its limits."""
     return {
@@ -165,13 +181,13 @@ def _step(drive: Drive) -> dict[str, Any]:
 
 def _derive_several(drive: Drive) -> dict[str, Any]:
     """`derive` of several chains."""
-    speeds = transmission_of(with_shafts(drive)).speeds
+    ratios = shaft_ratios(drive)
     shafts = [
         {
             "name": shaft.name,
             "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
-            "ratio": float(speeds[shaft.name]),
-            "speed": float(speeds[shaft.name]) * drive.driver_speed,
+            "ratio": ratios[shaft.name],
+            "speed": ratios[shaft.name] * drive.driver_speed,
         }
         for shaft in drive.shafts
     ]
@@ -537,20 +553,31 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
     if "chains" in values:
-        return _report_several(values)
-    return "\n".join([*_chain_lines(values), *_step_lines(values)])
+        return "\n".join([*_temperature_lines(values), *_report_several(values)])
+    return "\n".join([*_temperature_lines(values), *_chain_lines(values), *_step_lines(values)])
 
 
-def _report_several(values: dict[str, Any]) -> str:
+def _temperature_lines(values: dict[str, Any]) -> list[str]:
+    """A line on the temperature, of drives that have one."""
+    if "temperature" not in values:
+        return []
+    given = values["temperature"]
+    grown = ", ".join(f"{of} {100.0 * given[of]:+.3f} %" for of in Expansion.model_fields)
+    oils = "".join(f", oil of {name} {1e6 * oil:.4g} mm^2/s" for name, oil in given["viscosity"].items())
+    return [f"temperature: {given['temperature']:g} degrees C, {grown} against {REFERENCE:g}{oils}; all below is there"]
+
+
+def _report_several(values: dict[str, Any]) -> list[str]:
     """`report` of several chains."""
     lines: list[str] = []
     for name, chain in values["chains"].items():
         lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
     rows: list[tuple[str, ...]] = [
-        (s["name"], ", ".join(s["sprockets"]), f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s") for s in values["shafts"]
+        (s["name"], ", ".join(s["sprockets"]) or "-", f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s")
+        for s in values["shafts"]
     ]
     lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
-    return "\n".join([*lines, *_step_lines(values)])
+    return [*lines, *_step_lines(values)]
 
 
 def fit_and_findings(values: dict[str, Any]) -> list[str]:

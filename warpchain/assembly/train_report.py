@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.trains import (
     driving_body,
     first_ratio,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 def shafts(drive: Drive) -> list[dict[str, Any]]:
     """Shafts: what turns as one with each, speed at work [rad/s], inertia that it sees [kg m^2] and its motor [N m]."""
     names, found = names_of(drive), []
-    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+    for b, shaft in enumerate(own_shafts(drive), len(drive.sprockets)):
         speed = drive.driver_speed * speed_ratio(drive, b, drive.driver)
         motor = shaft.motor
         found.append(

@@ -99,18 +99,10 @@ def metrics(arguments: argparse.Namespace) -> int:
 
 
 def schema(arguments: argparse.Namespace) -> int:
-    import json
+    from warpchain.drive.json_schema import drive_schema, schema_text
+    from warpchain.study.spec import study_schema
 
-    if arguments.of == "drive":
-        from warpchain.drive import Drive
-        from warpchain.drive.json_schema import file_schema
-
-        found = file_schema(Drive, "warpchain drive file")
-    else:
-        from warpchain.study.spec import study_schema
-
-        found = study_schema()
-    print(json.dumps(found, indent=1, ensure_ascii=False))
+    print(schema_text(drive_schema() if arguments.of == "drive" else study_schema()), end="")
     return DONE
 
 

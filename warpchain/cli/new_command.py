@@ -13,6 +13,7 @@ from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive, fit_and_findings
 from warpchain.drive import loads_drive, write_drive_text
 from warpchain.drive.catalogue import CHAINS, CatalogueChain
+from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.drive.schema import nearest
 from warpchain.errors import DriveError
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
+SCHEMA = "drive.schema.json"
+"""File beside drive files from which editors complete keys."""
 CHAIN_SPEED = 3.0
 """Speed of the chain where none is given [m/s]."""
 SAFETY = 15.0
@@ -70,7 +73,7 @@ class Asked:
 
 
 def new_file(arguments: Namespace) -> list[str]:
-    """Runs the command; returns the lines to print.
+    """Runs the command, which also writes the schema that the file's first line names; returns the lines to print.
 
     Args:
         arguments: output, size, teeth, centers, speed, torque, keep_centers and overwrite, as the parser has them.
@@ -91,7 +94,10 @@ def new_file(arguments: Namespace) -> list[str]:
     text = _text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
     lines = fit_and_findings(derive(loads_drive(text)))
     write_drive_text(text, path)
-    return [*_changes(asked, drive, moved), *lines, f"written: {path}; next: warpchain draw {path} -o {path.stem}.svg"]
+    if arguments.overwrite or not (path.parent / SCHEMA).exists():
+        write_drive_text(schema_text(drive_schema()), path.parent / SCHEMA)
+    written = f"written: {path}, {SCHEMA} for editors; next: warpchain draw {path} -o {path.stem}.svg"
+    return [*_changes(asked, drive, moved), *lines, written]
 
 
 def _asked(arguments: Namespace) -> Asked:
@@ -149,6 +155,7 @@ def _text(asked: Asked) -> str:
     steel = "{ youngs_modulus = 210e9, poissons_ratio = 0.3 }"
     blocks = [
         [
+            (f"#:schema ./{SCHEMA}", ""),
             (f"# A drive of {len(radii)} sprockets with a {size} chain, written by warpchain new.", ""),
             ('# Lengths in m, forces in N, angles in rad; or a text with a unit, such as "540 rpm" or "12.7 mm".', ""),
             ("# Replace what is marked ESTIMATE as you know better. All keys: docs/drive-file.md.", ""),

@@ -8,6 +8,7 @@ Rules between keys are `warpchain check`'s.
 from __future__ import annotations
 
 import inspect
+import json
 from typing import Any
 
 from warpchain.drive.motion_table import Table
@@ -29,6 +30,18 @@ def file_schema(top: type[Part], title: str) -> dict[str, Any]:
     for name, table in tables.items():
         _as_written(kinds[name], table)
     return {"$schema": DIALECT, **whole, "title": title}
+
+
+def drive_schema() -> dict[str, Any]:
+    """The JSON schema of drive files."""
+    from warpchain.drive import Drive
+
+    return file_schema(Drive, "warpchain drive file")
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """A schema as the text of a file, which drive or study files name first: `#:schema ./drive.schema.json`."""
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 
 def _parts(kind: type[Part]) -> list[type[Part]]:

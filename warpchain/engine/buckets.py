@@ -132,7 +132,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, valves=0, rings=1)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, fed=0, valves=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
@@ -179,14 +179,14 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
         "hubs": drives["hubs"],
+        "fed": packed.fed,
         "valves": drives["valves"] > 0,
         "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
         "profiles": packed.carried_guides,
-        "contacts": packed.slides,
-        "joints": packed.joints["rubs"],
-        "by_speed": packed.stribeck,
+        "contacts": packed.sliding,
+        "joints": packed.rubbing,
         "links": np.where(varied, 2, 1 - packed.uniform_links),
         "linear_hysteretic": packed.linear_hysteretic,
     }
@@ -202,7 +202,7 @@ def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int
         integrator=int(columns["integrator"]),
         moving=bool(columns["moving"]),
         profiles=bool(columns["profiles"]),
-        friction=Friction(*(bool(columns[name]) for name in ("contacts", "joints", "by_speed"))),
+        friction=Friction(int(columns["contacts"]), int(columns["joints"])),
         links=("alike", "lengths", "varied")[int(columns["links"])],
         linear_hysteretic=bool(columns["linear_hysteretic"]),
     )

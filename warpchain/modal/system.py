@@ -20,8 +20,10 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
-from warpchain.drive.oil import static_pressure, valve_flow
-from warpchain.drive.rings import Ring, driver_ratios, rings_of, shaft_of
+from warpchain.drive.chain_parts import Ring, shaft_of
+from warpchain.drive.geared import is_geared, joined
+from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
+from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
@@ -116,7 +118,8 @@ NEAR = 1.0
 
 
 def conductances(drive: Drive, valve: str) -> Array:
-    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of the plungers' gaps, and of valves that are open.
+    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of gaps, relief valves, vents, and check valves that
+    are open.
 
     At rest a valve is open as far as lets in what leaks, some micrometers, and shuts when the pressure rises by some
     hundred pascals to kilopascals. Within that it passes more than the gap by a factor of tens or hundreds.
@@ -126,7 +129,8 @@ def conductances(drive: Drive, valve: str) -> Array:
         if tensioner.hydraulic:
             rest = static_pressure(tensioner)
             slope = 0.5 * (valve_flow(tensioner, rest - NEAR) - valve_flow(tensioner, rest + NEAR)) / NEAR
-            found.append(tensioner.leak_conductance + (slope if valve == "open" else 0.0))
+            out = 0.5 * (sum(outlet_flows(tensioner, rest + NEAR)) - sum(outlet_flows(tensioner, rest - NEAR))) / NEAR
+            found.append(tensioner.leak_conductance + out + (slope if valve == "open" else 0.0))
     return np.array(found)
 
 
@@ -153,7 +157,11 @@ class Whole:
 
 
 def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Sprockets of the chains, as (chain, sprocket), that turn as one; in order, without those that turn alone."""
+    """Sprockets of the chains, and shafts that stand for them, as (chain, body), that turn as one; in order, without
+    those that turn alone.
+    """
+    if is_geared(drive):
+        return [list(pair) for pair in joined(drive, rings)]
     groups: dict[str, list[tuple[int, int]]] = {}
     for r, ring in enumerate(rings if drive.chains else ()):
         for k, s in enumerate(ring.places["sprockets"]):

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import NDArray
 
+from warpchain.drive.geared import is_geared
+
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
@@ -35,8 +37,10 @@ class Sizes:
 
     @classmethod
     def of(cls, drive: Drive) -> Sizes:
-        """Those of a drive; shafts of several chains have their sprockets' channels only."""
-        shafts = () if drive.chains else drive.shafts
+        """Those of a drive; shafts of several chains without gears, couplings and motors have their sprockets' channels
+        only.
+        """
+        shafts = () if drive.chains and not is_geared(drive) else drive.shafts
         turned = shafts, drive.couplings, drive.valves
         return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
 
