@@ -187,7 +187,7 @@ class ValveGroup:
 
 @wp.struct
 class Cam:
-    """What the valves on a body do to it where it stands."""
+    """Inertia, moment and energy of the valves on a body where it stands."""
 
     inertia: wp.float64  # sum m l'^2 [kg m^2]
     growth: wp.float64  # half of its slope by the body's angle [kg m^2]

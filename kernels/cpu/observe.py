@@ -72,11 +72,86 @@ def now_at(drive: Drive, step: int):
 
 
 @cache
+def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
+    """The functions that add shafts, couplings, gears and valves of one variant to the sums of the window."""
+    kinds, bodies = types(Real), moving(Real, plain)
+    Ensemble, State, body_now = kinds.Ensemble, kinds.State, bodies.body_now
+
+    @wp.func
+    def add_shaft_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, h: int, now: Now):
+        """Adds shaft h of the drive to the sums of the window."""
+        b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
+        body = body_now(ensemble, state, b, now.time, now.lag)
+        before = state.bodies[b].speed
+        load = load_moment_at_speed(now.time, state.wrenches[b].load, before, body.speed, ensemble.motions[b])
+        motor = bodies.motor_on(ensemble, state, drive, b, now.time)
+        sums.shaft[i] = add_shaft(sums.shaft[i], body.speed, motor, load, now.weight)
+
+    @wp.func
+    def add_twist(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
+        """Adds coupling c of all to the sums of the window."""
+        coupling, engaged = ensemble.couplings[c], state.couplings[c]
+        twist, rate, moment = bodies.coupled_now(ensemble, state, drive, c, now.time, now.lag)
+        led = wp.float64(0.0)
+        for second in range(2):
+            b = drive.first_body + wp.where(second == 0, coupling.first, coupling.second)
+            if ensemble.motions[b].prescribed == 1:
+                speed = body_now(ensemble, state, b, now.time, now.lag).speed
+                led = led + wp.where(second == 0, -moment, engaged.ratio * moment) * speed
+        power = coupling_loss(twist, rate, coupling, engaged)
+        lost = wp.where(now.step == drive.window_start, wp.float64(0.0), engaged.lost)
+        sums.coupling[c] = add_coupling(sums.coupling[c], twist, moment, power, led, lost, now.weight)
+
+    @wp.func
+    def add_teeth(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, g: int, now: Now):
+        """Adds the pair of gears g of all to the sums of the window."""
+        gear = ensemble.gears[g]
+        at = drive.first_body + gear.body
+        mine = ensemble.ties[at]
+        motion, angular = ensemble.motions[at], state.rates[at][2]
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(now.time, motion, ensemble.curves)
+        moment = gear.inertia * angular
+        for b in range(drive.sprockets + drive.shafts):
+            if on_side(gear, b):
+                other = drive.first_body + b
+                moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            valve = ensemble.valves[v]
+            if on_side(gear, valve.body):
+                torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
+                beside = ensemble.ties[drive.first_body + valve.body].ratio / mine.ratio
+                moment = moment + beside * valve.sign * torque
+        sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
+
+    @wp.func
+    def add_valves(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, v: int, now: Now):
+        """Adds group v of all valves to the sums of the window."""
+        torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
+        sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
+
+    @wp.func
+    def add_trains(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
+        """Adds shafts, couplings, gears and valves to the sums of the window."""
+        for h in range(drive.shafts):
+            add_shaft_body(ensemble, state, sums, drive, h, now)
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            add_twist(ensemble, state, sums, drive, c, now)
+        for g in range(drive.first_gear, drive.first_gear + drive.gears):
+            add_teeth(ensemble, state, sums, drive, g, now)
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            add_valves(ensemble, state, sums, drive, v, now)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
 def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     """The functions that add evaluated steps of one variant to the sums of the window."""
     kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real, plain)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     friction_power, body_now = joint_passes(Real, capacity).friction_power, bodies.body_now
+    add_trains = measuring_trains(Real, plain).add_trains
 
     @wp.func(inline=False)
     def mechanical_energy(
@@ -170,71 +245,6 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         added = add_tensioner(sums.tensioner[t], push, power, now.weight)
         starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
-
-    @wp.func
-    def add_shaft_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, h: int, now: Now):
-        """Adds shaft h of the drive to the sums of the window."""
-        b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
-        body = body_now(ensemble, state, b, now.time, now.lag)
-        before = state.bodies[b].speed
-        load = load_moment_at_speed(now.time, state.wrenches[b].load, before, body.speed, ensemble.motions[b])
-        motor = bodies.motor_on(ensemble, state, drive, b, now.time)
-        sums.shaft[i] = add_shaft(sums.shaft[i], body.speed, motor, load, now.weight)
-
-    @wp.func
-    def add_twist(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
-        """Adds coupling c of all to the sums of the window."""
-        coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        twist, rate, moment = bodies.coupled_now(ensemble, state, drive, c, now.time, now.lag)
-        led = wp.float64(0.0)
-        for second in range(2):
-            b = drive.first_body + wp.where(second == 0, coupling.first, coupling.second)
-            if ensemble.motions[b].prescribed == 1:
-                speed = body_now(ensemble, state, b, now.time, now.lag).speed
-                led = led + wp.where(second == 0, -moment, engaged.ratio * moment) * speed
-        power = coupling_loss(twist, rate, coupling, engaged)
-        lost = wp.where(now.step == drive.window_start, wp.float64(0.0), engaged.lost)
-        sums.coupling[c] = add_coupling(sums.coupling[c], twist, moment, power, led, lost, now.weight)
-
-    @wp.func
-    def add_teeth(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, g: int, now: Now):
-        """Adds the pair of gears g of all to the sums of the window."""
-        gear = ensemble.gears[g]
-        at = drive.first_body + gear.body
-        mine = ensemble.ties[at]
-        motion, angular = ensemble.motions[at], state.rates[at][2]
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(now.time, motion, ensemble.curves)
-        moment = gear.inertia * angular
-        for b in range(drive.sprockets + drive.shafts):
-            if on_side(gear, b):
-                other = drive.first_body + b
-                moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
-        for v in range(drive.first_valve, drive.first_valve + drive.valves):
-            valve = ensemble.valves[v]
-            if on_side(gear, valve.body):
-                torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
-                beside = ensemble.ties[drive.first_body + valve.body].ratio / mine.ratio
-                moment = moment + beside * valve.sign * torque
-        sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
-
-    @wp.func
-    def add_valves(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, v: int, now: Now):
-        """Adds group v of all valves to the sums of the window."""
-        torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
-        sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
-
-    @wp.func
-    def add_trains(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
-        """Adds shafts, couplings and gears to the sums of the window."""
-        for h in range(drive.shafts):
-            add_shaft_body(ensemble, state, sums, drive, h, now)
-        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            add_twist(ensemble, state, sums, drive, c, now)
-        for g in range(drive.first_gear, drive.first_gear + drive.gears):
-            add_teeth(ensemble, state, sums, drive, g, now)
-        for v in range(drive.first_valve, drive.first_valve + drive.valves):
-            add_valves(ensemble, state, sums, drive, v, now)
 
     @wp.func
     def measure_contacts(state: State, sums: Sums, drive: Drive, now: Now):

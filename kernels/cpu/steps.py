@@ -191,7 +191,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def lift_valves(ensemble: Ensemble, state: State, drive: Drive):
-        """What valves do to the bodies."""
+        """Finds inertias and moments of the valves on all bodies."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.cams[b] = Cam()
         for v in range(drive.first_valve, drive.first_valve + drive.valves):

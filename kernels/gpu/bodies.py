@@ -312,6 +312,57 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
 
 
 @cache
+def gathering(kind: BlockKind) -> SimpleNamespace:
+    """The functions that gather moments on the bodies of a train (`physics.train`)."""
+    Real, kinds = kind.Real, kind.types
+    Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
+    place_of, step_number = block_rings(kind).place_of, prescribed_motion(kind).step_number
+
+    @wp.func
+    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
+        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
+        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[place_of(shared, first, b)]
+        for other in range(wp.static(kind.parts.mounted)):
+            tie = ensemble.ties[place_of(shared, first, other)]
+            if tie.train == own.train:
+                cam = geared(cam, shared.cams[other], tie.ratio / own.ratio)
+        if wp.static(not kind.staged):
+            kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
+        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
+
+    @wp.func
+    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
+        first = ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[place_of(shared, first, b)]
+        total = Real(0.0)
+        for other in range(wp.static(kind.parts.mounted)):
+            tie = ensemble.ties[place_of(shared, first, other)]
+            if tie.train == own.train:
+                total = total + tie.ratio * shared.passed[other]
+        moment = total / own.ratio
+        if wp.static(kind.parts.valves > 0):
+            moment = against_valves(ensemble, shared, mine, now, b, moment)
+        return moment
+
+    @wp.func
+    def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
+        first = ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[place_of(shared, first, mine.body)]
+        total = Real(0.0)
+        for b in range(wp.static(kind.parts.bodies)):
+            tie = ensemble.ties[place_of(shared, first, b)]
+            if tie.train == own.train:
+                ratio = tie.ratio / own.ratio
+                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
+        return total
+
+    return SimpleNamespace(**locals())
+
+
+@cache
 def body_steps(kind: BlockKind) -> SimpleNamespace:
     """The functions that take the thread's body a step, or a stage, on."""
     Real, moving, staged = kind.Real, kind.moving, kind.staged
@@ -319,7 +370,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
     of, access, motions = contact_geometry(kind), body_access(kind), prescribed_motion(kind)
-    vec2, place_of = kinds.vec2, block_rings(kind).place_of
+    vec2, gathered, yielding_together = kinds.vec2, gathering(kind).gathered, gathering(kind).yielding_together
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
     # a load is found ahead by threads that else would wait for the contacts of others
     loading_ahead = (
@@ -373,47 +424,6 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
                 load = own_moment(in_plain(state_of(pose)), heading(pose), arm)
         return wp.where(motion.prescribed == 1, Real(0.0), load)
-
-    @wp.func
-    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
-        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
-        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
-        for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                cam = geared(cam, shared.cams[other], tie.ratio / own.ratio)
-        if wp.static(not staged):
-            kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
-        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
-
-    @wp.func
-    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
-        """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
-        total = Real(0.0)
-        for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                total = total + tie.ratio * shared.passed[other]
-        moment = total / own.ratio
-        if wp.static(kind.parts.valves > 0):
-            moment = against_valves(ensemble, shared, mine, now, b, moment)
-        return moment
-
-    @wp.func
-    def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, mine.body)]
-        total = Real(0.0)
-        for b in range(wp.static(kind.parts.bodies)):
-            tie = ensemble.ties[place_of(shared, first, b)]
-            if tie.train == own.train:
-                ratio = tie.ratio / own.ratio
-                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
-        return total
 
     @wp.func
     def turning(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):

@@ -20,7 +20,7 @@ from ..physics.train import (
 )
 from ..physics.valve import valve_load, with_valves
 from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
-from .bodies import block_tensioners, body_steps
+from .bodies import block_tensioners, body_steps, gathering
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
 from .rings import block_rings
@@ -34,6 +34,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
     steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
+    gathered, write_valve, frame_at = gathering(kind).gathered, sampling.write.write_valve, sampling.frame_at
     body_of, place_of = block_rings(kind).body_of, block_rings(kind).place_of
 
     @wp.func
@@ -106,7 +107,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         speed = leading(pose.speed)
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
-            rate = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+            rate = gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * rate)
         return speed
 
@@ -114,7 +115,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     def angular_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
         """Angular acceleration of body b at the step's instant [rad/s^2]."""
         motion = shared.motions[b]
-        angular = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        angular = gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
         if motion.prescribed == 1:
             angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
         return angular
@@ -133,7 +134,8 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a group of valves on the thread's body, for the sums of the window and the frame."""
         torque, force = lifted(ensemble, shared, mine, now, v)
         if now.flags & FRAME != 0:
-            sampling.write_valve(ensemble, state, out.frames, mine, now, v, torque, force)
+            drive = ensemble.drives[mine.variant]
+            write_valve(out.frames, frame_at(drive, state, mine, now), drive, v - drive.first_valve, torque, force)
         if wp.static(measuring) and now.measured != 0:
             out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
 

@@ -39,7 +39,7 @@ def lift_at(angle: Any, phase: Any, valve: Any, motion: Any, tables: Any):
 
 @wp.func
 def with_valves(cam: Any, angle: Any, valve: Any, motion: Any, tables: Any):
-    """What valves do to their body at its angle, with those of one group more."""
+    """Inertia and moment of a body's valves at its angle, with those of one group more."""
     half = type(valve.mass)(0.5)
     for i in range(valve.first_phase, valve.first_phase + valve.phases):
         lift, slope, bend = lift_at(angle, tables[i], valve, motion, tables)
@@ -52,7 +52,7 @@ def with_valves(cam: Any, angle: Any, valve: Any, motion: Any, tables: Any):
 
 @wp.func
 def geared(total: Any, cam: Any, ratio: Any):
-    """What valves do to a body, with those on another one that turns `ratio` times as fast."""
+    """Inertia and moment of valves as a body has them, with those on another that turns `ratio` times as fast."""
     total.inertia = total.inertia + ratio * ratio * cam.inertia
     total.growth = total.growth + ratio * ratio * ratio * cam.growth
     total.moment = total.moment + ratio * cam.moment

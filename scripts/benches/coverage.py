@@ -9,7 +9,7 @@ import numpy as np
 from common.cases import Line, case, option
 from common.drives import Values, equal, example, pair
 
-from benches.drives import SMOOTH
+from benches.drives import SMOOTH, named
 from warpchain import Drive, Record, simulate
 from warpchain.engine.checkpoint import States
 from warpchain.results import formulas
@@ -50,11 +50,11 @@ SAMPLES = {
     "marine without friction": lambda: Sample(example("marine", SMOOTH), 32, 8),  # whose waves take so long to grow
     "industrial without friction": lambda: Sample(example("industrial", BARE), 10, 8),
     "engine without friction": lambda: Sample(example("engine", SMOOTH), 10),
-    "car without friction": lambda: Sample(example("car", SMOOTH), 10),
+    "car without friction": lambda: Sample(named("car").with_values(SMOOTH), 10),
     "motorcycle": lambda: Sample(example("motorcycle")),
     "marine": lambda: Sample(example("marine"), windows=8),
     "engine": lambda: Sample(example("engine"), 10),
-    "car": lambda: Sample(example("car"), 10),
+    "car": lambda: Sample(named("car"), 10),
 }
 
 

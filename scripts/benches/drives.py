@@ -28,10 +28,23 @@ SMOOTH: Values = {
 """The values that take friction from a drive."""
 JOINT_FRICTION: Values = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
 STRIBECK = JOINT_FRICTION | {"chain.joint.static_friction": 0.15, "chain.joint.stribeck_speed": 0.05}
+HARMONICS: Values = {
+    f"sprockets.{cam}.load.harmonics": [
+        {"order": 4, "amplitude": 7.56, "phase": 1.5708 + 4.0 * lead},
+        {"order": 8, "amplitude": 0.96, "phase": -1.5708 + 8.0 * lead},
+    ]
+    for cam, lead in (("intake cam", 0.0), ("exhaust cam", 1.9199))
+}
+"""Two orders of a camshaft's torque at 3000 rpm, for valves, which the C program does not know."""
 
 
 def named(name: str) -> Drive:
-    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example."""
+    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example.
+
+    Of `car` camshafts have harmonics for valves.
+    """
+    if name == "car":
+        return example(name, {"valves": ()} | HARMONICS)
     if name in ("two", "rk4"):
         return pair(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
     return example("marine", SMOOTH) if name == "smooth" else example(name)

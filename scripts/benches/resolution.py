@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from common.cases import Line, case, option
-from common.drives import example
 
+from benches.drives import named
 from benches.steps import EXAMPLES, SHORT
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import automatic_step
@@ -32,7 +32,7 @@ def resolution(asked: argparse.Namespace) -> Iterator[Line]:
     warnings.simplefilter("ignore")
     yield ("drive", "times", "fewest steps", "half the step changes", "by [%]", "scatter [%]", "status")
     for name in asked.drives:
-        drive = example(name)
+        drive = named(name)
         paths = {
             "joint friction": "chain.joint.friction",
             "ramp": f"sprockets.{drive.sprockets[drive.driver].name}.prescribed.ramp_time",

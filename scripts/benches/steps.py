@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from common.cases import ROOT, Line, case, option
-from common.drives import example
 
+from benches.drives import named
 from benches.guard import checkout, rates
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import step_limit
@@ -87,7 +87,7 @@ def shares(asked: argparse.Namespace) -> Iterator[Line]:
     names = {"tension_mean": "mean", "tension_q999": "99.9 %", "friction_power": "friction", "tension_max": "largest"}
     yield ("drive", "of the limit", *(f"{name} [%]" for name in names.values()), "residual")
     for name in asked.drives:
-        drive, known = example(name), dict[str, float]()
+        drive, known = named(name), dict[str, float]()
         for share in (FINE, *SHARES):
             run = simulate(drive, duration=SHORT.get(name), step=share * step_limit(drive), record=Record("none"),
                            replicates=asked.builds, replicate_by="build")  # fmt: skip

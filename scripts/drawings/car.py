@@ -12,19 +12,16 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive, Record, Run, simulate
 from warpchain.results.rotation import order_amplitudes, turns_of
+from warpchain.results.scene import passing_link
 from warpchain.results.shaft_signals import phase_error
+from warpchain.results.signals import strand_tension
 from warpchain.view.figures.style import grid
 
 SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
 AT = (1500, 3000, 6000)
 """Speeds [rpm] of the sweep, and of what is changed."""
-LIFT, OPEN = 9.2e-3, math.radians(60.0)
-"""A valve's lift [m], and half of the camshaft's angle over which it is open [rad]."""
-SEATED, RATE, MASS = 177.0, 24.5e3, 0.11
-"""Force of a valve spring on its seat [N], its stiffness [N/m]; mass that moves with a valve [kg]."""
-LEAD = {"intake cam": 0.0, "exhaust cam": math.radians(110.0)}
-"""Angle by which a camshaft's valves open before those of the intake [rad of the camshaft]."""
-PARTS = {"joints": ("joints",), "blade": ("blade",), "fixed guide": ("fixed guide",), "teeth": ("crank", *LEAD)}
+CAMS = ("intake cam", "exhaust cam")
+PARTS = {"joints": ("joints",), "blade": ("blade",), "fixed guide": ("fixed guide",), "teeth": ("crank", *CAMS)}
 """Groups of what rubs."""
 ENDS = ("crank->intake cam", "exhaust cam->crank")
 """The slack and the tight strand."""
@@ -37,27 +34,13 @@ CHANGES: Mapping[str, tuple[str, Sequence[float], float]] = {
 }
 """The label of each change, the key, its values, and what they are shown times."""
 FACTORS = {
-    "inertia": [f"sprockets.{cam}.inertia" for cam in LEAD],
+    "inertia": [f"sprockets.{cam}.inertia" for cam in CAMS],
     "friction": ["contact.guide.friction", "contact.guide.static_friction"],
 }
 """Keys that are changed together by a factor."""
+ORDERS, TIGHT = (2, 4, 6, 8), 2
+"""Orders of the crankshaft beside the published ones, and the strand in which they are: exhaust cam to crankshaft."""
 Row = Mapping[str, Any]
-
-
-def valve_train(rpm: float) -> Mapping[int, float]:
-    """Sine amplitudes [N m] of a camshaft's torque by order of the camshaft: springs and inertia of 8 valves.
-
-    Four pairs a quarter turn apart. Each lifts by l = (LIFT/2) (1 + cos(pi phi / OPEN)), which takes the torque
-    2 l' (SEATED + RATE l + MASS omega^2 l''); what it takes to open comes back in closing, but for friction.
-    """
-    omega = 0.5 * rpm * 2.0 * math.pi / 60.0
-    phi = np.linspace(-math.pi, math.pi, 7200, endpoint=False)
-    q, open_ = math.pi * phi / OPEN, np.abs(phi) < OPEN
-    lift = 0.5 * LIFT * (1.0 + np.cos(q))
-    slope = -0.5 * LIFT * math.pi / OPEN * np.sin(q)
-    bend = -0.5 * LIFT * (math.pi / OPEN) ** 2 * np.cos(q)
-    torque = np.where(open_, 2.0 * slope * (SEATED + RATE * lift + MASS * omega**2 * bend), 0.0)
-    return {order: 4.0 * 2.0 * float(np.mean(torque * np.sin(order * phi))) for order in (4, 8)}
 
 
 def ripple(rpm: float) -> float:
@@ -66,7 +49,7 @@ def ripple(rpm: float) -> float:
 
 
 def at_speed(rpm: float) -> Drive:
-    """The drive at a speed of the crankshaft, with that speed's ripple and valve train; half the run is cycles."""
+    """The drive at a speed of the crankshaft, with that speed's ripple; half the run is cycles."""
     cycle = 120.0 / rpm
     duration = 2.0 * cycle * max(1, math.ceil(0.1 / cycle))
     ramp = 0.3 * duration
@@ -77,11 +60,7 @@ def at_speed(rpm: float) -> Drive:
         "run.duration": duration,
         "run.step": 2.5e-6,  # of which frames are a whole number: the automatic step's last comes short of the cycle
     }
-    for cam, lead in LEAD.items():
-        values[f"sprockets.{cam}.load.harmonics"] = [
-            {"order": order, "amplitude": amplitude, "phase": order * lead - 0.5 * math.pi}
-            for order, amplitude in valve_train(rpm).items()
-        ]
+    for cam in CAMS:
         values[f"sprockets.{cam}.load.ramp_time"] = ramp
     return example("car", values)
 
@@ -131,6 +110,25 @@ def orders_table(run: Run) -> Iterator[Line]:
         part, force = later(run[k]), run[k].channels()["tensioner_force"][:, 0].astype(float)
         size: Any = order_amplitudes(turns_of(run[k])[part], force[part], orders.tolist())
         yield (rpm, ", ".join(f"{orders[i]:g}: {size[i]:.0f}" for i in np.argsort(size)[:-5:-1]))
+
+
+def orders_of(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> np.ndarray:
+    """Amplitudes of orders of the crankshaft over the second half of a recording."""
+    part = later(trajectory)
+    return np.asarray(order_amplitudes(turns_of(trajectory)[part], values[part].astype(float), list(orders)))
+
+
+def published_table(run: Run, rows: Sequence[Row], light: Run) -> Iterator[Line]:
+    """The tight span's largest link load, its torsion, and orders of its tension beside those without valves' mass."""
+    words = tuple(f"order {order}" for order in ORDERS)
+    yield ("rpm", "largest link load [N]", "torsion [deg]", *words, *(f"{word}, no mass" for word in words))
+    for k, (rpm, row) in enumerate(zip(SPEEDS, rows, strict=True)):
+        torsion = float(np.ptp(crank_degrees(run[k], 2)))
+        cells = []
+        for part in (run[k], light[k]):
+            pull = strand_tension(part, TIGHT, passing_link(part, TIGHT))
+            cells += [f"{size:.0f}" for size in orders_of(part, pull, ORDERS)]
+        yield (rpm, f"{row[f'{ENDS[1]}.tension_max']:.0f}", f"{torsion:.2f}", *cells)
 
 
 def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
@@ -192,21 +190,26 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/figures.py car
 
-    Prints the tables of docs/car.md and draws its figures. At each speed the camshafts' torque is that of their
-    valve train (`valve_train`) and the crankshaft's ripple that of a four-cylinder engine (`ripple`). Every run takes
-    its metrics over whole engine cycles, two revolutions of the crankshaft.
+    Prints the tables of docs/car.md and draws its figures. At each speed the crankshaft's ripple is that of a
+    four-cylinder engine (`ripple`). Every run takes its metrics over whole engine cycles, two revolutions of the
+    crankshaft.
     """
     drives = [at_speed(rpm) for rpm in SPEEDS]
     drives += [
         changed(at_speed(rpm), key, value) for key, values, _ in CHANGES.values() for rpm in AT for value in values
     ]
-    record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=("sprocket_angle", "tensioner_force"))
+    channels = ("position", "tension", "sprocket_angle", "tensioner_force")
+    record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=channels)
     run = simulate(drives, record=record, progress=True)
     rows = run.metrics.to_pylist()
     sweep, (over, panels) = rows[: len(SPEEDS)], grid(4, 4, 3.0, 3.6)
     yield from sweep_table(run, sweep)
     yield ""
     yield from orders_table(run)
+    yield ""
+    no_mass = {f"valves.{name}.mass": 0.0 for name in ("intake valves", "exhaust valves")}
+    light = simulate([drive.with_values(no_mass) for drive in drives[: len(SPEEDS)]], record=record, progress=True)
+    yield from published_table(run, sweep, light)
     yield ""
     yield from trends(iter(rows[len(SPEEDS) :]), panels)
     worst = max(abs(row["energy_residual_relative"]) for row in rows)

@@ -265,7 +265,7 @@ class Valves(Part):
 
     @property
     def height(self) -> float:
-        """What the curve is multiplied by."""
+        """Factor of the curve."""
         return self.table.factor if self.profile is None else self.profile.lift  # type: ignore[union-attr]
 
     def lifts(self) -> tuple[Array, Array, Array]:
@@ -286,7 +286,7 @@ class Valves(Part):
 
     @property
     def torsional_stiffness(self) -> Any:
-        """What sum k l'^2 + (F_0 + k l) l'' does not exceed [N m/rad]."""
+        """Bound of sum k l'^2 + (F_0 + k l) l'' [N m/rad]."""
         steepest, most = self.curve.steepest
         springs = self.spring.stiffness * self.height * steepest**2
         springs = springs + (self.spring.preload + self.spring.stiffness * self.height * max(self.curve.values)) * most
