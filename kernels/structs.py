@@ -241,8 +241,21 @@ class Piece:
 
 
 @wp.struct
+class Valve:
+    """A valve, or an orifice, through which oil flows one way (`physics.tensioner`, eq. (8))."""
+
+    hole_area: wp.float64  # A_b of its seat [m^2]; 0: there is none
+    preload: wp.float64  # F_0 [N]
+    stiffness: wp.float64  # k_cv [N/m]
+    lift_max: wp.float64  # y_max [m]
+    seat_width: wp.float64  # 2 r_B tan(g) [m]
+    seat_growth: wp.float64  # sin(g) / cos(g)^2
+    discharge: wp.float64  # C_d
+
+
+@wp.struct
 class Tensioner:
-    """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+    """A tensioner: where it touches its body, its spring, oil, valves and ratchet (`physics.tensioner`)."""
 
     body: wp.int32  # of the drive
     point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
@@ -257,20 +270,18 @@ class Tensioner:
     leak: wp.float64  # G of the gap [m^3/(s Pa)]
     drag: wp.float64  # pi d h / 2 of the gap [m^2]
     supply: wp.float64  # P_s [Pa]; pressures are absolute
+    supply_table: Tabulated  # instead of `supply`, once the run has begun [Pa]
+    pump: wp.int32  # body of the drive whose forward speed it is over, if over speed
     ambient: wp.float64  # P_0 [Pa]
     vapor: wp.float64  # P_v [Pa]
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
     air: wp.float64  # share a of air at P_0
-    hole_area: wp.float64  # A_b of the valve's seat [m^2]
-    valve_preload: wp.float64  # F_0 [N]
-    valve_stiffness: wp.float64  # k_cv [N/m]
-    lift_max: wp.float64  # y_max [m]
-    seat_width: wp.float64  # 2 r_B tan(g) [m]
-    seat_growth: wp.float64  # sin(g) / cos(g)^2
-    discharge: wp.float64  # C_d
+    check: Valve  # from the supply to the chamber
+    relief: Valve  # out of the chamber
+    vent: Valve  # likewise, always open
     density: wp.float64  # rho of the oil [kg/m^3]
-    laminar_limit: wp.float64  # drop of pressure below which the valve's flow is linear in it [Pa]
+    laminar_limit: wp.float64  # drop of pressure below which a valve's flow is linear in it [Pa]
     ratchet_pitch: wp.float64  # a [m]; 0: no ratchet
     backlash: wp.float64  # s [m]
     bottom: wp.float64  # x_b below which the plunger stands on the chamber's bottom [m]
@@ -285,6 +296,7 @@ class TensionerState:
     content: wp.float64  # mu: logarithm of the mass of oil
     pressure: wp.float64  # P after the last step [Pa]
     farthest: wp.float64  # x_max [m]
+    supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
 
 
 @wp.struct
@@ -607,10 +619,12 @@ class GearSums:
 class TensionerFlows:
     """Flows through a tensioner, in a step or since the run began, and their energies."""
 
-    leaked: wp.float64  # [m^3]
+    leaked: wp.float64  # through the gap [m^3]
     supplied: wp.float64  # [m^3]
-    leak_loss: wp.float64  # [J]
-    valve_loss: wp.float64  # [J]
+    relieved: wp.float64  # [m^3]
+    vented: wp.float64  # [m^3]
+    leak_loss: wp.float64  # in gap, relief valve and vent [J]
+    valve_loss: wp.float64  # in the check valve [J]
     supply_work: wp.float64  # [J]
     lift: wp.float64  # y of the valve at the step's end [m]
 
@@ -886,6 +900,7 @@ PAIRS = {
     Hub: ("lever",),
     Arm: (),
     Piece: ("start", "direction"),
+    Valve: (),
     Tensioner: ("point", "home", "direction"),
     TensionerState: ("content",),
     BodyState: ("angle", "speed", "center", "velocity"),

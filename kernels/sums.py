@@ -245,6 +245,8 @@ def metered(total: Any, flows: Any):
     """A tensioner's meter after one more step; the lift is that of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)
     total.supplied = added(total.supplied, flows.supplied)
+    total.relieved = added(total.relieved, flows.relieved)
+    total.vented = added(total.vented, flows.vented)
     total.leak_loss = added(total.leak_loss, flows.leak_loss)
     total.valve_loss = added(total.valve_loss, flows.valve_loss)
     total.supply_work = added(total.supply_work, flows.supply_work)
@@ -257,6 +259,8 @@ def flowed_since(now: Any, start: Any):
     """Flows that a tensioner's meter has counted since `start`."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
+    now.relieved = now.relieved - start.relieved
+    now.vented = now.vented - start.vented
     now.leak_loss = now.leak_loss - start.leak_loss
     now.valve_loss = now.valve_loss - start.valve_loss
     now.supply_work = now.supply_work - start.supply_work

@@ -290,6 +290,19 @@ def v6():
     return [drive, drive.with_values({"sprockets.exhaust cam.load.torque": 4.0} | worn)]
 
 
+def v6_fed():
+    """The same with supplies of two chains' tensioners over the speeds of sprockets there."""
+    over = {
+        f"tensioners.{side} tensioner.oil.supply_table": {
+            "speed": speed,
+            "pressure": [1e5, 8e5],
+            "shaft": f"{side} cam",
+        }
+        for side, speed in (("left", [0.0, 300.0]), ("right", [100.0, 900.0]))
+    }
+    return [drive.with_values(over) for drive in v6()]
+
+
 def stages_of_two_chains():
     """Two chains that differ in all: in pitch, in how links alternate, and one with play whose joints rub."""
     drive = chains.two_stages(step=2e-6)
@@ -344,6 +357,18 @@ def pushed_slider():
     push |= {"spring": {"stiffness": 1e4, "preload": 2e3, "damping": 100.0}, "plunger": {"mass": 0.5}}
     base = two_sprockets().with_values({"sprockets.driven.mount": mount, "sprockets.driven.mass": 30.0})
     return [Drive(**base.model_dump(exclude_none=True) | {"tensioners": [one]}) for one in (oil, push)]
+
+
+def fed():
+    """Arms whose tensioners have relief valve and vent, their supply over a camshaft's speed, and over time."""
+    outlets = {
+        "tensioners.0.relief": {"pressure": 3e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4},
+        "tensioners.0.vent": {"diameter": 2e-4},
+    }
+    over_speed = {"speed": [0.0, 210.0], "pressure": [1e5, 9e5], "shaft": "intake cam"}
+    over_time = {"time": [0.0, 4e-4], "pressure": [2e5, 6e5]}
+    tables = [{"tensioners.0.oil.supply_table": table} for table in (over_speed, over_time)]
+    return [timing().with_values(outlets | table) for table in tables]
 
 
 def rubbing_rk4():

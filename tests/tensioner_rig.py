@@ -24,7 +24,10 @@ from warpchain.kernels.structs import Tensioner, TensionerState
 
 DIAMETER, GAP, LENGTH, ECCENTRICITY = 16e-3, 50e-6, 7e-3, 0.9
 HOLE, DENSITY, VISCOSITY = 1.4e-3, 800.0, 8e-5
-COLUMNS = ("x", "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "lift", "mass")
+COLUMNS = (
+    "x", "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "lift", "mass",
+    "relieved", "vented",
+)  # fmt: skip
 
 BLOCK = """
 [[tensioners]]
@@ -59,25 +62,42 @@ def engine():
 
 
 def tensioner(**values):
-    """The tensioner of the model's section on bodies, at rest at 2.508 bar; `values` change what they name."""
+    """The tensioner of the model's section on bodies, at rest at 2.508 bar; `values` change what they name, those of
+    valves as "check.lift_max".
+    """
     made, slope = Tensioner(), math.radians(45.0)
     leak = math.pi * DIAMETER * GAP**3 * (1.0 + 1.5 * ECCENTRICITY**2) / (12.0 * DENSITY * VISCOSITY * LENGTH)
     numbers = {
         "direction": wp.vec2d(1.0, 0.0), "stiffness": 3500.0, "preload": 90.0, "hydraulic": 1,
         "area": 0.25 * math.pi * DIAMETER**2, "volume": 1e-6, "leak": leak, "drag": 0.5 * math.pi * DIAMETER * GAP,
         "supply": 3e5, "ambient": 1e5, "vapor": 1e3, "rest": 250824.87602763646, "bulk_modulus": 8e8, "air": 0.01,
-        "hole_area": 0.25 * math.pi * HOLE**2, "valve_preload": 0.075, "valve_stiffness": 75.0, "lift_max": 1e-3,
-        "seat_width": 6e-3 * math.tan(slope), "seat_growth": math.sin(slope) / math.cos(slope) ** 2,
-        "discharge": 0.2, "density": DENSITY, "laminar_limit": 5e3, "bottom": -4.5e-3, "stop_stiffness": 1e7,
+        "check.hole_area": 0.25 * math.pi * HOLE**2, "check.preload": 0.075, "check.stiffness": 75.0,
+        "check.lift_max": 1e-3, "check.seat_width": 6e-3 * math.tan(slope),
+        "check.seat_growth": math.sin(slope) / math.cos(slope) ** 2, "check.discharge": 0.2, "density": DENSITY,
+        "laminar_limit": 5e3, "bottom": -4.5e-3, "stop_stiffness": 1e7,
     }  # fmt: skip
     for name, value in (numbers | values).items():
-        setattr(made, name, value)
+        valve, _, field = name.rpartition(".")
+        setattr(getattr(made, valve) if valve else made, field, value)
     return made
+
+
+RELIEF = {
+    "relief.hole_area": 0.25 * math.pi * 2e-3**2, "relief.preload": 4e5 * 0.25 * math.pi * 2e-3**2,
+    "relief.stiffness": 2e4, "relief.lift_max": 3e-4, "relief.seat_width": 2e-3, "relief.discharge": 0.6,
+}  # fmt: skip
+"""A relief valve of 2 mm that opens at 5 bar; its 0.3 mm are reached 19 bar above that."""
+
+VENT = {
+    "vent.hole_area": 0.6 * 0.25 * math.pi * 2e-4**2, "vent.preload": -1.0, "vent.stiffness": 1.0,
+    "vent.lift_max": 1.0, "vent.seat_width": 1.0, "vent.discharge": 1.0,
+}  # fmt: skip
+"""A vent of 0.2 mm, as drives give it to kernels."""
 
 
 def still(pressure=1e5, **values):
     """A tensioner whose valve does not lift, at rest at a pressure [Pa], without what the plunger drags along."""
-    return tensioner(**{"lift_max": 0.0, "rest": pressure, "drag": 0.0} | values)
+    return tensioner(**{"check.lift_max": 0.0, "rest": pressure, "drag": 0.0} | values)
 
 
 @wp.func
@@ -103,6 +123,8 @@ def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64
     out[i, 7] = flows.valve_loss
     out[i, 8] = flows.supply_work
     out[i, 9] = flows.lift
+    out[i, 11] = flows.relieved
+    out[i, 12] = flows.vented
     return state
 
 
@@ -138,7 +160,7 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     i = wp.tid()
     pressure = pressures[i]
     phi, slope = compression(root_of(pressure, t), t)
-    flow, flow_slope = valve_flow(pressure, t)
+    flow, flow_slope = valve_flow(t.supply - pressure, t.check, t)
     state = TensionerState()
     state.content = phi
     state.pressure = near[i]
@@ -147,8 +169,8 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     out[i, 1] = energy / density
     out[i, 2] = bulk_modulus(pressure, t)
     out[i, 3] = flow
-    out[i, 4] = flow_slope
-    out[i, 5] = valve_lift(pressure, t)
+    out[i, 4] = -flow_slope
+    out[i, 5] = valve_lift(t.supply - pressure, t.check)
     out[i, 6] = pressure_of(wp.float64(0.0), state, t)
 
 

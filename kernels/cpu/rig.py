@@ -39,6 +39,8 @@ class RideSums:
     openings: wp.int32  # of the valve
     leaked: wp.float64  # [m^3]
     supplied: wp.float64  # [m^3]
+    relieved: wp.float64  # [m^3]
+    vented: wp.float64  # [m^3]
     work: wp.float64  # on the plunger [J]
     supply_work: wp.float64  # [J]
     leak_loss: wp.float64  # [J]
@@ -114,6 +116,8 @@ def lead(
                     total.openings += 1
                 total.leaked += flows.leaked
                 total.supplied += flows.supplied
+                total.relieved += flows.relieved
+                total.vented += flows.vented
                 total.work -= half * (pushed + force) * (x - before)
                 total.supply_work += flows.supply_work
                 total.leak_loss += flows.leak_loss

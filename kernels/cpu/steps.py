@@ -24,7 +24,7 @@ from ..physics.body import (
 from ..physics.hub import bearing_moment, carried_by, moment_of
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.mount import off_home
-from ..physics.tensioner import push_by, stroke_of, tensioner_step
+from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
 from ..sums import metered
@@ -253,11 +253,23 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return -state.wrenches[drive.first_body + s].bearing * turning
 
     @wp.func
+    def feed(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
+        """Finds what tabulated supplies of tensioners have at a step's start, before bodies move."""
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            tensioner = ensemble.tensioners[t]
+            if tensioner.supply_table.cells > 0:
+                pump = drive.first_body + tensioner.pump
+                forward = ensemble.motions[pump].sign * state.poses[pump].speed
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+
+    @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
         """Takes all tensioners a step on, once the bodies have moved; the meters count their flows."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             x, rate = stroke_of(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
+            if tensioner.supply_table.cells > 0:
+                tensioner.supply = state.tensioners[t].supply
             after, flows = tensioner_step(x, rate, drive.step, state.tensioners[t], tensioner)
             state.tensioners[t] = after
             state.meters[t] = metered(state.meters[t], flows)
@@ -265,6 +277,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
         """All bodies a step after `time`."""
+        if wp.static(not plain):
+            feed(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
@@ -281,6 +295,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def stage_bodies(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
         """All bodies after a stage."""
+        if wp.static(not plain):
+            if at.number == 0:
+                feed(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             body, stages = stage_body(
                 at,

@@ -27,7 +27,16 @@ from ..physics.body import (
 from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
-from ..physics.tensioner import lost_power, push_by, stroke_of, stroke_rate, tensioner_energy, tensioner_step, touch_arm
+from ..physics.tensioner import (
+    lost_power,
+    push_by,
+    stroke_of,
+    stroke_rate,
+    supply_at,
+    tensioner_energy,
+    tensioner_step,
+    touch_arm,
+)
 from ..physics.tooth import grid_of
 from ..structs import GROUND, Drive
 from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
@@ -41,7 +50,7 @@ from .sync import lanes, sync
 @cache
 def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     """The functions of one variant's tensioners on a block."""
-    tensioners_of = block_rings(kind).tensioners_of
+    tensioners_of, body_of = block_rings(kind).tensioners_of, block_rings(kind).body_of
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
@@ -87,6 +96,20 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
     @wp.func
+    def feed(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, time: kinds.Number):
+        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
+
+        No body moves meanwhile: what turns a pump is another thread's.
+        """
+        drive = ensemble.drives[mine.row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
+            tensioner = ensemble.tensioners[t]
+            if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
+                pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
+                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+
+    @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
         """Takes the tensioners of the thread's body a step of `h` [s] on, once it has moved."""
         if now.going != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
@@ -95,6 +118,9 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == mine.number:
                     x, rate = stroke_of(shared.poses[mine.body], tensioner)
+                    if wp.static(kind.parts.fed > 0):
+                        if tensioner.supply_table.cells > 0:
+                            tensioner.supply = state.tensioners[t].supply
                     after, flows = tensioner_step(x, rate, h, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
                     state.meters[t] = metered(state.meters[t], flows)

@@ -146,8 +146,9 @@ class BlockShape:
 @dataclass(frozen=True)
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
-    bodies light, bodies tied by shafts, gears and couplings, and arms carry sprockets or bearings rub
-    (`structs.Drive.light`, `tied`, `hubs`). Of several chains, `rings`, all others are of all of them, which are tied.
+    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
+    (`structs.Drive.light`, `tied`, `hubs`), and where supplies of tensioners are tabulated. Of several chains, `rings`,
+    all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -160,6 +161,7 @@ class Parts:
     light: int = 0
     tied: int = 0
     hubs: int = 0
+    fed: int = 0
     rings: int = 1
 
     @property
@@ -233,7 +235,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.light or self.parts.tied or self.parts.hubs
+        waiting = self.parts.light or self.parts.tied or self.parts.hubs or self.parts.fed
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

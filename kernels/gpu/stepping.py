@@ -176,6 +176,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
+        if wp.static(kind.parts.fed > 0):
+            if mine.body >= 0 and now.stage == 0:
+                tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
+            barrier()
         acting = chain_on(state, shared, mine, now)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):

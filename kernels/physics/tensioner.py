@@ -24,9 +24,10 @@ that conserves energy at any step, and (5) and (6) with z = (P/P_0)^(1/7), since
 P = P_0 z^7, (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure P_v, P = P_v and the volume
 V - V_0 exp(mu - phi(P_v)) is vapor.
 
-**Flows.** Through the gap, and through the check valve of lift y while dP = P_s - P > 0:
+**Flows.** Through the gap, and through valves of lift y while dP > 0, P_s - P of the check valve and P - P_0 of relief
+valve and vent, which has no spring and is always open:
 
-    Q = Q_cv - Q_leak,    Q_leak = G (P - P_0) + (pi d h / 2) x'                                (7)
+    Q = Q_cv - Q_leak - Q_relief - Q_vent,    Q_leak = G (P - P_0) + (pi d h / 2) x'            (7)
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
     Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2                                   (8)
 
@@ -42,7 +43,7 @@ h takes them at its end, after the body has moved. With mass conserved, that is 
     U = M u - (P - P_0) (V - M exp(-phi))                                                       (11)
 
 is stored (the bracket is the vapor): -dU/dx = (P - P_0) A, dU/dM = H. A mass dM that comes in takes H(P_s) dM from the
-supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that leaks loses H(P) dM.
+supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that goes out loses H(P) dM.
 
 **Ratchet.** Of pitch a and backlash s, x_max the farthest x so far: a stop of stiffness k_s and damping c_s holds the
 plunger where it is pushed back below
@@ -74,6 +75,8 @@ from ..number import (  # noqa: F401
 from ..precision import at_float32
 from ..structs import Push, Tensioner, TensionerFlows, TensionerState, types
 from .guide import from_frame
+from .motion import value_at
+from .train import OVER_SPEED
 
 BLOCKS = types(wp.float32, blocks=True)
 BlockFlows = at_float32(TensionerFlows, {})
@@ -166,25 +169,40 @@ def bulk_modulus(pressure: Any, tensioner: Any):
 
 
 @wp.func
-def valve_lift(pressure: Any, tensioner: Any):
-    """y [m] of the ball, eq. (8)."""
-    push = (tensioner.supply - pressure) * tensioner.hole_area - tensioner.valve_preload
-    return wp.clamp(push / tensioner.valve_stiffness, type(pressure)(0.0), tensioner.lift_max)
+def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
+    """P_s [Pa] of a tensioner whose supply is tabulated.
+
+    Args:
+        time: a number [s].
+        forward: forward speed of what turns the pump, rounded [rad/s].
+    """
+    x = time
+    if tensioner.supply_table.over_angle == OVER_SPEED:
+        x = number_of(forward)
+    return value_at(x, tensioner.supply_table, tables)
 
 
 @wp.func
-def valve_flow(pressure: Any, tensioner: Any):
-    """Q_cv [m^3/s] and dQ_cv/dP, eq. (8)."""
-    zero = type(pressure)(0.0)
-    two = type(pressure)(2.0)
+def valve_lift(drop: Any, valve: Any):
+    """y [m] of a valve, eq. (8)."""
+    push = drop * valve.hole_area - valve.preload
+    return wp.clamp(push / valve.stiffness, type(drop)(0.0), valve.lift_max)
+
+
+@wp.func
+def valve_flow(drop: Any, valve: Any, tensioner: Any):
+    """Flow [m^3/s] through a valve for a drop of pressure dP, and its derivative by that, eq. (8)."""
+    zero = type(drop)(0.0)
+    two = type(drop)(2.0)
     flow = zero
     slope = zero
-    y = valve_lift(pressure, tensioner)
+    y = zero
+    if drop > zero and valve.hole_area > zero:
+        y = valve_lift(drop, valve)
     if y > zero:
-        drop = tensioner.supply - pressure
-        around = tensioner.discharge * type(pressure)(wp.static(math.pi))
-        curtain = around * y * (tensioner.seat_width + y * tensioner.seat_growth)
-        hole = tensioner.hole_area
+        around = valve.discharge * type(drop)(wp.static(math.pi))
+        curtain = around * y * (valve.seat_width + y * valve.seat_growth)
+        hole = valve.hole_area
         part = hole / wp.sqrt(curtain * curtain + hole * hole)
         limit = wp.max(drop, tensioner.laminar_limit)
         speed = wp.sqrt(two * limit / tensioner.density)
@@ -194,18 +212,21 @@ def valve_flow(pressure: Any, tensioner: Any):
             quicker = speed / drop
         flow = part * curtain * speed
         slope = part * curtain * quicker
-        if y < tensioner.lift_max:
-            wider = around * (tensioner.seat_width + two * y * tensioner.seat_growth) * part * part * part
-            slope = slope + wider * speed * hole / tensioner.valve_stiffness
-    return flow, -slope
+        if y < valve.lift_max:
+            wider = around * (valve.seat_width + two * y * valve.seat_growth) * part * part * part
+            slope = slope + wider * speed * hole / valve.stiffness
+    return flow, slope
 
 
 @wp.func
-def inflow(pressure: Any, rate: Any, tensioner: Any):
-    """Q_cv, Q_leak [m^3/s] and d(Q_cv - Q_leak)/dP, eq. (7), (8)."""
-    supplied, slope = valve_flow(pressure, tensioner)
-    leaked = tensioner.leak * (pressure - tensioner.ambient) + tensioner.drag * rate
-    return supplied, leaked, slope - tensioner.leak
+def flows_at(pressure: Any, rate: Any, tensioner: Any):
+    """Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] and dQ/dP, eq. (7), (8)."""
+    supplied, slope = valve_flow(tensioner.supply - pressure, tensioner.check, tensioner)
+    drop = pressure - tensioner.ambient
+    leaked = tensioner.leak * drop + tensioner.drag * rate
+    relieved, relief_slope = valve_flow(drop, tensioner.relief, tensioner)
+    vented, vent_slope = valve_flow(drop, tensioner.vent, tensioner)
+    return supplied, leaked, relieved, vented, -slope - tensioner.leak - relief_slope - vent_slope
 
 
 @wp.func
@@ -245,8 +266,8 @@ def imbalance(z: Any, content: Any, volume: Any, h: Any, rate: Any, t: Any):
     zero = type(z)(0.0)
     if h > zero:
         pressure = pressure_at(z, t)
-        supplied, leaked, flow_slope = inflow(pressure, rate, t)
-        room, part = room_left(volume, h * (supplied - leaked), t)
+        supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
+        room, part = room_left(volume, h * (supplied - (leaked + relieved + vented)), t)
         slope -= h * flow_slope * type(z)(7.0) * pressure / (z * room)
         rest = phi + part - content
     else:
@@ -479,7 +500,7 @@ def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tension
 
 @wp.func
 def resting_state(x: wp.float64, tensioner: Tensioner):
-    """The state at rest at an extension: the valve brings in what leaks, Q_cv = Q_leak; the ratchet latched there."""
+    """The state at rest at an extension: the check valve brings in what goes out, Q = 0; the ratchet latched there."""
     state = TensionerState()
     state.farthest = x
     state.pressure = tensioner.ambient
@@ -525,19 +546,22 @@ def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
     volume, content = filling(x, state, tensioner)
     z = solved_root(content, volume, h, rate, before, tensioner)
     pressure = pressure_at(z, tensioner)
-    supplied, leaked, slope = inflow(pressure, rate, tensioner)
+    supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)
     flows = no_flows(h)
     flows.supplied = h * supplied
     flows.leaked = h * leaked
-    flows.lift = valve_lift(pressure, tensioner)
+    flows.relieved = h * relieved
+    flows.vented = h * vented
+    out = flows.leaked + flows.relieved + flows.vented
+    flows.lift = valve_lift(tensioner.supply - pressure, tensioner.check)
     phi, slope = compression(z, tensioner)
     density = wp.exp(phi)
     middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
-    flows.leak_loss = middle * density * flows.leaked
+    flows.leak_loss = middle * density * out
     if supplied > type(z)(0.0):
         flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
-    state.content = content_after(state.content, density * (flows.supplied - flows.leaked) / tensioner.volume)
+    state.content = content_after(state.content, density * (flows.supplied - out) / tensioner.volume)
     state.pressure = pressure
     return state, flows
 

@@ -57,9 +57,10 @@ PIECE = "start direction curvature"
 ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"
 TENSIONER = """
     body point home direction stiffness preload damping hydraulic area volume leak drag supply ambient vapor
-    bulk_modulus air hole_area valve_preload valve_stiffness lift_max seat_width seat_growth discharge density
-    laminar_limit bottom stop_stiffness stop_damping
+    bulk_modulus air
 """
+VALVE = "hole_area preload stiffness lift_max seat_width seat_growth discharge"
+BEHIND = "density laminar_limit bottom stop_stiffness stop_damping"
 """Fields of the engine's structs that the C program's have, in their order."""
 
 
@@ -119,7 +120,8 @@ def c_input(packed: Packed) -> bytes:
     for arm in packed.arms[: bodies - sprockets]:
         values += numbers(arm, ARM)
     for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
-        values += [*numbers(tensioner, TENSIONER), *numbers(oil, "content pressure")]
+        values += [*numbers(tensioner, TENSIONER), *numbers(tensioner["check"], VALVE), *numbers(tensioner, BEHIND)]
+        values += numbers(oil, "content pressure")
     values += [*packed.rollers[: 4 * n], *packed.seat[: (sprockets + guides) * n]]
     return np.array(values, dtype=np.float64).tobytes()
 

@@ -15,7 +15,8 @@ from tqdm import tqdm
 from warpchain import Drive, Record, Run, loads_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
-from warpchain.drive.oil import static_force, static_pressure, valve_flow, viscosity_at
+from warpchain.drive.oil import static_force, static_pressure, valve_flow
+from warpchain.drive.viscosity import viscosity_at
 from warpchain.engine.rig import Shake, shake
 from warpchain.results.scene import Pose, parts_at, strand_displacement, teeth_at, turned
 from warpchain.view.figures.drive_figure import draw_parts

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.drive.viscosity import by_two_points
 from warpchain.results.objectives import add_objectives
 from warpchain.results.units import quantity, shown_unit
 from warpchain.study.analysis.pareto import Goals, goals_of, non_dominated
@@ -97,7 +98,73 @@ def pitch_elongation(results: Results) -> Figure:
     return figure
 
 
-FIGURES = {"guide-indentation": guide_indentation, "speed-sweep": speed_sweep, "pitch-elongation": pitch_elongation}
+def cold_to_hot(results: Results) -> Figure:
+    """Plunger, tensions, tensioner's force and forces on the guides over the temperature."""
+    x = results.values("temperature")
+    figure, axes = panels(4, 9.0, "Timing drive of a car at 3000 rpm from cold to hot", None)
+    plunger, tension, push, guides = axes
+    low, mean, high = (1e3 * results.values(f"tensioner.extension_{of}") for of in ("min", "mean", "max"))
+    plunger.fill_between(x, low, high, color=BLUE, alpha=0.3, lw=0, label="least to largest")
+    plunger.plot(x, mean, "o-", ms=3, color=BLUE, label="mean")
+    plunger.set(ylabel="plunger, out of\nas drawn [mm]")
+    for (strand, name), color in zip(ENDS.items(), (BLUE, RED), strict=True):
+        tension.plot(x, results.values(f"{strand}.tension_mean"), "o-", ms=3, color=color, label=f"mean, {name} strand")
+    tension.plot(x, results.values("tension_max"), "o--", ms=3, color="0.3", label="largest of all")
+    tension.set(ylabel="tension [N]", ylim=(0.0, None))
+    for of, style in (("min", ":"), ("mean", "o-"), ("max", "--")):
+        push.plot(x, results.values(f"tensioner.force_{of}"), style, ms=3, color=GREEN, label=of)
+    push.set(ylabel="tensioner's\nforce [N]", ylim=(0.0, None))
+    for guide, color in (("blade", BLUE), ("fixed guide", RED)):
+        guides.plot(x, results.values(f"{guide}.force_max"), "o-", ms=3, color=color, label=guide)
+    guides.set(
+        ylabel="largest force of a\nlink on a guide [N]", ylim=(0.0, None), xlabel="temperature [\N{DEGREE SIGN}C]"
+    )
+    for axis in axes:
+        axis.legend(fontsize=8)
+    return figure
+
+
+ENDS = {"crank->intake cam": "slack", "exhaust cam->crank": "tight"}
+"""The strands of the car's drive beside the crankshaft, and what they are."""
+
+
+def cold_to_hot_table(results: Results) -> Iterator[Line]:
+    """The table over temperature."""
+    means = (f"{name} strand, mean [N]" for name in ENDS.values())
+    force = ("tensioner: mean, most [N]", "pressure [bar]")
+    yield (
+        "degrees C",
+        "oil [mm^2/s]",
+        "plunger [mm]",
+        "its travel [mm]",
+        *force,
+        *means,
+        "largest tension [N]",
+        "friction [W]",
+    )
+    law = by_two_points(*(float(results.table[name][0].as_py()) for name in ("viscosity_40", "viscosity_100")))
+    for row in results.table.to_pylist():
+        of = {key: row[f"tensioner.{key}"] for key in ("extension_min", "extension_mean", "extension_max")}
+        yield (
+            f"{row['temperature']:.0f}",
+            f"{1e6 * law.viscosity(row['temperature']):.3g}",
+            f"{1e3 * of['extension_mean']:+.2f}",
+            f"{1e3 * (of['extension_max'] - of['extension_min']):.3f}",
+            f"{row['tensioner.force_mean']:.0f}, {row['tensioner.force_max']:.0f}",
+            f"{1e-5 * row['tensioner.pressure_max']:.1f}",
+            *(f"{row[f'{strand}.tension_mean']:.0f}" for strand in ENDS),
+            f"{row['tension_max']:.0f}",
+            f"{row['friction_power']:.0f}",
+        )
+
+
+FIGURES = {
+    "guide-indentation": guide_indentation,
+    "speed-sweep": speed_sweep,
+    "pitch-elongation": pitch_elongation,
+    "cold-to-hot": cold_to_hot,
+}
+TABLES = {"cold-to-hot": cold_to_hot_table}
 
 
 @case(option("study", choices=FIGURES), option("table", type=Path, help="the study's results.parquet"))
@@ -107,8 +174,10 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
     warpchain study run warpchain/study/examples/speed-sweep.toml -o out/speed-sweep
     python scripts/figures.py study speed-sweep out/speed-sweep/results.parquet
 
-    and the same for guide-indentation and pitch-elongation.
+    and the same for guide-indentation, pitch-elongation and cold-to-hot, which has a table, too.
     """
+    if asked.study in TABLES:
+        yield from TABLES[asked.study](read_results(asked.table))
     yield {asked.study: FIGURES[asked.study](read_results(asked.table))}
 
 

@@ -29,6 +29,7 @@ GROUPS = {
         "tensioners",
         "teeth",
         "wear",
+        "temperature",
     ),
     "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
     "Studies and decisions": ("studies", "analysis", "optimization", "risk", "jump", "judged-runs"),

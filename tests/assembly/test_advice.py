@@ -4,7 +4,7 @@ import math
 
 import pytest
 from command import run as command
-from drives import SPRUNG, two_sprockets, with_bar
+from drives import SPRUNG, timing, two_sprockets, with_bar
 
 from warpchain import load_drive, loads_drive
 from warpchain.assembly.layout_checks import advice
@@ -33,6 +33,31 @@ def test_an_idler_with_few_teeth_in_mesh():
     (line,) = advice(load_drive(drive_path("marine")))
     assert line.startswith("sprockets.tightener: 1.2 teeth in mesh (18 degrees), where an idler wants 3")
     assert f"LOOK AT {line}" in report(derive(load_drive(drive_path("marine"))))
+
+
+VENTED = {"relief": {"pressure": 4e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}, "vent": {"diameter": 1e-4}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, None),
+        ({"oil.supply_table": {"time": [0.0, 1.0], "pressure": [3e5, 6e5]}}, None),
+        ({"oil.supply_table": {"speed": [0.0, 1.0], "pressure": [1e5, 6e5]}}, None),
+        ({"relief.pressure": 2e5}, "relief: stands open at rest and lets out "),
+        ({"vent.diameter": 2e-3}, "vent: lets out "),
+        (
+            {"oil.supply_table": {"time": [1.0, 2.0], "pressure": [1e5, 3e5]}},
+            "oil.supply_table: begins at 1 bar, where ",
+        ),
+    ],
+)
+def test_oil_that_is_lost_at_rest_or_jumps(changes, said):
+    drive = timing().with_values({f"tensioners.0.{key}": value for key, value in VENTED.items()})
+    drive = drive.with_values({f"tensioners.0.{key}": value for key, value in changes.items()})
+    lines = [line for line in advice(drive) if line.startswith("tensioners.")]
+    assert len(lines) == (said is not None)
+    assert not lines or lines[0].startswith(f"tensioners.tensioner.{said}")
 
 
 def test_a_driver_with_a_thin_wrap():

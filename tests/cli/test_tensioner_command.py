@@ -86,7 +86,7 @@ def test_it_writes_tables(capsys, path, tmp_path):
         (["element", "--frequency", "nan"], "frequency = nan"),
         (["element", "--frequency", "1e300"], "frequency = 1e+300: must be a number above 0, at most 100000 Hz"),
         (["element", "--cycles", "9999", "--frequency", "1", "2"], "2 rides of 9999 cycles: must be 10000"),
-        ([*HEATED, "--set", f"{OIL}.viscosity=1e-7"], f"{OIL}.viscosity = 1e-07: must be from 5e-07 to 1 m^2/s"),
+        ([*HEATED, "--set", f"{OIL}.viscosity=1e-7"], f"{OIL}.viscosity = 1e-07: must be from 2e-06 to 20 m^2/s"),
         (["element", "--cycles", "0"], "'0': must be a whole number above 0"),
         (["element", "--viscosity", "-1"], "viscosity = -1: must be"),
         (["plain", "--viscosity", "1e-5"], "tensioner 'plain' has no oil"),

@@ -301,6 +301,82 @@ def test_a_spring_takes_no_oil(values):
     )
 
 
+OUTLETS = tomllib.loads(BLADE)
+OUTLETS["tensioners"][0]["relief"] = {"pressure": 1e6, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
+OUTLETS["tensioners"][0]["vent"] = {"diameter": 2e-4}
+OUTLETS["tensioners"][0]["oil"]["supply_table"] = {"speed": [0.0, 100.0], "pressure": [1e5, 4e5], "shaft": "crank"}
+SUPPLY = f"{TENSIONER}/oil/supply_table"
+OUTLET_RULES = wrong(
+    OUTLETS,
+    *((f"{TENSIONER}/relief/{key}", [None, 0.0], POSITIVE) for key in ("diameter", "stiffness", "lift")),
+    (f"{TENSIONER}/relief/pressure", [1e5, 20.0], "must be above the ambient pressure, 100000 Pa; pressures are absol"),
+    (f"{TENSIONER}/relief/discharge", [1.5], "must be a number above 0, at most 1"),
+    (f"{TENSIONER}/relief", [3], "must be a table"),
+    (f"{TENSIONER}/vent/diameter", [None, -1.0], POSITIVE),
+    (f"{TENSIONER}/vent", ["open"], "must be a table"),
+    (f"{SUPPLY}/pressure/1", [9e4, 4.0], "must be at least the ambient pressure, 100000 Pa; pressures are absolute"),
+    (f"{SUPPLY}/factor", [0.1], "times the pressure 100000 must be at least the ambient pressure"),
+    (f"{SUPPLY}/pressure", [[1e5, 2e5, 3e5]], "must have as many elements as speed, 2"),
+    (f"{SUPPLY}/speed/1", [0.0], "must be above the element before, 0"),
+    (f"{SUPPLY}/shaft", ["crnk"], "must be the name of a sprocket or a shaft; did you mean crank?"),
+    (f"{SUPPLY}/file", ["oil.csv"], "is read by load_drive alone; give the columns themselves"),
+)
+OUTLET_RULES += [
+    (f"{SUPPLY}/time", [0.0, 1.0], f"{PUSHER}.oil.supply_table.speed = [0.0, 100.0]: not together with time; give one"),
+    (f"{SUPPLY}/angle", [0.0, 6.3], f"{PUSHER}.oil.supply_table.angle: no pressure is over angle; give time or speed"),
+    (
+        f"{SUPPLY}/speed",
+        None,
+        f"{PUSHER}.oil.supply_table.time: missing; must be a list of numbers, or give speed or f",
+    ),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "line"), OUTLET_RULES)
+def test_rule_of_valves_and_supply(path, value, line):
+    lines_of(copy.deepcopy(OUTLETS), path, value, line)
+
+
+def test_a_pump_of_several_chains_is_on_the_tensioner_s_own():
+    base, path = load_drive(drive_path("v6")), "tensioners.right tensioner.oil.supply_table"
+    table = {"speed": [0.0, 100.0], "pressure": [1e5, 4e5]}
+    assert base.with_values({path: table | {"shaft": "right cam"}}).tensioners[2].oil.supply_table.shaft == "right cam"
+    with pytest.raises(
+        DriveError, match='"left cam": must be the name of a sprocket of its chain; allowed are idler right'
+    ):
+        base.with_values({path: table | {"shaft": "left cam"}})
+
+
+def test_outlets_read_back_equal_and_only_with_oil():
+    drive = Drive(**copy.deepcopy(OUTLETS))
+    assert loads_drive(dumps_drive(drive)) == drive and pickle.loads(pickle.dumps(drive)) == drive
+    part = drive.tensioners[0]
+    assert part.relief.preload(1e5) == pytest.approx(9e5 * math.pi * 1e-6)
+    assert part.vent.flow_area == pytest.approx(0.6 * math.pi * 1e-8)
+    spring = copy.deepcopy(OUTLETS)
+    spring["tensioners"][0] |= {"kind": "spring", "spring": {"stiffness": 1e3}}
+    for key in ("chamber", "valve", "oil"):
+        del spring["tensioners"][0][key]
+    assert errors_of(spring) == tuple(f'{PUSHER}.{key}: only with kind "hydraulic"' for key in ("relief", "vent"))
+
+
+def test_a_supply_from_a_csv_file(tmp_path):
+    """Over speed in rpm, in bar; by a name beside the drive file."""
+    values = copy.deepcopy(OUTLETS)
+    text = dumps_drive(Drive(**values))
+    begin = text.index("supply_table")
+    end = text.index("}", begin)
+    (tmp_path / "drive.toml").write_text(
+        text[:begin] + 'supply_table = { file = "oil.csv", shaft = "crank" ' + text[end:]
+    )
+    (tmp_path / "oil.csv").write_text("speed_rpm,pressure_bar\n0,1\n3000,4.5\n")
+    table = load_drive(tmp_path / "drive.toml").tensioners[0].oil.supply_table
+    assert table.speed == pytest.approx((0.0, 100.0 * math.pi)) and table.pressure == pytest.approx((1e5, 4.5e5))
+    (tmp_path / "oil.csv").write_text("pressure,time\n0,1\n3000,4.5\n")
+    with pytest.raises(DriveError, match='"pressure,time" is no head of two columns; the first must be time, angle, '):
+        load_drive(tmp_path / "drive.toml")
+
+
 def test_stops_that_are_not_there_have_no_stiffness():
     with pytest.raises(DriveError, match=r"stop_stiffness = 5\.0: only together with stops"):
         Arm(name="a", pivot=(0, 0), mass=1, center=(0, 0), inertia=1, stop_stiffness=5)

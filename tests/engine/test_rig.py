@@ -5,17 +5,32 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
-from tensioner_rig import TEXT, engine, looked, moved, tensioner
+from tensioner_rig import RELIEF, TEXT, VENT, engine, looked, moved, still, tensioner
 
 import warpchain
 from warpchain import bench_tensioner, loads_drive
+from warpchain.assembly.table_cells import TableList
 from warpchain.drive import oil
+from warpchain.drive.viscosity import viscosity_at
 from warpchain.engine.fill_bodies import fill_tensioner
 from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner
 
-ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
+ELSEWHERE = (
+    "body",
+    "home",
+    "rest",
+    "stop_stiffness",
+    "stop_damping",
+    "bottom",
+    "direction",
+    "point",
+    "check",
+    "relief",
+    "vent",
+    "supply_table",
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +40,7 @@ def drive():
 
 def filled(drive, t):
     row = np.zeros(1, dtype=Tensioner.numpy_dtype())[0]
-    fill_tensioner(row, drive, t)
+    fill_tensioner(row, drive, t, TableList())
     return row
 
 
@@ -37,6 +52,9 @@ def test_a_row_has_the_numbers_of_its_drive(drive):
     for name in row.dtype.names:
         if name not in ELSEWHERE:
             assert row[name] == pytest.approx(getattr(wanted, name), rel=1e-14), name
+    for name in row["check"].dtype.names:
+        assert row["check"][name] == pytest.approx(getattr(wanted.check, name), rel=1e-14), name
+    assert not any(row[name]["hole_area"] for name in ("relief", "vent"))
     assert drive.sprockets[row["body"]].name == "tensioner"
     assert row["home"] == pytest.approx(drive.sprockets[row["body"]].center)
     assert row["direction"] == pytest.approx([-1.0, 0.0]) and not row["point"].any()
@@ -73,12 +91,27 @@ def test_python_and_kernels_have_one_oil_and_one_valve(drive):
     assert oil.oil_stiffness(drive.tensioners[1]) == 0.0
 
 
+def test_python_and_kernels_have_one_relief_valve_and_one_vent(drive):
+    """One step each, so short that P stays, of a chamber that is so large that nothing changes it."""
+    relief = {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
+    part = drive.with_values({"tensioners.0.relief": relief, "tensioners.0.vent": {"diameter": 2e-4}}).tensioners[0]
+    for pressure in (9e4, 1.02e5, 4e5, 5.1e5, 1e6, 4e6):
+        got = moved(still(pressure, volume=1e3, **RELIEF, **VENT), [0.0, 0.0], 1e-6)
+        relieved, vented = oil.outlet_flows(part, pressure)
+        assert got["relieved"][1] / 1e-6 == pytest.approx(relieved, rel=1e-7)
+        assert got["vented"][1] / 1e-6 == pytest.approx(vented, rel=1e-7)
+    rest = oil.static_pressure(part)
+    assert rest < oil.static_pressure(drive.tensioners[0])  # the vent takes some of it
+    held = moved(tensioner(rest=rest, **RELIEF, **VENT), np.zeros(1001), 1e-3)
+    assert held["pressure"] == pytest.approx(rest, rel=1e-11)
+
+
 def test_viscosity_over_temperature_is_walther_s():
-    assert oil.viscosity_at(8e-5, 40.0) == pytest.approx(8e-5, rel=1e-12)
+    assert viscosity_at(8e-5, 40.0) == pytest.approx(8e-5, rel=1e-12)
     # a 5W-30 of 62 mm^2/s at 40 degrees C has about 10.3 at 100
-    assert oil.viscosity_at(62e-6, 100.0) == pytest.approx(10.3e-6, rel=0.01)
+    assert viscosity_at(62e-6, 100.0) == pytest.approx(10.3e-6, rel=0.01)
     # VG 100 of a viscosity index of 95 has 11.1 at 100 (B = 3.6)
-    assert oil.viscosity_at(100e-6, 100.0, slope=3.6) == pytest.approx(11.1e-6, rel=0.03)
+    assert viscosity_at(100e-6, 100.0, slope=3.6) == pytest.approx(11.1e-6, rel=0.03)
 
 
 # ---- rides ----
@@ -143,7 +176,7 @@ def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(driv
     assert (np.diff(gaps) < 0.0).all()
     airs = [force_max(drive, oil__air=air) for air in (0.0, 0.01, 0.03, 0.1)]
     assert (np.diff(airs) < 0.0).all()
-    warm = [force_max(drive, oil__viscosity=oil.viscosity_at(8e-5, t)) for t in (20.0, 40.0, 80.0, 120.0)]
+    warm = [force_max(drive, oil__viscosity=viscosity_at(8e-5, t)) for t in (20.0, 40.0, 80.0, 120.0)]
     assert (np.diff(warm) < 0.0).all()
 
 

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from drives import timing, two_sprockets
 from tensioner_rig import engine
 
 from warpchain import Record, simulate
+from warpchain.drive import Drive
+from warpchain.drive.oil import static_pressure
 
 BARE = {f"sprockets.tensioner.mount.{name}": 0.0 for name in ("stiffness", "damping", "preload")}
 """The engine's slider without the spring of its own."""
@@ -26,6 +29,59 @@ def test_a_spring_tensioner_is_the_slider_s_own_spring():
     # the same force on the slider, summed in another order
     assert other.sprocket_center == pytest.approx(own.sprocket_center, abs=1e-9 * moved)
     assert other.position == pytest.approx(own.position, abs=1e-9 * moved)
+
+
+def test_a_supply_that_stays_is_that_of_a_number():
+    """Bit for bit, be it over time or over speed."""
+    path = "tensioners.0.oil.supply_table"
+    still = {"pressure": [3e5, 3e5]}
+    tables = [{path: still | {key: [0.0, 100.0]}} for key in ("time", "speed")]
+    drives = [timing(), *(timing().with_values(table) for table in tables)]
+    plain, *others = simulate(drives, duration=0.002, window=(0.0, 0.002), device="cpu").metrics.to_pylist()
+    assert plain["tensioner.supplied"] > 0.0
+    for other in others:
+        assert other["tensioner.supplied"] == plain["tensioner.supplied"]
+        assert other["tension_mean"] == plain["tension_mean"]
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_the_chamber_follows_its_supply(precision):
+    """Of a plunger that stands still, P is where what comes in goes out, at the P_s of every instant.
+
+    The pump turns with the driver, which speeds up: P_s rises with its speed; or with the time, by as much.
+    """
+    mount = {"kind": "slider", "direction": [1.0, 0.0], "stiffness": 1e12, "damping": 1e8, "preload": 0.0}
+    oil = timing().tensioners[0].model_dump() | {"name": "plunger", "on": "driven", "direction": [1.0, 0.0]}
+    start = {"sprockets.driver.prescribed.speed": 1e-2, "sprockets.driver.prescribed.ramp_time": 0.02}
+    still = two_sprockets().with_values({"sprockets.driven.mount": mount, "sprockets.driven.mass": 1e5} | start)
+    ramp = 3.0 * np.linspace(0.0, 1.0, 51) ** 2 - 2.0 * np.linspace(0.0, 1.0, 51) ** 3
+    over_time = {"time": np.linspace(0.0, 0.02, 51).tolist(), "pressure": (2e5 + 4e5 * ramp).tolist()}
+    over_speed = {"speed": [0.0, 1e-2], "pressure": [2e5, 6e5]}
+    parts = [
+        oil | {"oil": oil["oil"] | {"air": 0.0, "supply": 2e5, "supply_table": table}}
+        for table in (over_time, over_speed)
+    ]
+    drives = [Drive(**still.model_dump(exclude_none=True) | {"tensioners": [part]}) for part in parts]
+    record = Record(rate=1e3, channels=("chamber_pressure",))
+    run = simulate(drives, duration=0.02, record=record, device="cpu", precision=precision)
+    supply = np.interp(run[0].time, over_time["time"], over_time["pressure"])
+    of = drives[0].tensioners[0]
+    wanted = [static_pressure(of.model_copy(update={"oil": of.oil.model_copy(update={"supply": p})})) for p in supply]
+    for v in range(2):
+        # what compresses the oil, V / E of 1.2e-15 m^3/Pa at up to 3e7 Pa/s, is 0.04 of 400 mm^3/s that come in
+        assert run[v].chamber_pressure[:, 0] == pytest.approx(np.array(wanted), rel=2e-3)
+
+
+def test_relief_valve_and_vent_leave_the_energy_balance_as_good():
+    relief = {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
+    outlets = {"relief": relief, "vent": {"diameter": 2e-4}}
+    shut = engine().with_values(BARE | {"tensioners": [engine().tensioners[0]]})
+    drives = [shut, shut.with_values({f"tensioners.0.{key}": value for key, value in outlets.items()})]
+    closed, opened = simulate(drives, duration=0.03, step=5e-7, device="cpu").metrics.to_pylist()
+    assert opened["element.relieved"] > 0.0 and opened["element.vented"] > 0.0
+    assert closed["element.relieved"] is None and opened["element.pressure_max"] < closed["element.pressure_max"]
+    # as without: what contacts leave over, first order in the step, and 1e-3 of what the oil takes
+    assert abs(opened["energy_residual"]) < 2.0 * abs(closed["energy_residual"]) + 1e-3 * opened["element.oil_loss"]
 
 
 def test_oil_leaves_the_energy_balance_as_good_as_without():

@@ -6,6 +6,7 @@ from blocks import (
     arms_rk4,
     assert_steps_of_the_cpu,
     bending_rk4,
+    fed,
     gear_changes,
     gear_changes_rk4,
     led,
@@ -44,6 +45,7 @@ KINDS = (
     led_light,
     led_rk4,
     *TRAINS,
+    fed,
 )
 USUAL = [
     (moving_sprockets, False, "float64"),
@@ -58,6 +60,8 @@ USUAL = [
     (swung_light, True, "float32"),
     (led, True, "float64"),
     (led_light, False, "float32"),
+    (fed, False, "float64"),
+    (fed, True, "float32"),
 ]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.integrate import quad
-from tensioner_rig import loaded, looked, moved, still, tensioner
+from tensioner_rig import RELIEF, VENT, loaded, looked, moved, still, tensioner
 
 from warpchain.kernels.physics.body import faced
 from warpchain.kernels.physics.tensioner import extension, push_by, touch_arm
@@ -100,27 +100,27 @@ def test_it_boils_at_the_vapor_pressure_and_keeps_its_oil():
 
 def test_the_valve_opens_lifts_and_passes_no_more_than_its_hole():
     t = tensioner()
-    drops = np.array([0.0, 4e4, 0.0751 / t.hole_area, 7e4, 0.1499 / t.hole_area, 1e5, 2.9e5])
+    drops = np.array([0.0, 4e4, 0.0751 / t.check.hole_area, 7e4, 0.1499 / t.check.hole_area, 1e5, 2.9e5])
     found = looked(t, 3e5 - drops)
-    lift = np.clip((drops * t.hole_area - 0.075) / 75.0, 0.0, 1e-3)
+    lift = np.clip((drops * t.check.hole_area - 0.075) / 75.0, 0.0, 1e-3)
     assert found[5] == pytest.approx(lift, abs=1e-16)
     curtain = np.pi * lift * (6e-3 + lift * math.sqrt(2.0))  # 45 degrees: tan = 1, sin / cos^2 = sqrt(2)
-    assert curtain[-1] / t.hole_area == pytest.approx(15.1, abs=0.05)  # at full lift: 15 holes
+    assert curtain[-1] / t.check.hole_area == pytest.approx(15.1, abs=0.05)  # at full lift: 15 holes
     with np.errstate(divide="ignore"):
-        area = 1.0 / np.sqrt(1.0 / (0.2 * curtain) ** 2 + 1.0 / t.hole_area**2)
+        area = 1.0 / np.sqrt(1.0 / (0.2 * curtain) ** 2 + 1.0 / t.check.hole_area**2)
     assert found[3] == pytest.approx(area * np.sqrt(2.0 * drops / 800.0), rel=1e-12)
-    assert (found[3] <= t.hole_area * np.sqrt(2.0 * drops / 800.0)).all()
+    assert (found[3] <= t.check.hole_area * np.sqrt(2.0 * drops / 800.0)).all()
 
 
 def test_below_five_kilopascal_the_valve_is_laminar():
-    t = tensioner(valve_preload=0.0, valve_stiffness=1e-6)  # wide open at any drop
+    t = tensioner(**{"check.preload": 0.0, "check.stiffness": 1e-6})  # wide open at any drop
     drops = np.array([10.0, 1e3, 4999.0, 5e3, 2e4])
     flow = looked(t, 3e5 - drops)[3]
     assert flow[:3] / drops[:3] == pytest.approx(flow[3] / 5e3, rel=1e-9)
     assert flow[4] == pytest.approx(2.0 * flow[3], rel=1e-12)  # a root: four times the drop
 
 
-@pytest.mark.parametrize("valve", [{}, {"valve_preload": 0.0, "valve_stiffness": 1e-6}, {"valve_preload": 0.0}])
+@pytest.mark.parametrize("valve", [{}, {"check.preload": 0.0, "check.stiffness": 1e-6}, {"check.preload": 0.0}])
 def test_the_valve_s_slope_is_the_derivative_of_its_flow(valve):
     t = tensioner(**valve)
     at = 3e5 - np.array([1e3, 4e3, 6e3, 3e4, 6e4, 8e4, 1.5e5])
@@ -192,19 +192,56 @@ def test_the_pressure_after_a_given_time_comes_nearer_with_the_step():
     assert errors[:-1] / errors[1:] == pytest.approx(2.0, abs=0.1)
 
 
+def relief_flow(pressure, t):
+    """Of a disk over a hole of 2 mm, by hand: set at 5 bar, 20 N/mm, C_d = 0.6 of the gap, at most 0.3 mm."""
+    hole = math.pi * 1e-3**2
+    lift = np.clip((pressure - 5e5) * hole / 2e4, 0.0, 3e-4)
+    curtain = 0.6 * math.pi * 2e-3 * lift
+    with np.errstate(divide="ignore"):
+        area = 1.0 / np.sqrt(1.0 / curtain**2 + 1.0 / hole**2)
+    return area * np.sqrt(2.0 * (pressure - t.ambient) / t.density)
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.05, 0.5])
+def test_a_relief_valve_lets_out_what_the_plunger_displaces(speed):
+    """Pressed in at a constant speed until P stays: A v = Q_leak + Q_relief; shut below 5 bar, at 0.5 m/s wide open."""
+    way, h = speed * 2e-6 * np.arange(30001), 2e-6
+    t = tensioner(drag=0.0, bottom=-1.0, volume=1e-6 + 2.1e-4 * way[-1], **RELIEF)
+    got = moved(t, -way, h)
+    pressure, flow = got["pressure"][-1], got["relieved"][-1] / h
+    assert flow == pytest.approx(relief_flow(pressure, t), rel=1e-9, abs=1e-16)
+    assert (flow > 0.0) == (pressure > 5e5) == (speed > 0.002)
+    assert (pressure > 5e5 + 3e-4 * 2e4 / t.relief.hole_area) == (speed == 0.5)
+    # nothing is stored once P stays, as it does after some V / (E G) of up to 1 ms
+    assert got["leaked"][-1] / h + flow == pytest.approx(t.area * speed, rel=1e-4)
+
+
+def test_a_vent_passes_its_jet_and_nothing_in():
+    t, h = tensioner(**VENT), 1e-5
+    area = 0.6 * math.pi * 1e-4**2
+    drops = np.array([1e3, 1e5, 1e7])
+    large = [still(1e5 + drop, leak=0.0, volume=1e3, **VENT) for drop in drops]  # P stays
+    vented = np.array([moved(t, [0.0, 0.0], h)["vented"][1] for t in large])
+    limit = np.maximum(drops, 5e3)
+    assert vented / h == pytest.approx(area * np.sqrt(2.0 * limit / t.density) * drops / limit, rel=1e-9)
+    out = moved(t, 1e-3 * np.arange(11), 1e-3)  # pulled out by 1 m/s: below the ambient pressure
+    assert out["pressure"][-1] < 1e5 and out["vented"][-1] == 0.0
+
+
 def test_at_rest_it_stays():
     got = moved(tensioner(), np.zeros(1001), 1e-4)
     assert got["pressure"] == pytest.approx(got["pressure"][0], rel=1e-10)
     assert got["supplied"][1:] == pytest.approx(got["leaked"][1:], rel=1e-7)  # a flow of 3.9e-7 by 5 Pa of 5e4
 
 
-def test_oil_is_conserved():
-    t = tensioner(vapor=2e4)
+@pytest.mark.parametrize("outlets", [{}, RELIEF | VENT])
+def test_oil_is_conserved(outlets):
+    t = tensioner(vapor=2e4, **outlets)
     places, h = sine(4e-4, 400.0, 5, 1000)
     got = moved(t, places, h)
     assert got["pressure"].min() == pytest.approx(2e4, rel=1e-12)  # it boils in every cycle
     density = np.exp(phi(got["pressure"], t))
-    gained = np.cumsum(density * (got["supplied"] - got["leaked"]))
+    gained = np.cumsum(density * (got["supplied"] - got["leaked"] - got["relieved"] - got["vented"]))
     assert got["mass"] - got["mass"][0] == pytest.approx(gained, abs=1e-13 * got["mass"][0])
     # while there is no vapor, the mass is V exp(phi)
     full = got["pressure"] > 2.001e4
@@ -225,7 +262,7 @@ def balance(t, steps, frequency=100.0):
     return (left - got["leak_loss"].sum() - got["valve_loss"].sum()) / work
 
 
-@pytest.mark.parametrize("values", [{}, {"air": 0.05}, {"vapor": 5e4, "supply": 1.6e5}])
+@pytest.mark.parametrize("values", [{}, {"air": 0.05}, {"vapor": 5e4, "supply": 1.6e5}, RELIEF, VENT])
 def test_work_and_supply_are_stored_or_lost(values):
     # flows happen between a step's two forces: what is left over is of the second order in the step
     coarse, fine = balance(tensioner(**values), 1000), balance(tensioner(**values), 4000)

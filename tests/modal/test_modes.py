@@ -66,16 +66,17 @@ def swung(found, result, chosen, cycles=2.5, fed=True):
 def steadily_fed(packed):
     """Check valves that let in what leaks at rest, whatever the pressure: a small hole, a million times the pressure
     before it. (Modes are with valves shut; what leaks meanwhile is left out as all that the drive does unkicked.)"""
-    of = packed.tensioners
+    of, valve = packed.tensioners, packed.tensioners["check"]
     wet = of["hydraulic"] == 1
     supply = 1e12
     flow = of["leak"] * (of["rest"] - of["ambient"])
-    reach = np.sqrt(2.0 * supply / np.where(wet, of["density"], 1.0)) * np.pi * of["discharge"] * of["seat_width"]
+    reach = np.sqrt(2.0 * supply / np.where(wet, of["density"], 1.0)) * np.pi * valve["discharge"] * valve["seat_width"]
+    of["supply"] = np.where(wet, supply, of["supply"])
     for name, value in (
-        ("lift_max", flow / np.where(wet, reach, 1.0)), ("supply", supply), ("hole_area", 1.0), ("valve_preload", 0.0),
-        ("valve_stiffness", 1e-300), ("seat_growth", 0.0),
+        ("lift_max", flow / np.where(wet, reach, 1.0)), ("hole_area", 1.0), ("preload", 0.0), ("stiffness", 1e-300),
+        ("seat_growth", 0.0),
     ):  # fmt: skip
-        of[name] = np.where(wet, value, of[name])
+        valve[name] = np.where(wet, value, valve[name])
 
 
 def fitted(times, signal, guess):

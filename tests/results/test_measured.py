@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command import run as command
 from drives import two_sprockets
+from scipy.io import savemat
 
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
@@ -156,3 +157,28 @@ def test_the_command_compares_and_draws(tmp_path, capsys):
     ):
         status, _, err = command(capsys, *bad)
         assert status == 2 and len(err) == 1 and said in err[0]
+
+
+def test_mat_and_mdf4_hold_the_signal_that_was_written(tmp_path):
+    """Variables of MAT files are SI unless said; channels of MDF4 have their unit and time."""
+    asammdf, time = pytest.importorskip("asammdf"), np.linspace(0.0, 1.0, 50)
+    savemat(tmp_path / "rig.mat", {"t": time, "force": np.sin(time), "speed": np.cos(time), "name": "rig 3"})
+    with asammdf.MDF(version="4.10") as mdf:
+        signals = (("force", "kN", np.sin(time)), ("speed", "rpm", np.cos(time)))
+        mdf.append([asammdf.Signal(values, time, unit=unit, name=name) for name, unit, values in signals])
+        mdf.save(tmp_path / "rig.mf4", overwrite=True)
+    kilonewtons = read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns(unit="kN"))
+    assert kilonewtons.time == pytest.approx(time)
+    assert kilonewtons.values == pytest.approx(1e3 * np.sin(time))
+    assert read_signal(tmp_path / "rig.mf4", "a.tension", "N").values == pytest.approx(1e3 * np.sin(time))
+    speed = read_signal(tmp_path / "rig.mf4", "a.speed", "rad/s", Columns(column="speed"))
+    assert speed.values == pytest.approx(np.pi / 30.0 * np.cos(time))
+    with pytest.raises(SimulationError, match="no column 'f': allowed are t, force, speed"):
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns(column="f"))
+    for name, words in (("rig.mat", "is not a MAT file"), ("rig.mf4", "is not MDF4")):
+        (tmp_path / name).write_bytes(b"t,force\n0,1\n" * 20)
+        with pytest.raises(SimulationError, match=words) as refused:
+            read_signal(tmp_path / name, "a.tension", "N")
+        assert len(str(refused.value).splitlines()) == 1
+    with pytest.raises(SimulationError, match="cannot be read"):
+        read_signal(tmp_path / "none.mat", "a.tension", "N")

@@ -15,6 +15,7 @@ FOLDER = Path(warpchain.study.__file__).parent / "examples"
 NAMES = (
     "car-over-noise",
     "car-tensioner",
+    "cold-to-hot",
     "engine-tensioner",
     "guide-indentation",
     "marine-lever",

@@ -155,7 +155,7 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
         root.attrs["warpchain"] = installed()
         for kind, parts in _bodies(trajectory.drive).items():
             root.attrs[f"{kind}s"] = [part.name for part in parts]
-        root.attrs["drive"] = trajectory.drive.model_dump_json(exclude_none=True)
+        root.attrs["drive"] = trajectory.drive.as_read.model_dump_json(exclude_none=True)
         time = root.create_dataset("time", data=trajectory.time)
         time.attrs["units"] = UNITS["time"]
         time.make_scale("time")

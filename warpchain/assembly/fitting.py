@@ -35,7 +35,12 @@ from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.chain_parts import Ring
 from warpchain.drive.replace import with_numbers
+<<<<<<< HEAD
 from warpchain.drive.rings import rings_of
+=======
+from warpchain.drive.rings import Ring, rings_of
+from warpchain.drive.thermal import growth
+>>>>>>> main
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -165,7 +170,7 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
         if place is None:
             found.append(DriveError(search.failure()))
             continue
-        x, y = (round(part, _DIGITS) for part in search.center(place))
+        x, y = (round(part / growth(drive, "block"), _DIGITS) for part in search.center(place))
         mine = search.drive.sprockets[search.index]
         shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
         together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]

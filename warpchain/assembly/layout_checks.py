@@ -21,6 +21,7 @@ Around curved and carried guides strands are drawn (`assembly.taut_string`). Of 
     bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
     shoes      the chain lies on curved and carried guides, between their rounded ends
     arms       no arm stands where it would without a chain, at the free angle of its spring
+    oil        what a tensioner's supply holds at rest is not lost through relief valve and vent, and does not jump
     safety     of the chain's strength is large enough (`warpchain.assembly.strength`)
 
 The wraps and teeth in mesh are those that makers of roller chains ask for. A bar that pushes
@@ -43,6 +44,8 @@ from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import along, joined
+from warpchain.drive.oil import outlet_flows, static_pressure
+from warpchain.drive.tensioners import Tensioner
 
 if TYPE_CHECKING:
     from warpchain.assembly.taut_string import Touch
@@ -283,6 +286,7 @@ def advice(
         *_bars(drive, path),
         *shoes,
         *idle_arms(drive, path),
+        *(line for tensioner in drive.tensioners if tensioner.hydraulic for line in _oil(tensioner)),
         *strength_advice(drive, tensions),
     )
 
@@ -367,6 +371,38 @@ def _shoes(drive: Drive, path: ChainPath) -> list[str]:
                 f'guides.{guide.name}: never touches the chain: strand "{drive.strand_names[nearest[0]]}" passes '
                 f"{1e3 * nearest[2]:.3g} mm off its face in the mean; move it toward the strand unless it is there to "
                 "catch swings"
+            )
+    return lines
+
+
+MOST_VENTED = 0.5
+"""Largest share of the pressure at rest, above the ambient one, that a vent may take."""
+
+
+def _oil(tensioner: Tensioner) -> list[str]:
+    """Of relief valve, vent and supply of a tensioner."""
+    oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
+    assert oil is not None
+    rest = static_pressure(tensioner)
+    relieved, vented = outlet_flows(tensioner, rest)
+    if relief is not None and relieved > 0.0:
+        lines.append(
+            f"{name}.relief: stands open at rest and lets out {1e9 * relieved:.3g} mm^3/s: it opens at "
+            f"{1e-5 * relief.pressure:.4g} bar, the supply has {1e-5 * oil.supply:.4g}; raise its pressure"
+        )
+    shut = static_pressure(tensioner.model_copy(update={"vent": None}))
+    if vented > 0.0 and rest - oil.ambient < (1.0 - MOST_VENTED) * (shut - oil.ambient):
+        lines.append(
+            f"{name}.vent: lets out {1e9 * vented:.3g} mm^3/s at rest, and the pressure falls from "
+            f"{1e-5 * shut:.4g} to {1e-5 * rest:.4g} bar: take a smaller diameter, or a wider check valve"
+        )
+    table = oil.supply_table
+    if table is not None and table.time is not None:
+        start = float(np.interp(0.0, table.over, table.values))
+        if abs(start - oil.supply) > 1e-3 * oil.supply:
+            lines.append(
+                f"{name}.oil.supply_table: begins at {1e-5 * start:.4g} bar, where the drive stands at rest with "
+                f"{1e-5 * oil.supply:.4g}: the pressure jumps as the run begins; make supply the same"
             )
     return lines
 

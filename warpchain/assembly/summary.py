@@ -23,7 +23,9 @@ from warpchain.drive.geared import own_shafts
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.rings import loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
+from warpchain.drive.thermal import Expansion, growth
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.viscosity import REFERENCE
 
 _ROUND = 1e-3
 """Relative: a step that a file rounds is still the automatic one."""
@@ -84,8 +86,12 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    if drive.chains:
-        return _derive_several(drive)
+    found = _derive_several(drive) if drive.chains else _derive_alone(drive)
+    return found | _temperature(drive)
+
+
+def _derive_alone(drive: Drive) -> dict[str, Any]:
+    """`derive` of one chain."""
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
@@ -151,6 +157,15 @@ def derive(drive: Drive) -> dict[str, Any]:
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         **_step(drive),
     }
+
+
+def _temperature(drive: Drive) -> dict[str, Any]:
+    """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
+    if drive.temperature is None:
+        return {}
+    found: dict[str, Any] = {of: growth(drive, of) - 1.0 for of in Expansion.model_fields}
+    oils = {t.name: t.oil.viscosity for t in drive.tensioners if t.oil is not None}
+    return {"temperature": {"temperature": drive.temperature, **found, "viscosity": oils}}
 
 
 def _step(drive: Drive) -> dict[str, Any]:
@@ -519,11 +534,21 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
     if "chains" in values:
-        return _report_several(values)
-    return "\n".join([*_chain_lines(values), *_step_lines(values)])
+        return "\n".join([*_temperature_lines(values), *_report_several(values)])
+    return "\n".join([*_temperature_lines(values), *_chain_lines(values), *_step_lines(values)])
 
 
-def _report_several(values: dict[str, Any]) -> str:
+def _temperature_lines(values: dict[str, Any]) -> list[str]:
+    """A line on the temperature, of drives that have one."""
+    if "temperature" not in values:
+        return []
+    given = values["temperature"]
+    grown = ", ".join(f"{of} {100.0 * given[of]:+.3f} %" for of in Expansion.model_fields)
+    oils = "".join(f", oil of {name} {1e6 * oil:.4g} mm^2/s" for name, oil in given["viscosity"].items())
+    return [f"temperature: {given['temperature']:g} degrees C, {grown} against {REFERENCE:g}{oils}; all below is there"]
+
+
+def _report_several(values: dict[str, Any]) -> list[str]:
     """`report` of several chains."""
     lines: list[str] = []
     for name, chain in values["chains"].items():
@@ -533,7 +558,7 @@ def _report_several(values: dict[str, Any]) -> str:
         for s in values["shafts"]
     ]
     lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
-    return "\n".join([*lines, *_step_lines(values)])
+    return [*lines, *_step_lines(values)]
 
 
 def fit_and_findings(values: dict[str, Any]) -> list[str]:

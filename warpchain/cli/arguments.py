@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -132,3 +134,19 @@ def add_options(parser: Any, *names: str) -> None:
     """Adds arguments of `OPTIONS` to a parser."""
     for name in names:
         parser.add_argument(name, **OPTIONS[name])
+
+
+def add_run_options(parser: Any) -> None:
+    """Adds the options of commands that run variants; `run_options` reads them."""
+    add_options(parser, "--workers", "--memory", "--quiet")
+
+
+def run_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Threads, memory and bar as functions that run variants take them; a bar where a terminal shows it."""
+    bar = not arguments.quiet and sys.stderr.isatty()
+    return {"workers": arguments.workers, "memory": arguments.memory, "progress": bar}
+
+
+def say_unless_quiet(arguments: argparse.Namespace) -> Callable[[str], None] | None:
+    """Prints a line of status on standard error; None with --quiet."""
+    return None if arguments.quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr)

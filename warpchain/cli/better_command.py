@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.arguments import add_command, add_options, number, whole_number
+from warpchain.cli.arguments import (
+    add_command,
+    add_run_options,
+    number,
+    run_options,
+    say_unless_quiet,
+    whole_number,
+)
 from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 
 if TYPE_CHECKING:
@@ -32,7 +38,7 @@ def add_better(commands: Any) -> None:
     )
     parser.add_argument("--batch", type=whole_number, default=8, metavar="PAIRS", help="run at once (default 8)")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
-    add_options(parser, "--workers", "--memory", "--quiet")
+    add_run_options(parser)
     parser.set_defaults(run=_better)
 
 
@@ -42,17 +48,15 @@ def _better(arguments: argparse.Namespace) -> int:
 
     by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch")))
     start_warp(precompiled=False)
-    quiet = arguments.quiet
+    say = say_unless_quiet(arguments)
     try:
         found = find_better(
             arguments.study,
             tuple(arguments.drives),
             arguments.output,
             by,
-            workers=arguments.workers,
-            memory=arguments.memory,
-            progress=not quiet and sys.stderr.isatty(),
-            report=None if quiet else lambda now: print(f"warpchain: {_status(now)}", file=sys.stderr),
+            report=None if say is None else lambda now: say(_status(now)),
+            **run_options(arguments),
         )
     except KeyboardInterrupt:
         return interrupted("what is done is")

@@ -92,7 +92,7 @@ def edited(text: str, drive: Drive) -> str:
     for table, ring in zip(tables, rings_of(drive), strict=True):
         if table["links"] != ring.drive.chain.links:
             table["links"] = ring.drive.chain.links
-    for table, sprocket in zip(document["sprockets"], drive.sprockets, strict=True):
+    for table, sprocket in zip(document["sprockets"], drive.as_read.sprockets, strict=True):
         for axis, value in enumerate(sprocket.center):
             if table["center"][axis] != value:
                 table["center"][axis] = value
@@ -115,7 +115,7 @@ def _changes(before: Drive, after: Drive) -> list[str]:
         links, was = ring.drive.chain.links, old_ring.drive.chain.links
         if links != was:
             lines.append(f"{f'chains.{ring.name}' if ring.name else 'chain'}.links = {links} (was {was})")
-    for old, new in zip(before.sprockets, after.sprockets, strict=True):
+    for old, new in zip(before.as_read.sprockets, after.as_read.sprockets, strict=True):
         if old.center != new.center:
             lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
     return lines or ["nothing changed: it fits as it is"]

@@ -29,7 +29,8 @@ from warpchain.cli.arguments import (
 )
 from warpchain.cli.better_command import add_better
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.study_commands import add_commands, add_optimize, add_play_command, add_report_commands, add_risk
+from warpchain.cli.search_commands import add_optimize, add_risk
+from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
 from warpchain.gc_tuning import rare_collections
@@ -366,10 +367,10 @@ def _import(commands: Any) -> None:
     parser = _add(
         commands,
         do.import_signal,
-        "lay a measured signal (CSV) over a run: statistics, orders, figures, Rerun",
+        "lay a measured signal (CSV, MAT, MDF4) over a run: statistics, orders, figures, Rerun",
         "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
     )
-    parser.add_argument("signal", metavar="RIG.csv", type=Path, help="measured values over time, a column each")
+    parser.add_argument("signal", metavar="RIG.csv", type=Path, help="measured values over time: CSV, .mat or .mf4")
     parser.add_argument("archive", metavar="OUT.mcap", type=Path, help="the run to compare with")
     parser.add_argument(
         "--as", dest="name", metavar="NAME", required=True, help="what was measured, such as 'camshaft.moment'"

@@ -1,4 +1,4 @@
-"""The commands `warpchain study run | plan | grow | status | merge | report | view | play`, `optimize` and `risk`."""
+"""The commands `warpchain study run | plan | grow | status | merge | report | view | play`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 from warpchain.cli.arguments import (
     add_command,
     add_options,
+    add_run_options,
     part,
+    run_options,
     wanted_precision,
     whole_number,
     woehler_curve,
-    workers,
 )
 from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 from warpchain.errors import StudyError
@@ -46,7 +47,7 @@ def add_commands(commands: Any) -> None:
         action="store_true",
         help="add to a folder of the same study more points, replicates or another window",
     )
-    add_options(run, "--quiet")
+    add_run_options(run)
     run.set_defaults(study_run=_run)
 
     text = "forecast a study's rows, cost and precision, without running it"
@@ -85,7 +86,7 @@ def add_commands(commands: Any) -> None:
         help="'se(main effects) < 1 %%' of each metric's mean, or 'se(main effects of METRIC) < VALUE'",
     )
     grow.add_argument("--most", metavar="ROWS", type=whole_number, default=10_000, help="rows at most (default 10000)")
-    add_options(grow, "--quiet")
+    add_run_options(grow)
     grow.set_defaults(study_run=_grow)
 
     status = commands.add_parser("status", help="how far a study is", description="Print how far a study is.")
@@ -98,9 +99,8 @@ def add_commands(commands: Any) -> None:
     merge.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder to make of several, which stay")
     merge.set_defaults(study_run=_merge)
 
-    for parser in (run, plan, grow, merge):
-        parser.add_argument("--workers", metavar="N", type=workers, help="CPU threads of a shard; default all cores")
-        add_options(parser, "--memory")
+    for parser in (plan, merge):
+        add_options(parser, "--workers", "--memory")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -116,10 +116,8 @@ def _run(arguments: argparse.Namespace) -> int:
                 executor=executor,
                 part=arguments.shard,
                 parts=parts,
-                workers=arguments.workers,
-                memory=arguments.memory,
-                progress=not arguments.quiet,
                 grow=arguments.grow,
+                **run_options(arguments) | {"progress": not arguments.quiet},
             )
     except KeyboardInterrupt:
         return interrupted("the shards that are done are")
@@ -178,10 +176,8 @@ def _grow(arguments: argparse.Namespace) -> int:
             arguments.folder,
             until,
             most=arguments.most,
-            workers=arguments.workers,
-            memory=arguments.memory,
-            progress=not arguments.quiet and sys.stderr.isatty(),
             report=say,
+            **run_options(arguments),
         )
     except KeyboardInterrupt:
         return interrupted("the shards that are done are")
@@ -429,141 +425,3 @@ def _play(arguments: argparse.Namespace) -> int:
 
     view(archive, variant=number, save=arguments.save)
     return DONE
-
-
-def add_optimize(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
-    text = "look for the designs that a study's objectives and limits want"
-    parser = add_command(commands, "optimize", text, "warpchain optimize STUDY.toml -o DIR")
-    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with [[objectives]]")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its rounds")
-    parser.add_argument(
-        "--known",
-        metavar="DIR",
-        type=Path,
-        action="append",
-        default=[],
-        help="a study's folder whose rows are not run again where they are asked for (repeatable)",
-    )
-    add_options(parser, "--workers", "--memory", "--quiet")
-    parser.set_defaults(run=_optimize)
-
-
-def _optimize(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
-    from warpchain.study.optimize import optimize
-
-    start_warp(precompiled=False)
-    quiet = arguments.quiet
-    try:
-        found = optimize(
-            arguments.study,
-            arguments.output,
-            workers=arguments.workers,
-            memory=arguments.memory,
-            known=arguments.known,
-            progress=not quiet and sys.stderr.isatty(),
-            report=None if quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr),
-        )
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
-    _print_found(found)
-    return DONE
-
-
-def add_risk(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
-    text = "how likely a drive breaks a limit over its noise, and how it most likely does"
-    parser = add_command(commands, "risk", text, "warpchain risk STUDY.toml -o DIR")
-    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with noise factors and [[limits]]")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
-    add_options(parser, "--workers", "--memory", "--quiet")
-    parser.set_defaults(run=_risk)
-
-
-def _risk(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
-    from warpchain.study.optimize.risk import estimate_risk
-
-    start_warp(precompiled=False)
-    options = {"workers": arguments.workers, "memory": arguments.memory}
-    bar = not arguments.quiet and sys.stderr.isatty()
-    try:
-        found = estimate_risk(arguments.study, arguments.output, progress=bar, **options)
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
-    _print_risk(found)
-    return DONE
-
-
-def _print_risk(found: Any) -> None:
-    """Prints both estimates, and the most likely way to fail."""
-    from warpchain.results.units import quantity
-
-    results = found.results
-    row = results.variants.tolist().index(found.variant)
-    values = {name: results.table[name][row].as_py() for name in results.factors}
-    shown = {n: quantity(v, results.unit(n)) if isinstance(v, float) else str(v) for n, v in values.items()}
-    held = ", ".join(f"{name} = {shown[name]}" for name in found.held if name in shown)
-    print(f"over the noise of {', '.join(results.noise)}" + (f", at {held}" if held else ""))
-    for bound in found.bounds:
-        ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
-        print(
-            f"limit: {bound.metric} {' and '.join(f'{w} {quantity(e, results.unit(bound.metric))}' for w, e in ends)}"
-        )
-    ways = (
-        ("subset simulation", found.subset),
-        (f"importance sampling about {found.points} design points", found.sampled),
-    )
-    for way, of in ways:
-        if isinstance(of, str):
-            print(f"{way}: {of}")
-            continue
-        interval = f"{of.low:.2g} to {of.high:.2g} with 95 % confidence"
-        print(f"P(a limit is exceeded) = {of.probability:.2g}, {interval}: {way}, {of.evaluations} runs")
-    if not isinstance(found.sampled, str) and not (
-        found.sampled.low <= found.subset.high and found.subset.low <= found.sampled.high
-    ):
-        print("the two differ: a way to fail is missed, or runs scatter; take risk.count and risk.samples larger")
-    lost = int((~results.ok).sum())
-    if lost:
-        print(f"{lost} of {len(results.status)} runs are not ok and count as failures: {results.reasons()[0][1]}")
-    print(
-        f"most likely way to fail: variant {found.variant}, {found.distance:.3g} standard deviations from the medians"
-    )
-    for name in results.noise:
-        print(f"  {name} = {shown[name]}")
-    for bound in found.bounds:
-        print(f"  {bound.metric}: {quantity(float(results.values(bound.metric)[row]), results.unit(bound.metric))}")
-    print(f"  play it: warpchain view {found.archive} --variant {found.variant}")
-
-
-def _print_found(found: Any) -> None:
-    """Prints the recommended designs, and how to play them."""
-    from warpchain.results.units import quantity
-
-    results, runs = found.designs, len(found.results.status)
-    over = f" of {len(results.status)} designs over the same noise" if found.results.noise else ""
-    print(f"{runs} variants{over} in {found.rounds} rounds, {int(found.results.ok.sum())} of them ok")
-    for k, one in enumerate(found.recommended):
-        print(f"\ndesign {k + 1}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
-        for line in one.reasons:
-            print(f"  {line}")
-        for name in results.factors:
-            value = results.table[name][one.row].as_py()
-            words = quantity(value, results.unit(name), digits=6) if isinstance(value, float) else str(value)
-            print(f"  {name} = {words}")
-        for name, (mean, deviation) in one.believed.items():
-            if name not in results.factors:
-                unit = results.unit(name)
-                measured = f"its run{'s' if one.spreads else ''}: {quantity(one.measured[name], unit)}"
-                print(f"  {name}: {quantity(mean, unit, deviation)} ({measured})")
-        for of in one.spreads:
-            print(f"  spread of {of.metric} over the noise comes of: {of.parts_words()}")
-        print(f"  drive: {found.drives[k]}")
-        if found.archives[k] is not None:
-            archive, number = found.archives[k]
-            way = "play it, with noise as the drive has it" if one.spreads else "play it"
-            print(f"  {way}: warpchain view {archive} --variant {number}")
-    print("\n± is one standard deviation of the metric itself, by a surrogate of all variants")
-    print(f"report: warpchain study report {found.folder} -o report.html")

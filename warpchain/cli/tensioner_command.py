@@ -130,16 +130,18 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """The drive's oil at each temperature [m^2/s]."""
-    from warpchain.drive.oil import THICKEST, THINNEST, viscosity_at
+    from warpchain.drive.viscosity import THICKEST, THINNEST, by_slope
     from warpchain.engine.rig import tensioner_of
 
-    oil = tensioner_of(drive, arguments.name).oil
+    oil = tensioner_of(drive.as_read, arguments.name).oil
     if oil is None:
         raise WarpchainError(f"--sweep temperature: tensioner {arguments.name!r} has no oil")
-    if not THINNEST <= oil.viscosity <= THICKEST:
+    law = oil.walther
+    if law is None and not THINNEST <= oil.viscosity <= THICKEST:
         key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
         raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
-    return [viscosity_at(oil.viscosity, t, arguments.at) for t in temperatures]
+    law = by_slope(oil.viscosity, arguments.at) if law is None else law
+    return [law.viscosity(t) for t in temperatures]
 
 
 def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
@@ -194,7 +196,8 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
             f"  pressure  {1e-5 * row['pressure_min']:10.4g} to {1e-5 * row['pressure_max']:.4g} bar"
             + (f", boiling {100.0 * row['vapor']:.2g} % of the time" if row["vapor"] > 0.0 else ""),
             f"  valve     opens {row['openings']} times, lifts {1e3 * row['lift_max']:.3g} mm; "
-            f"in {1e9 * row['supplied']:.4g} mm^3, leaked {1e9 * row['leaked']:.4g} mm^3",
+            f"in {1e9 * row['supplied']:.4g} mm^3, leaked {1e9 * row['leaked']:.4g} mm^3"
+            + "".join(f", {name} {1e9 * row[name]:.4g} mm^3" for name in ("relieved", "vented") if row[name] > 0.0),
         ]
     return lines
 

@@ -39,6 +39,9 @@ _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm
 _FREE = {WornLink}
 """Parts, of numbers, whole ones among them, that decide nothing, and so may be 0 in some of a stack only."""
 
+_APART = {"seating", "perturbation", "temperature", "expansion"}
+"""Settings that a stack's variants may have of their own, as they are in other numbers already."""
+
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
 
@@ -142,10 +145,10 @@ class _Columns:
         return first.model_copy(update=changed) if changed else first
 
     def _fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """The fields that differ from the first part's; a seed that displaces rollers is no part of a stack."""
+        """The fields that differ from the first part's, but for those that are no part of a stack."""
         exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
-            if name not in ("seating", "perturbation"):
+            if name not in _APART:
                 self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
                 columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact

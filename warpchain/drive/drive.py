@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import ModelWrapValidatorHandler, model_validator
+from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from warpchain.arguments import Index, among, checked
 from warpchain.drive import toml as drive_toml
@@ -40,6 +40,7 @@ from warpchain.drive.drive_rules import (
     pivot_rules,
     place_rules,
     profile_rules,
+    pump_rules,
     rolling_rules,
     shaft_rules,
     size_rules,
@@ -65,6 +66,7 @@ from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
+from warpchain.drive.thermal import Expansions, Temperature, clearance_rules, grown, heated, oil_rules
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import top_speed
@@ -89,6 +91,7 @@ RULES = (
     arm_rules,
     pivot_rules,
     tensioner_rules,
+    pump_rules,
     train_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
@@ -130,6 +133,8 @@ class Drive(Part):
         shafts: (H,) what sprockets turn with; as bodies they stand between the sprockets and the arms.
         gears: pairs of gears that tie two shafts.
         couplings: springs and dampers with play between two shafts.
+        temperature: temperature [degrees C] at which sizes and oil are (`warpchain.drive.thermal`); None is 20.
+        expansion: coefficients of expansion; None is a block of aluminum, wheels and chain of steel.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -147,6 +152,10 @@ class Drive(Part):
     shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
     gears: Annotated[tuple[Gear, ...], Allowed("must be a list of gear pairs")] = ()
     couplings: Annotated[tuple[Coupling, ...], Allowed("must be a list of couplings")] = ()
+    temperature: Temperature | None = None
+    expansion: Expansions = None
+
+    _as_read: Drive | None = PrivateAttr(None)
 
     if not TYPE_CHECKING:
 
@@ -159,6 +168,30 @@ class Drive(Part):
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
         return html(self)
+
+    @property
+    def as_read(self) -> Drive:
+        """The drive with the sizes that its file gives; itself at 20 degrees C."""
+        return self if self._as_read is None else self._as_read
+
+    def grow(self) -> None:
+        """Takes on the sizes and the oil that a drive as its file says has at its temperature."""
+        if heated(self):
+            as_read = super().model_copy()
+            self.__dict__.update(grown(self))
+            self._as_read = as_read
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, unchecked; one with other parts than its file's is as it is, at no temperature.
+
+        Settings of its run are no such parts.
+        """
+        copied = super().model_copy(update=update, deep=deep)
+        if self._as_read is not None and update:
+            run_alone = update.keys() == {"run"}
+            copied._as_read = self._as_read.model_copy(update=update) if run_alone else None
+            copied.__dict__["temperature"] = self.temperature if run_alone else None
+        return copied
 
     @checked(DriveError)
     def with_values(self, values: Mapping[str, Any]) -> Self:
@@ -173,7 +206,8 @@ class Drive(Part):
         Raises:
             DriveError: for an unknown path, naming the nearest, or a value that is not allowed; one line each.
         """
-        return changed(self, values)
+        copied: Self = changed(self.as_read, values)  # type: ignore[assignment]  # of the same class
+        return copied
 
     @checked(DriveError)
     def get_value(self, path: str) -> Any:
@@ -182,7 +216,7 @@ class Drive(Part):
         Raises:
             DriveError: for an unknown path, naming the nearest.
         """
-        return lookup(self, path)
+        return lookup(self.as_read, path)
 
     def paths(self) -> tuple[str, ...]:
         """Every key path that `with_values` can set: tables, lists and single values, present or optional."""
@@ -489,16 +523,21 @@ class Drive(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        wrong = False
         for rule in RULES:
-            yield from rule(node)
+            for problem in rule(node):
+                wrong = True
+                yield problem
+        if not wrong:
+            yield from temperature_rules(node)
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
         keys = set(changed)
         for kind, parts in changed.items():
-            for key, inner in parts.items():
+            for key, inner in parts.items() if isinstance(parts, Mapping) else ():
                 keys.update(f"{kind}.{name}" for name in (inner if isinstance(key, int) else (key,)))
-        return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]
+        return [*(rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)), temperature_rules]
 
     @classmethod
     def _completed(cls, values: Any) -> Any:
@@ -523,6 +562,7 @@ class Drive(Part):
             return drive
         if drive.chains:
             del drive.__dict__["chain"]
+        drive.grow()
         for ring in rings_of(drive):
             links, of = ring.drive.chain.links, f"chains.{ring.name}" if ring.name else "chain"
             if links % 2:
@@ -537,6 +577,19 @@ class Drive(Part):
         for ring in rings_of(drive):
             _warn_of_catching(ring.drive)
         return drive
+
+
+def temperature_rules(drive: Any) -> Iterator[Problem]:
+    """Problems of a drive, which is right as its file says, at its temperature."""
+    if not isinstance(drive, Drive) or not heated(drive):
+        return
+    known = list(oil_rules(drive))
+    yield from known
+    if not known:
+        there = drive.model_copy(update=grown(drive))
+        for rule in (clearance_rules, *RULES):
+            for problem in rule(there):
+                yield problem._replace(text=f"{problem.text}, at {drive.temperature:g} degrees C")
 
 
 def _warn_of_catching(drive: Drive) -> None:
@@ -618,7 +671,7 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
 @checked(DriveError)
 def dumps_drive(drive: Drive) -> str:
     """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
-    return drive_toml.dumps(_without_empty(drive.model_dump(exclude_none=True)))
+    return drive_toml.dumps(_without_empty(drive.as_read.model_dump(exclude_none=True)))
 
 
 def _without_empty(value: Any) -> Any:

@@ -313,6 +313,30 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
         yield from (problem.under("tensioners", t) for problem in found)
 
 
+def pump_rules(drive: Any) -> Iterator[Problem]:
+    """A sprocket or shaft that turns a pump must be there, of several chains on that of the tensioner."""
+    several = bool(elements(drive, "chains"))
+    what = "a sprocket of its chain" if several else "a sprocket or a shaft"
+    for t, node in enumerate(elements(drive, "tensioners")):
+        shaft = get(get(get(node, "oil"), "supply_table"), "shaft")
+        if not isinstance(shaft, str):
+            continue
+        parts = [part for kind in TURNED for part in elements(drive, kind)]
+        if several:
+            of_chains = (part for kind in ("sprockets", "guides") for part in elements(drive, kind))
+            own = {get(part, "chain") for part in of_chains if _moves_with(part, get(node, "on"))}
+            parts = [part for part in elements(drive, "sprockets") if get(part, "chain") in own]
+        names = [name for part in parts if is_name(name := get(part, "name"))]
+        if shaft not in names:
+            path = ("tensioners", t, "oil", "supply_table", "shaft")
+            yield Problem(path, shaft, f"must be the name of {what}; {nearest(shaft, names)}")
+
+
+def _moves_with(part: Any, on: Any) -> bool:
+    """Whether a guide or a sprocket is the body of this name, or on it."""
+    return on in (get(part, "name"), get(part, "arm"), get(get(part, "mount"), "arm"))
+
+
 def _by_name(parts: Sequence[Any]) -> dict[str, int]:
     """Indices of parts by their names, where those are text."""
     return {name: i for i, part in enumerate(parts) if isinstance(name := get(part, "name"), str)}

@@ -11,6 +11,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -41,8 +42,13 @@ HEADS = {
     "speed": ("speed", 1.0),
     "speed_rpm": ("speed", math.pi / 30.0),
     "torque": ("torque", 1.0),
+    "pressure": ("pressure", 1.0),
+    "pressure_bar": ("pressure", 1e5),
 }
 """Heads of a CSV file's columns: the key that they become, and its unit in the column's."""
+
+QUANTITIES = ("speed", "torque", "pressure")
+"""What a second column may hold."""
 
 PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y": ("y", 1.0), "y_mm": ("y", 1e-3)}
 """The same of displacements over time, time first."""
@@ -274,6 +280,31 @@ class MotorTable(Table):
     _axes: ClassVar[tuple[str, ...]] = ("time", "angle", "speed")
 
 
+class SupplyTable(Table):
+    """Pressure of an oil supply over time, or over the forward speed of what turns the pump (see `Table`).
+
+    Attributes:
+        speed: forward speeds [rad/s], ascending; below the first and above the last the pressure stays as there.
+        shaft: sprocket or shaft whose forward speed that is; None is the one that leads the chain.
+        pressure: absolute pressure of the supply [Pa].
+    """
+
+    speed: Column | None = None
+    pressure: Column
+
+    _quantity: ClassVar[str] = "pressure"
+    _axes: ClassVar[tuple[str, ...]] = ("time", "speed")
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "angle") is not None:
+            yield Problem(("angle",), None, "no pressure is over angle; give time or speed instead", BARE)
+        else:
+            yield from (problem for problem in super()._rules(node) if problem.path != ("shaft",))
+        if get(node, "shaft") is not None and get(node, "speed") is None:
+            yield Problem(("shaft",), get(node, "shaft"), "only together with speed")
+
+
 TABLES = (Table, PlaceTable)
 """What holds columns of numbers."""
 
@@ -298,10 +329,10 @@ def read_csv(path: Path, places: bool = False) -> dict[str, list[float]]:
         if [key for key, _ in known] not in (["time", "x"], ["time", "y"], ["time", "x", "y"]):
             text = "is no head; the columns must be time, then x or x_mm, y or y_mm, or both"
             raise DriveError(f"row {number}: {value_text(','.join(head))} {text}")
-    elif len(known) != 2 or [key in ("time", "angle") for key, _ in known] != [True, False] or not known[1][0]:
+    elif [key for key, _ in known] not in map(list, product(("time", "angle", "speed"), QUANTITIES)):
         raise DriveError(
-            f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle or "
-            f"angle_deg, the second speed, speed_rpm or torque"
+            f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle, "
+            f"angle_deg, speed or speed_rpm, the second speed, speed_rpm, torque or pressure"
         )
     columns: dict[str, list[float]] = {key: [] for key, _ in known}
     for number, row in rows[1:]:

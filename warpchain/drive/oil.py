@@ -1,16 +1,9 @@
-r"""The oil of a hydraulic tensioner: pressure at rest, properties over temperature, stiffness; plain Python.
+r"""The oil of a hydraulic tensioner: pressure at rest, stiffness; plain Python.
 
 Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
 
-The pressure at rest is the one at which the check valve brings in what leaks through the gap, Q_cv(P) = G (P - P_0),
-the laws being those of `kernels/physics/tensioner.py`.
-
-Viscosity over temperature, Walther (ASTM D341), nu in mm^2/s and T in K:
-
-    log10(log10(nu + 0.7)) = A - B log10(T).                                                              (a)
-
-B is 3.1 for engine oils of several grades (a 5W-30 of 62 mm^2/s at 40 degrees C and 10.3 at 100), 3.5 to 3.7 for
-mineral oils of a single one.
+The pressure at rest is the one at which the check valve brings in what goes out through gap, relief valve and vent,
+Q_cv(P) = G (P - P_0) + Q_relief(P) + Q_vent(P), the laws being those of `kernels/physics/tensioner.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.drive.batch_math import largest, power
 
 if TYPE_CHECKING:
-    from warpchain.drive.tensioners import Tensioner
+    from warpchain.drive.tensioners import Oil, Relief, Tensioner, Valve
 
 EXPONENT = 1.4
 """n of the air in the oil, compressed adiabatically."""
@@ -30,14 +23,6 @@ LAMINAR_DROP = 5.0e3
 """Drop of pressure [Pa] below which the valve's flow is linear in it."""
 BOTTOM = 0.95
 """Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
-
-WALTHER_SLOPE = 3.1
-"""B of (a) by default."""
-REFERENCE = 40.0
-"""Temperature [degrees C] at which a drive's viscosity is meant where it is swept over temperature."""
-KELVIN = 273.15
-THINNEST, THICKEST = 0.5e-6, 1.0
-"""Viscosities [m^2/s] that the law holds for, with some margin."""
 
 
 def bulk_modulus(tensioner: Tensioner, pressure: float) -> float:
@@ -72,21 +57,47 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
     oil, valve = tensioner.oil, tensioner.valve
     assert oil is not None and valve is not None
     drop = oil.supply - pressure
-    push = drop * valve.hole_area - valve.preload
-    if drop <= 0.0 or push <= 0.0:
+    area = _lifted_area(valve, drop * valve.hole_area - valve.preload)
+    return _jet(area, drop, oil)
+
+
+def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
+    """Flows out through relief valve and vent of a chamber of an absolute pressure [Pa], each [m^3/s]."""
+    oil, relief, vent = tensioner.oil, tensioner.relief, tensioner.vent
+    assert oil is not None
+    drop = pressure - oil.ambient
+    relieved = vented = 0.0
+    if relief is not None:
+        relieved = _jet(_lifted_area(relief, drop * relief.hole_area - relief.preload(oil.ambient)), drop, oil)
+    if vent is not None:
+        vented = _jet(vent.flow_area, drop, oil)
+    return relieved, vented
+
+
+def _lifted_area(valve: Valve | Relief, push: float) -> float:
+    """Area of the jet through a valve that a force pushes open [m^2]: of hole and gap in series."""
+    if push <= 0.0:
         return 0.0
     lift = valve.lift if push >= valve.stiffness * valve.lift else push / valve.stiffness
     curtain = valve.discharge * valve.flow_area(lift)
-    area = curtain * valve.hole_area / math.hypot(curtain, valve.hole_area)
+    return curtain * valve.hole_area / math.hypot(curtain, valve.hole_area)
+
+
+def _jet(area: float, drop: float, oil: Oil) -> float:
+    """Flow of a jet of an area over a drop of pressure [m^3/s]; none the other way."""
     limit = max(drop, LAMINAR_DROP)
-    return area * math.sqrt(2.0 * limit / oil.density) * drop / limit
+    return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
+    """Absolute pressure [Pa] at rest, as much coming in as going out, to round-off; the ambient one where the check
+    valve stays closed.
+    """
     from warpchain.drive.batch import arrays_of, picked
 
-    own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0)})
+    assert tensioner.oil is not None
+    oil = tensioner.oil.model_copy(update={"supply_table": None})
+    own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0), "oil": oil})
     column = next(arrays_of(own), None)
     if column is None:
         return _at_rest(own)
@@ -102,7 +113,8 @@ def _at_rest(tensioner: Tensioner) -> float:
     assert oil is not None
     low, high = oil.ambient, oil.supply
     while low < (middle := 0.5 * (low + high)) < high:
-        if valve_flow(tensioner, middle) > tensioner.leak_conductance * (middle - oil.ambient):
+        out = tensioner.leak_conductance * (middle - oil.ambient) + sum(outlet_flows(tensioner, middle))
+        if valve_flow(tensioner, middle) > out:
             low = middle
         else:
             high = middle
@@ -124,16 +136,3 @@ def bottom_place(tensioner: Tensioner) -> float:
         return -math.inf
     assert tensioner.chamber is not None
     return -BOTTOM * tensioner.chamber.volume / tensioner.area
-
-
-def viscosity_at(viscosity: float, temperature: float, at: float = REFERENCE, slope: float = WALTHER_SLOPE) -> float:
-    """Kinematic viscosity [m^2/s] at a temperature, of an oil that has `viscosity` at another one, (a).
-
-    Args:
-        viscosity: [m^2/s], `THINNEST` to `THICKEST`.
-        temperature, at: [degrees C].
-        slope: B.
-    """
-    known = math.log10(math.log10(1e6 * viscosity + 0.7))
-    wanted = known - slope * math.log10((temperature + KELVIN) / (at + KELVIN))
-    return 1e-6 * (10.0 ** (10.0**wanted) - 0.7)

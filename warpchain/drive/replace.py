@@ -77,12 +77,13 @@ class _Form:
             for key in way[:-1]:
                 branch = branch.setdefault(key, {})
             branch[way[-1]] = place
-        self.change = _Change(drive, tree)
+        self.change = _Change(drive.as_read, tree)
 
     def copy(self, values: Sequence[Any]) -> Drive | None:
         """The drive with other numbers; None where something is wrong with them."""
         try:
             drive: Drive = self.change.copy(values)
+            drive.grow()
         except (ValidationError, _Wrong):
             return None
         return drive
@@ -157,7 +158,7 @@ def _checker(kind: type[Part], key: str) -> TypeAdapter[Any]:
 def _form(drive: Drive, paths: Sequence[str]) -> _Form | None:
     """The form of a drive with numbers at some paths; None where other values are there, or one path leads twice."""
     ways = [tuple(_way(drive, path.split("."))) for path in paths]
-    ends = [_follow(drive, way) for way in ways]
+    ends = [_follow(drive.as_read, way) for way in ways]
     if len(set(ways)) < len(ways) or not all(type(end) in (int, float) for end in ends):
         return None
     return _Form(drive, ways)

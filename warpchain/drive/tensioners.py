@@ -6,19 +6,21 @@ volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the ga
 
     G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L),                                                             (a)
 
-and is refilled from the supply through a check valve. A ratchet keeps the plunger from going back by more than its
-backlash behind the last tooth that it has passed.
+and is refilled from the supply through a check valve. A relief valve, above its set pressure, and a vent, always,
+let oil out into what is around, at P_0. A ratchet keeps the plunger from going back by more than its backlash behind
+the last tooth that it has passed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from warpchain.drive.batch_math import hypot, power, radians
+from warpchain.drive.motion_table import SupplyTable
 from warpchain.drive.schema import (
     BARE,
     Allowed,
@@ -31,20 +33,33 @@ from warpchain.drive.schema import (
     Problem,
     Value,
     allowed,
+    elements,
     get,
     numbers,
 )
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
 Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 Share = Annotated[float, Field(strict=True, ge=0.0, lt=1.0), Value("must be a number of at least 0 and below 1")]
 Discharge = Annotated[float, Field(strict=True, gt=0.0, le=1.0), Value("must be a number above 0, at most 1")]
+Viscosity = Annotated[
+    float,
+    Field(strict=True, ge=THINNEST, le=THICKEST),
+    Value(f"must be a number from {THINNEST:g} to {THICKEST:g}, for which ASTM D341 holds"),
+]
 SeatAngle = Annotated[
     float, Field(strict=True, gt=0.0, lt=90.0), Value("must be a number of degrees above 0, below 90")
 ]
 
+POINTS = ("viscosity_40", "viscosity_100")
+"""The keys of an oil's viscosity over temperature."""
+
 VAPOR_PRESSURE = 1.0e3
 """Absolute pressure at which oil boils [Pa], below which none falls: mineral oils, with what volatile they take up."""
+
+OUTLET_DISCHARGE = 0.6
+"""Discharge coefficient of relief valves and vents: about that of sharp edges."""
 
 OIL_PARTS = ("plunger", "chamber", "valve", "oil")
 """The tables that make a tensioner hydraulic."""
@@ -147,32 +162,115 @@ class Valve(Part):
             yield Problem(("seat_diameter",), hole, f"must be below the ball's diameter, {2.0 * ball:g}")
 
 
+class Relief(Part):
+    """The relief valve: a disk, on a spring, over a hole through which oil leaves the chamber.
+
+    Attributes:
+        pressure: absolute pressure in the chamber above which it opens [Pa].
+        diameter: diameter of its hole [m].
+        stiffness: stiffness of its spring [N/m].
+        lift: its largest lift [m].
+        discharge: discharge coefficient of the gap below the disk, C_d [-].
+    """
+
+    pressure: Positive
+    diameter: Positive
+    stiffness: Positive
+    lift: Positive
+    discharge: Discharge = OUTLET_DISCHARGE
+
+    @property
+    def hole_area(self) -> float:
+        """On which the pressures act [m^2]."""
+        return 0.25 * math.pi * power(self.diameter, 2)
+
+    def preload(self, ambient: float) -> float:
+        """Force of its spring, closed, above an ambient pressure [N]."""
+        return (self.pressure - ambient) * self.hole_area
+
+    def flow_area(self, lift: float) -> float:
+        """Of the gap below the disk at a lift y, pi d y [m^2]."""
+        return math.pi * self.diameter * lift
+
+
+class Vent(Part):
+    """The vent: an orifice that is always open, by which air leaves the chamber, and oil.
+
+    Attributes:
+        diameter: its diameter [m].
+        discharge: discharge coefficient, C_d [-].
+    """
+
+    diameter: Positive
+    discharge: Discharge = OUTLET_DISCHARGE
+
+    @property
+    def flow_area(self) -> float:
+        """Area of the jet [m^2]."""
+        return self.discharge * 0.25 * math.pi * power(self.diameter, 2)
+
+
 class Oil(Part):
     """The oil and its pressures, which are absolute.
 
     Attributes:
         density: its density [kg/m^3].
-        viscosity: its kinematic viscosity [m^2/s].
+        viscosity: its kinematic viscosity [m^2/s]; None is that of the next two at the drive's temperature.
+        viscosity_40, viscosity_100: its kinematic viscosities at 40 and at 100 degrees C [m^2/s]; needed where the
+            drive has a temperature other than 20 degrees C (`warpchain.drive.viscosity`).
         bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
         air: share of air in the volume at ambient pressure [-].
-        supply: pressure of the supply, P_s [Pa].
+        supply: pressure of the supply, P_s [Pa]; with a table the one at rest, from which the run begins.
+        supply_table: pressure of the supply over time or speed, during the run; None is constant.
         ambient: ambient pressure, P_0 [Pa].
     """
 
     density: Positive = 800.0
     viscosity: Positive
+    viscosity_40: Viscosity | None = None
+    viscosity_100: Viscosity | None = None
     bulk_modulus: Positive = 8.0e8
     air: Share = 0.01
     supply: Positive
+    supply_table: SupplyTable | None = None
     ambient: Positive = 1.0e5
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "viscosity": ("viscosity_40", "viscosity_100"),
+        "viscosity_40": ("viscosity",),
+        "viscosity_100": ("viscosity",),
+    }
+    _filled: ClassVar[tuple[str, ...]] = ("viscosity",)
+    """Keys that others fill."""
 
     @property
     def dynamic_viscosity(self) -> float:
         """eta [Pa s]."""
         return self.density * self.viscosity
 
+    @property
+    def walther(self) -> Walther | None:
+        """Its viscosity over temperature; None where two viscosities do not say it."""
+        return _walther(self)
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        given = isinstance(values, Mapping) and any(values.get(key) is not None for key in POINTS)
+        if not given or values.get("viscosity") is not None:
+            return values
+        law = _walther(cls._measured(values)[0])  # of points that are wrong, their own rules say it
+        return dict(values) | {"viscosity": THINNEST if law is None else law.viscosity(REFERENCE)}
+
+    @classmethod
+    def _missing(cls, key: str, node: Any) -> Problem:
+        if key == "viscosity":
+            text = f"missing; {allowed(cls, key)}, or give viscosity_40 and viscosity_100 instead"
+            return Problem((key,), None, text, BARE)
+        return super()._missing(key, node)
+
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _two_points(node)
         supply, ambient = get(node, "supply"), get(node, "ambient")
         ambient = 1.0e5 if ambient is None else ambient
         dry = False
@@ -185,6 +283,37 @@ class Oil(Part):
         if not dry and numbers(supply, ambient) and 0.0 < supply < ambient:
             text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
             yield Problem(("supply",), supply, text)
+        table = get(node, "supply_table")
+        factor = 1.0 if get(table, "factor") is None else get(table, "factor")
+        for i, pressure in enumerate(elements(table, "pressure")):
+            if not dry and numbers(pressure, factor, ambient) and factor * pressure < ambient:
+                text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
+                if factor == 1.0:
+                    yield Problem(("supply_table", "pressure", i), pressure, text)
+                else:
+                    yield Problem(("supply_table", "factor"), factor, f"times the pressure {pressure:g} {text}")
+                return
+
+
+def _walther(oil: Any) -> Walther | None:
+    """The viscosity over temperature of an oil, or of the mapping to become one; None where it is not whole."""
+    at_40, at_100 = (get(oil, key) for key in POINTS)
+    if not numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
+        return None
+    return by_two_points(at_40, at_100)
+
+
+def _two_points(oil: Any) -> Iterable[Problem]:
+    """The rules of the viscosities at two temperatures."""
+    at_40, at_100 = (get(oil, key) for key in POINTS)
+    for key, other in zip(POINTS, reversed(POINTS), strict=True):
+        if get(oil, key) is None and get(oil, other) is not None:
+            yield Problem((key,), None, f"missing; {allowed(Oil, key)}; needed with {other}", BARE)
+    if numbers(at_40, at_100) and at_100 >= at_40 >= THINNEST:
+        yield Problem(("viscosity_100",), at_100, f"must be below viscosity_40, {at_40:g}: oil thins as it warms")
+    law, own = _walther(oil), get(oil, "viscosity")
+    if law is not None and numbers(own) and not math.isclose(own, law.viscosity(REFERENCE), rel_tol=1e-12):
+        yield Problem(("viscosity",), own, "not together with viscosity_40 and viscosity_100, which say it")
 
 
 class Ratchet(Part):
@@ -211,6 +340,8 @@ class Tensioner(Part):
         spring: its spring; needed with kind "spring".
         plunger: its plunger; needed with kind "hydraulic"; else only its mass counts.
         chamber, valve, oil: its chamber, check valve and oil; needed with kind "hydraulic".
+        relief: its relief valve; None is none.
+        vent: its vent; None is none.
         ratchet: its ratchet; None is none.
     """
 
@@ -225,6 +356,8 @@ class Tensioner(Part):
     valve: Annotated[
         Valve | None, Allowed("must be a table { ball_radius, seat_diameter, lift, stiffness, preload }")
     ] = None
+    relief: Annotated[Relief | None, Allowed("must be a table { pressure, diameter, stiffness, lift }")] = None
+    vent: Annotated[Vent | None, Allowed("must be a table { diameter, discharge }")] = None
     oil: Annotated[Oil | None, Allowed("must be a table { viscosity, supply }")] = None
     ratchet: Annotated[Ratchet | None, Allowed("must be a table { pitch, backlash }")] = None
 
@@ -299,7 +432,7 @@ class Tensioner(Part):
             if get(node, "spring") is None:
                 text = 'missing; must be a table { stiffness, preload, damping }; needed with kind "spring"'
                 yield Problem(("spring",), None, text, BARE)
-            for key in ("chamber", "valve", "oil"):
+            for key in ("chamber", "valve", "relief", "vent", "oil"):
                 if get(node, key) is not None:
                     yield Problem((key,), None, 'only with kind "hydraulic"', BARE)
         if kind != "hydraulic":
@@ -312,3 +445,8 @@ class Tensioner(Part):
             if isinstance(plunger, (Mapping, Part)) and get(plunger, key) is None:
                 text = 'missing; must be a positive number; needed with kind "hydraulic"'
                 yield Problem(("plunger", key), None, text, BARE)
+        ambient = get(get(node, "oil"), "ambient")
+        ambient, opens = 1.0e5 if ambient is None else ambient, get(get(node, "relief"), "pressure")
+        if numbers(opens, ambient) and 0.0 < opens <= ambient:
+            text = f"must be above the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
+            yield Problem(("relief", "pressure"), opens, text)

@@ -39,11 +39,14 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def dumps(tables: Mapping[str, Any]) -> str:
-    """Writes tables as TOML that `tomllib` reads back equal: `[table]`, `[[list of tables]]`, the rest a line each.
+    """Writes tables as TOML that `tomllib` reads back equal: numbers and texts, `[table]`, `[[list of tables]]`.
 
     Numbers are written with `repr`, so floats keep every bit.
     """
-    return "\n\n".join("\n".join(block) for block in _blocks(tables, ())) + "\n"
+    alone = {name: value for name, value in tables.items() if not isinstance(value, Mapping | list | tuple)}
+    rest = {name: value for name, value in tables.items() if name not in alone}
+    blocks = [list(_lines(alone))] if alone else []
+    return "\n\n".join("\n".join(block) for block in [*blocks, *_blocks(rest, ())]) + "\n"
 
 
 def _blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:

@@ -18,7 +18,9 @@ from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.mounts import start_velocity
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
+from warpchain.drive.trains import names_of
 from warpchain.kernels.physics.mount import PRESCRIBED
+from warpchain.kernels.physics.train import OVER_SPEED
 from warpchain.kernels.structs import GROUND
 
 MARGIN = 0.25
@@ -142,7 +144,7 @@ STOP_DAMPING = 0.3
 """Damping ratio of ratchet and bottom, with the mass of the plunger or of a roller, whichever is more."""
 
 
-def fill_tensioner(row: Any, drive: Drive, t: int) -> None:
+def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
     """Fills the row of a drive's tensioner number `t`.
 
     It touches an arm, whose center is its pivot, at a point of the arm's; a sprocket on a slider at its center, since
@@ -158,10 +160,16 @@ def fill_tensioner(row: Any, drive: Drive, t: int) -> None:
         row["point"] = joined(tensioner.at) - joined(drive.arms[arm].pivot)
     row["direction"] = joined(tensioner.unit_direction)
     fill_element(row, drive, tensioner)
+    table = None if tensioner.oil is None else tensioner.oil.supply_table
+    if table is not None:
+        row["pump"] = drive.driver if table.shaft is None else names_of(drive).index(table.shaft)
+        tables.add(row["supply_table"], table, 1.0)
+        if table.speed is not None:
+            row["supply_table"]["over_angle"] = OVER_SPEED
 
 
 def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
-    """Fills what a tensioner is by itself: spring, oil, valve, ratchet, and stops as stiff as a link of the chain."""
+    """Fills what a tensioner is by itself: spring, oil, valves, ratchet, and stops as stiff as a link of the chain."""
     stiffness, mass = drive.chain.stiffness, largest(tensioner.plunger_mass, drive.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
@@ -182,11 +190,20 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     row["supply"], row["ambient"], row["vapor"] = oil.supply, oil.ambient, VAPOR_PRESSURE
     row["rest"] = static_pressure(tensioner)
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
-    row["hole_area"] = valve.hole_area
-    row["valve_preload"], row["lift_max"] = valve.preload, valve.lift
+    row["laminar_limit"] = LAMINAR_DROP
+    check = row["check"]
+    check["hole_area"], check["preload"], check["lift_max"] = valve.hole_area, valve.preload, valve.lift
     # without a spring it opens all the way
-    row["valve_stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
+    check["stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
     angle = valve.seat_angle_rad
-    row["seat_width"] = 2.0 * valve.ball_radius * each(math.tan)(angle)
-    row["seat_growth"] = each(math.sin)(angle) / power(each(math.cos)(angle), 2)
-    row["discharge"], row["laminar_limit"] = valve.discharge, LAMINAR_DROP
+    check["seat_width"] = 2.0 * valve.ball_radius * each(math.tan)(angle)
+    check["seat_growth"] = each(math.sin)(angle) / power(each(math.cos)(angle), 2)
+    check["discharge"] = valve.discharge
+    if tensioner.relief is not None:
+        relief, at = row["relief"], tensioner.relief
+        relief["hole_area"], relief["preload"], relief["lift_max"] = at.hole_area, at.preload(oil.ambient), at.lift
+        relief["stiffness"], relief["seat_width"], relief["discharge"] = at.stiffness, at.diameter, at.discharge
+    if tensioner.vent is not None:  # lifted all the way at any drop, with a curtain far beyond its hole
+        vent = row["vent"]
+        vent["hole_area"], vent["preload"] = tensioner.vent.flow_area, -1.0
+        vent["stiffness"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0

@@ -1,8 +1,8 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and lays its tensioners to rest.
 
-At rest a tensioner's check valve brings in what leaks, at the pressure P_r (`warpchain.drive.oil`). The oil's content
-is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq. (5), (6) of `kernels.physics.tensioner`),
-and the ratchet is latched where it is.
+At rest a tensioner's check valve brings in what goes out, at the pressure P_r (`warpchain.drive.oil`). The content of
+oil is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq. (5), (6) of
+`kernels.physics.tensioner`), and the ratchet is latched where it is.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
                 fill_pivot(row, drive, a, gathered.tables)
     for t in range(len(drive.tensioners)):
         with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
-            fill_tensioner(row, drive, t)
+            fill_tensioner(row, drive, t, gathered.tables)
     _pack_trains(packed, drive, at, assembly, gathered)
 
 
@@ -261,7 +261,7 @@ def lay_to_rest(packed: Packed) -> None:
     x = extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
-    oil["pressure"] = of["ambient"]
+    oil["pressure"], oil["supply"] = of["ambient"], of["supply"]
     wet = of["hydraulic"] == 1
     oil["pressure"][wet] = of["rest"][wet]
     volume = 1.0 + of["area"][wet] * np.maximum(x, of["bottom"])[wet] / of["volume"][wet]

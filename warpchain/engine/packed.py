@@ -177,6 +177,12 @@ class Packed(Arrays):
         depends = self.having(*(law["mu_static"] != law["mu_dynamic"] for law in laws))
         return np.asarray(depends | (joint["mu_static"] != joint["mu_dynamic"]))
 
+    @property
+    def fed(self) -> NDArray[np.bool_]:
+        """(variants,) whether the supply of a tensioner is tabulated."""
+        owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
+        return np.bincount(owner, self.tensioners["supply_table"]["cells"][: len(owner)], self.variants) > 0
+
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
         return STATE_ROWS * int(self.drives["first_roller"][v])

@@ -22,7 +22,7 @@ from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
 from warpchain.drive.chain_parts import Ring, shaft_of
 from warpchain.drive.geared import is_geared, joined
-from warpchain.drive.oil import static_pressure, valve_flow
+from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
 from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
 from warpchain.engine.pack import lay_to_rest, pack
@@ -118,7 +118,8 @@ NEAR = 1.0
 
 
 def conductances(drive: Drive, valve: str) -> Array:
-    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of the plungers' gaps, and of valves that are open.
+    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of gaps, relief valves, vents, and check valves that
+    are open.
 
     At rest a valve is open as far as lets in what leaks, some micrometers, and shuts when the pressure rises by some
     hundred pascals to kilopascals. Within that it passes more than the gap by a factor of tens or hundreds.
@@ -128,7 +129,8 @@ def conductances(drive: Drive, valve: str) -> Array:
         if tensioner.hydraulic:
             rest = static_pressure(tensioner)
             slope = 0.5 * (valve_flow(tensioner, rest - NEAR) - valve_flow(tensioner, rest + NEAR)) / NEAR
-            found.append(tensioner.leak_conductance + (slope if valve == "open" else 0.0))
+            out = 0.5 * (sum(outlet_flows(tensioner, rest + NEAR)) - sum(outlet_flows(tensioner, rest - NEAR))) / NEAR
+            found.append(tensioner.leak_conductance + out + (slope if valve == "open" else 0.0))
     return np.array(found)
 
 

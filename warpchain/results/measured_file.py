@@ -1,4 +1,4 @@
-"""Measured signals as files: columns of comma-separated values, with units, as rigs write them."""
+"""Measured signals as files, with units, as rigs write them: comma-separated values, MAT, MDF4."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.schema import HUGE
-from warpchain.errors import SimulationError
+from warpchain.errors import SimulationError, without_package
 from warpchain.files import read_text
 from warpchain.results.units import DISPLAYED
 
@@ -60,8 +60,8 @@ class Columns:
     """Columns and units of a file of measured values.
 
     Attributes:
-        column: name of the values' column; None is the first after the time.
-        time: name of the column of time; None is the first.
+        column: name of the values' column, variable or channel; None is the first after the time.
+        time: name of the column of time; None is the first. Channels of MDF4 have their own.
         unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
     """
 
@@ -72,36 +72,102 @@ class Columns:
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None = None) -> Measured:
-    """Reads a signal of a CSV file: a head of names, then numbers, separated by commas, semicolons or tabs.
+    """Reads a signal: of a MAT file (.mat), of MDF4 (.mf4), else of comma-separated values.
 
-    Names may end in a unit, "tension [kN]" or "time (ms)", or the line below the names may hold the units. With
-    semicolons or tabs numbers may have decimal commas. Lines that begin with # are passed over.
+    CSV has a head of names, then numbers, separated by commas, semicolons or tabs. Names may end in a unit,
+    "tension [kN]" or "time (ms)", or the line below the names may hold the units. With semicolons or tabs numbers may
+    have decimal commas. Lines that begin with # are passed over. The variables of a MAT file are vectors.
 
     Args:
         name: what was measured.
         unit: SI unit that it must have.
 
     Raises:
-        SimulationError: a file, column, unit or number that is not understood, or a time that does not ascend.
+        SimulationError: a file, column, unit or number that is not understood, a time that does not ascend, or MDF4
+            without the package asammdf.
     """
     columns = columns or Columns()
+    read = {".mat": _of_mat, ".mf4": _of_mdf}.get(Path(path).suffix.lower(), _of_csv)
+    (head, said, time), (column, its, signal) = read(path, columns)
+    second, to_seconds = _factor(path, columns.time_unit or said or "s")
+    si, to_si = _factor(path, columns.unit or its or unit)
+    if second != "s":
+        raise SimulationError(f"{path}: the time is in {second}: must be a time")
+    if si != unit:
+        raise SimulationError(f"{path}: {column} is in {si}: {name} is in {unit}; say --unit")
+    time, signal = to_seconds * time, to_si * signal
+    if len(time) < 2 or not (np.diff(time) > 0.0).all():
+        raise SimulationError(f"{path}: {head}: must ascend over at least two lines")
+    if max(-time[0], time[-1]) > LATEST:
+        raise SimulationError(f"{path}: {head}: must be within {LATEST:g} s of 0")
+    return Measured(name, unit, time, signal)
+
+
+_Column = tuple[str, str, Array]
+"""Name, unit ("" where it is not said) and values (K,)."""
+
+
+def _of_csv(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     text = read_text(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
     heads, below, rows = _table(str(path), text)
     at = _index(path, heads, columns.time, 0)
     of = _index(path, heads, columns.column, 1 if at == 0 else 0)
-    second, to_seconds = _factor(path, columns.time_unit or heads[at][1] or below[at] or "s")
-    si, to_si = _factor(path, columns.unit or heads[of][1] or below[of] or unit)
-    if second != "s":
-        raise SimulationError(f"{path}: the time is in {second}: must be a time")
-    if si != unit:
-        raise SimulationError(f"{path}: {heads[of][0]} is in {si}: {name} is in {unit}; say --unit")
     values = np.array([_numbers(path, k, row, (at, of)) for k, row in rows]).reshape(-1, 2)
-    time, signal = to_seconds * values[:, 0], to_si * values[:, 1]
-    if len(time) < 2 or not (np.diff(time) > 0.0).all():
-        raise SimulationError(f"{path}: {heads[at][0]}: must ascend over at least two lines")
-    if max(-time[0], time[-1]) > LATEST:
-        raise SimulationError(f"{path}: {heads[at][0]}: must be within {LATEST:g} s of 0")
-    return Measured(name, unit, time, signal)
+    time, signal = (
+        (heads[k][0], heads[k][1] or below[k], column) for k, column in zip((at, of), values.T, strict=True)
+    )
+    return time, signal
+
+
+def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
+    from scipy.io import loadmat
+
+    try:
+        held = loadmat(path)
+    except OSError as error:
+        raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except Exception as error:  # of many kinds, where a file is damaged
+        raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({str(error).splitlines()[0]})") from None
+    vectors = {
+        name: np.asarray(value, dtype=float).ravel()
+        for name, value in held.items()
+        if not name.startswith("__") and value.dtype.kind in "iuf" and value.size == max(value.shape, default=0) > 1
+    }
+    heads = [(name, "") for name in vectors]
+    at = _index(path, heads, columns.time, 0)
+    of = _index(path, heads, columns.column, 1 if at == 0 else 0)
+    time, signal = ((heads[k][0], "", _finite(path, heads[k][0], vectors[heads[k][0]])) for k in (at, of))
+    if len(time[2]) != len(signal[2]):
+        raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
+    return time, signal
+
+
+def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
+    try:
+        import asammdf
+    except ImportError:
+        raise without_package("MDF4", "asammdf", "mdf") from None
+    try:
+        with asammdf.MDF(path) as mdf:
+            names = [name for name in mdf.channels_db if name not in ("time", "t", "Time")]
+            at = _index(path, [(name, "") for name in names], columns.column, 0)
+            signal = mdf.get(names[at], *mdf.channels_db[names[at]][0])
+    except SimulationError:
+        raise
+    except OSError as error:
+        raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except Exception as error:  # of many kinds, where a file is damaged
+        raise SimulationError(f"{path}: is not MDF4 ({str(error).splitlines()[0]})") from None
+    if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
+        raise SimulationError(f"{path}: channel {names[at]!r}: must hold numbers")
+    time = _finite(path, "time", np.asarray(signal.timestamps, dtype=float))
+    return ("time", "s", time), (names[at], signal.unit or "", _finite(path, names[at], signal.samples.astype(float)))
+
+
+def _finite(path: str | Path, name: str, values: Array) -> Array:
+    if not (np.abs(values) <= HUGE).all():
+        raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
+    return values
 
 
 def _table(path: str, text: str) -> tuple[list[tuple[str, str]], list[str], list[tuple[int, list[str]]]]:

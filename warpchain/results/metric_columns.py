@@ -263,11 +263,23 @@ OIL = Group(
         Column("pressure_max", "Pa", "largest absolute pressure in the chamber", total("pressure_max")),
         Column("leaked", "m^3", "oil that leaked through the gap", flowed("leaked")),
         Column("supplied", "m^3", "oil that came in through the check valve", flowed("supplied")),
-        Column("oil_loss", "J", "energy that gap and check valve take", flowed("leak_loss", "valve_loss")),
+        Column("oil_loss", "J", "energy that gap and valves take", flowed("leak_loss", "valve_loss")),
         Column("supply_work", "J", "work of the oil supply", flowed("supply_work")),
     ),
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].hydraulic,
+)
+RELIEF = Group(
+    "tensioner",
+    (Column("relieved", "m^3", "oil that its relief valve let out", flowed("relieved")),),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].relief is not None,
+)
+VENT = Group(
+    "tensioner",
+    (Column("vented", "m^3", "oil that went out through its vent", flowed("vented")),),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].vent is not None,
 )
 SPEEDS = ("speed_min", "speed_mean", "speed_max", "speed_std")
 SHAFT = Group(
@@ -493,7 +505,7 @@ MEASURED = (
     (SPROCKET, MOUNT, BEARING, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (ARM, PIVOT),
-    (TENSIONER, OIL),
+    (TENSIONER, OIL, RELIEF, VENT),
     (SHAFT, MOTOR),
     (COUPLING, SLIPPING),
     (GEAR,),

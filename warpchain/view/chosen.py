@@ -143,7 +143,7 @@ def _address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
     """Numbers of the drive that differ between the variants of a run: (V,) values by key path, NaN where absent."""
-    flat = [_numbers(drive.model_dump()) for drive in run.drives]
+    flat = [_numbers(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
         names |= dict.fromkeys(values)

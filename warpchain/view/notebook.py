@@ -104,7 +104,8 @@ def _drive(drive: Drive) -> str:
             does = f"load {value_text(load.torque, 'N m')}"
         radius = value_text(drive.pitch_radius(s), "m")
         rows.append([sprocket.name, str(sprocket.teeth), radius, does])
-    run = f"{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
+    warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
+    run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
     right = table_html(("sprocket", "teeth", "pitch radius", ""), rows, about) + f"<p>{escape(run)}</p>"
     return _beside(_picture(drive), right)
 

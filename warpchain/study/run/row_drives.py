@@ -110,7 +110,7 @@ def _guide_moved(guide: Guide, step: Sequence[float]) -> dict[str, Any]:
 
 def _normal(drive: Drive, guide: Guide) -> tuple[float, float]:
     """From the middle of a guide's face towards the chain."""
-    profile = drive.profile(drive.guides.index(guide))
+    profile = drive.profile(drive.as_read.guides.index(guide))
     _, heading = profile.at(0.5 * profile.face_length)
     return -math.sin(heading), math.cos(heading)
 
@@ -199,7 +199,10 @@ def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) ->
             found.append(StudyError(f"adjust: {moved}"))
             continue
         index = [sprocket.name for sprocket in drive.sprockets].index(adjust.sprocket)
-        way = [there - here for here, there in zip(*(d.sprockets[index].center for d in (drive, moved)), strict=True)]
+        way = [
+            there - here
+            for here, there in zip(*(d.as_read.sprockets[index].center for d in (drive, moved)), strict=True)
+        ]
         along = sum(x * d for x, d in zip(way, adjust.direction, strict=True)) / math.hypot(*adjust.direction)
         found.append((moved, {"adjusted_travel": along}))
     return found

@@ -35,11 +35,13 @@ def arrowed(name: str) -> str:
 
 def about(drive: Drive) -> str:
     """A line on what was run."""
-    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(r.drive.chain.pitch for r in rings_of(drive)))
+    rings = rings_of(drive.as_read)
+    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(ring.drive.chain.pitch for ring in rings))
     several = f" in {len(drive.chains)} chains" if drive.chains else ""
     return (
         f"{drive.links} links of {pitches} mm{several}, "
         f"{drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
+        + ("" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C")
     )
 
 

@@ -150,7 +150,7 @@ def valve_line(found: HandedIn, k: int) -> str:
     """Openings of the check valve of tensioner k in the window: where the chamber is below the supply by more than
     the cracking pressure; "" without oil or without the chamber's pressure."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
-    if pressure is None or tensioner.valve is None or tensioner.oil is None:
+    if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
     below = tensioner.oil.supply - np.asarray(pressure[:, k], dtype=float)
     opened = events(found.part.time, below, tensioner.valve.cracking_pressure)

@@ -1,0 +1,227 @@
+r"""Drives at a temperature: sizes and oil.
+
+Drive files give sizes at the reference, T_0 = 20 degrees C, as drawings do (ISO 1). At a temperature T a length is
+
+    l = l_0 (1 + a (T - T_0)),                                                                             (a)
+
+a that of what it belongs to: the block with centers, guides and pivots, the wheels with their teeth, the chain. All is
+at one temperature. Masses stay, so does what is no length, but for the oil, which has its viscosity at T.
+
+Coefficients: steel 12e-6 (EN 1993-1-1, 3.2.6), aluminum 23e-6 (EN 1999-1-1, 3.2.5), gray cast iron EN-GJL-250 11e-6
+per kelvin (makeitfrom.com).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field, WithJsonSchema
+
+from warpchain.drive.schema import BARE, Allowed, Part, Problem, Value, get
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST
+
+COLDEST, HOTTEST = -100.0, 300.0
+"""Temperatures that drives may have [degrees C], for which coefficients are about constant."""
+MATERIALS = {"steel": 12e-6, "aluminum": 23e-6, "cast iron": 11e-6}
+"""Coefficients of linear expansion by name [1/K]."""
+
+_NAMES = ", ".join(f'"{name}"' for name in MATERIALS)
+_Number = Annotated[float, Field(strict=True, ge=0.0, le=1e-3)]
+Coefficient = Annotated[
+    Annotated[_Number, WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"enum": list(MATERIALS)}]})],
+    Value(f"must be a number per kelvin from 0 to 1e-3, or {_NAMES}"),
+]
+Temperature = Annotated[
+    float,
+    Field(strict=True, ge=COLDEST, le=HOTTEST),
+    Value(f"must be a number of degrees C from {COLDEST:g} to {HOTTEST:g}"),
+]
+
+
+class Expansion(Part):
+    """Coefficients of linear expansion of a drive's parts, or the names of their materials.
+
+    Attributes:
+        block: coefficient of what holds centers, guides and pivots [1/K].
+        wheels: coefficient of the sprockets [1/K].
+        chain: coefficient of the chains [1/K].
+    """
+
+    block: Coefficient = MATERIALS["aluminum"]
+    wheels: Coefficient = MATERIALS["steel"]
+    chain: Coefficient = MATERIALS["steel"]
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        if not isinstance(values, Mapping):
+            return values
+        return {key: MATERIALS.get(value, value) if isinstance(value, str) else value for key, value in values.items()}
+
+
+Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheels, chain }")]
+
+
+class Growth(NamedTuple):
+    """The part that a number of drive files grows with, and the power of its factor.
+
+    Attributes:
+        of: key of `Expansion`.
+    """
+
+    of: str
+    power: int = 1
+
+
+_BLOCK, _WHEELS, _CHAIN = Growth("block"), Growth("wheels"), Growth("chain")
+GROWS = {
+    "chain.pitch": _CHAIN,
+    "chain.mass_per_length": Growth("chain", -1),
+    "chain.roller_radius": _CHAIN,
+    "chain.joint.pin_radius": _CHAIN,
+    "chain.play": _CHAIN,
+    "sprockets.center": _BLOCK,
+    "sprockets.pitch": _WHEELS,
+    "sprockets.tooth.seat_radius": _WHEELS,
+    "sprockets.tooth.flank_radius": _WHEELS,
+    "sprockets.tooth.tip_radius": _WHEELS,
+    "sprockets.balance_wheel.radius": _WHEELS,
+    "sprockets.bearing.radius": _WHEELS,
+    "guides.start": _BLOCK,
+    "guides.end": _BLOCK,
+    "guides.end_radius": _BLOCK,
+    "guides.points": _BLOCK,
+    "guides.radius": _BLOCK,
+    "guides.arcs.center": _BLOCK,
+    "guides.arcs.radius": _BLOCK,
+    "guides.profile": _BLOCK,
+    "guides.bolts": _BLOCK,
+    "guides.offset": _CHAIN,
+    "guides.contact.width": _BLOCK,
+    "arms.pivot": _BLOCK,
+    "arms.center": _BLOCK,
+    "tensioners.at": _BLOCK,
+    "contact.sprocket.width": _WHEELS,
+    "contact.sprocket.clearance": _WHEELS,
+    "contact.guide.width": _BLOCK,
+    "probes.at": _BLOCK,
+    "probes.radius": _BLOCK,
+    "gears.module": _WHEELS,
+}
+"""What grows, by key; `chains` are as `chain`. Other lengths are as files say: displacements, which are motions, and a
+tensioner's own parts, whose gaps, of one material, change by a thousandth."""
+
+
+def heated(drive: Any) -> bool:
+    """Whether a drive has another temperature than the reference."""
+    return drive.temperature is not None and drive.temperature != REFERENCE
+
+
+def growth(drive: Any, of: str) -> float:
+    """l/l_0 of (a) of a part, by the key of `Expansion`; 1 at the reference."""
+    if not heated(drive):
+        return 1.0
+    assert drive.temperature is not None
+    coefficient: float = getattr(drive.expansion or Expansion(), of)
+    return 1.0 + coefficient * (drive.temperature - REFERENCE)
+
+
+def grown(drive: Any) -> dict[str, Any]:
+    """The parts of a drive, which is as its file says, that are others at its temperature, by key."""
+    factors = {of: growth(drive, of) for of in Expansion.model_fields}
+    found: dict[str, Any] = {}
+    for key, value in drive.__dict__.items():
+        new = _parts_grown(value, "chain" if key == "chains" else key, factors)
+        if new is not value:
+            found[key] = new
+    for key in ("chain", "chains"):
+        if found.get(key):
+            found[key] = _with_pins(found[key], factors["chain"])
+    if factors["wheels"] != factors["chain"]:
+        found |= _unlike_wheels(drive, found, factors)
+    tensioners = found.get("tensioners", ())
+    found["tensioners"] = tuple(_with_oil(tensioner, drive.temperature) for tensioner in tensioners)
+    return found
+
+
+def _parts_grown(value: Any, path: str, factors: Mapping[str, float]) -> Any:
+    """A part, a number or a list of them grown; itself where nothing of it grows."""
+    if isinstance(value, Part):
+        new = {key: _parts_grown(inner, f"{path}.{key}", factors) for key, inner in value.__dict__.items()}
+        changed = {key: inner for key, inner in new.items() if inner is not value.__dict__[key]}
+        return value.model_copy(update=changed) if changed else value
+    if isinstance(value, tuple) and value and isinstance(value[0], Part):
+        return tuple(_parts_grown(inner, path, factors) for inner in value)
+    if path not in GROWS or value is None:
+        return value
+    of, power = GROWS[path]
+    return _times(value, factors[of] ** power)
+
+
+def _times(value: Any, factor: float) -> Any:
+    return tuple(_times(inner, factor) for inner in value) if isinstance(value, tuple) else value * factor
+
+
+def _with_pins(chain: Any, factor: float) -> Any:
+    """Chains with the pins that their sizes have, grown."""
+    if isinstance(chain, tuple):
+        return tuple(_with_pins(one, factor) for one in chain)
+    if chain.joint is None or chain.joint.pin_radius is not None:
+        return chain
+    return chain.model_copy(update={"joint": chain.joint.model_copy(update={"pin_radius": factor * chain.pin_radius})})
+
+
+def _unlike_wheels(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
+    """Teeth of wheels that grow otherwise than the chain: the pitch that they were cut with, and the clearance."""
+    chains: Any = drive.chains or (drive.chain,)
+    pitches = {get(chain, "name"): chain.pitch for chain in chains}
+    radii = [chain.roller_radius for chain in chains]
+    sprockets = tuple(
+        sprocket if sprocket.pitch is not None
+        else sprocket.model_copy(update={"pitch": factors["wheels"] * pitches[sprocket.chain]})
+        for sprocket in found["sprockets"]
+    )  # fmt: skip
+    contact = found.get("contact", drive.contact)
+    law = contact.sprocket
+    if law.clearance is None:
+        return {"sprockets": sprockets}
+    clearance = law.clearance + min(radius * (factors["wheels"] - factors["chain"]) for radius in radii)
+    law = law.model_copy(update={"clearance": clearance})
+    return {"sprockets": sprockets, "contact": contact.model_copy(update={"sprocket": law})}
+
+
+def _with_oil(tensioner: Any, temperature: float | None) -> Any:
+    """A tensioner whose oil is at a temperature."""
+    law = None if tensioner.oil is None else tensioner.oil.walther
+    if law is None:
+        return tensioner
+    own = {"viscosity": law.viscosity(temperature), "viscosity_40": None, "viscosity_100": None}
+    return tensioner.model_copy(update={"oil": tensioner.oil.model_copy(update=own)})
+
+
+def clearance_rules(drive: Any) -> Iterator[Problem]:
+    """Rollers that fit into the seats, of a drive at its temperature."""
+    clearance = drive.contact.sprocket.clearance
+    if clearance is not None and clearance < 0.0:
+        text = "must be at least 0: wheels of another material than the chain grow into its rollers"
+        yield Problem(("contact", "sprocket", "clearance"), clearance, text)
+
+
+def oil_rules(drive: Any) -> Iterator[Problem]:
+    """Oils of a drive at a temperature: known there, and liquid."""
+    temperature = drive.temperature
+    assert temperature is not None
+    for t, tensioner in enumerate(drive.tensioners):
+        if tensioner.oil is None:
+            continue
+        law = tensioner.oil.walther
+        if law is None:
+            text = f"missing; needed with viscosity_100 where temperature is not {REFERENCE:g} degrees C"
+            yield Problem(("tensioners", t, "oil", "viscosity_40"), None, text, BARE)
+        elif not THINNEST <= (viscosity := law.viscosity(temperature)) <= THICKEST:
+            low, high = law.temperature(THICKEST), law.temperature(THINNEST)
+            text = (
+                f"the oil of tensioners.{tensioner.name} would have {viscosity:.3g} m^2/s; must be from {low:.0f} to "
+                f"{high:.0f} degrees C, where it has the {THINNEST:g} to {THICKEST:g} for which ASTM D341 holds"
+            )
+            yield Problem(("temperature",), temperature, text)
