@@ -244,4 +244,20 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         at = frame_at(drive, state, mine, now)
         write.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)
 
+    @wp.func
+    def write_valve(
+        ensemble: Ensemble,
+        state: State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        v: int,
+        torque: Real,
+        force: Real,
+    ):
+        """Writes group v of all valves to the frame."""
+        drive = ensemble.drives[mine.variant]
+        at = frame_at(drive, state, mine, now)
+        write.write_valve(frames, at, drive, v - drive.first_valve, torque, force)
+
     return SimpleNamespace(**locals())

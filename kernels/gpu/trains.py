@@ -18,7 +18,8 @@ from ..physics.train import (
     on_side,
     twist_of,
 )
-from ..sums import add_coupling, add_energy, add_gear, add_shaft
+from ..physics.valve import valve_load, with_valves
+from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import block_tensioners, body_steps
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
@@ -61,6 +62,16 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
 
     @wp.func
+    def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine, pose: kinds.Pose):
+        """Shares what the valves on the thread's body do to it."""
+        cam, drive = kinds.Cam(), ensemble.drives[mine.variant]
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            valve = ensemble.valves[v]
+            if valve.body == mine.body:
+                cam = with_valves(cam, pose.angle, valve, shared.motions[mine.body], ensemble.curves.tables)
+        shared.cams[mine.body] = cam
+
+    @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
         time = steps.time_of(mine, now)
@@ -85,6 +96,8 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 passed = coupling_moment(twist, rate, coupling, engaged)
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
+        if wp.static(kind.parts.valves > 0):
+            lift_valves(ensemble, shared, mine, pose)
 
     @wp.func
     def speed_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
@@ -93,9 +106,36 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         speed = leading(pose.speed)
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
-            rate = steps.gathered(ensemble, shared, mine, b) * motion.inverse_inertia
+            rate = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * rate)
         return speed
+
+    @wp.func
+    def angular_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """Angular acceleration of body b at the step's instant [rad/s^2]."""
+        motion = shared.motions[b]
+        angular = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
+        return angular
+
+    @wp.func
+    def lifted(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, v: int):
+        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
+        valve = ensemble.valves[v]
+        motion, angle = shared.motions[valve.body], shared.poses[valve.body].angle
+        speed = speed_now(ensemble, shared, mine, now, valve.body)
+        angular = angular_now(ensemble, shared, mine, now, valve.body)
+        return valve_load(angle, speed, angular, valve, motion, ensemble.curves.tables)
+
+    @wp.func
+    def observe_valve(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, v: int):
+        """One step of a group of valves on the thread's body, for the sums of the window and the frame."""
+        torque, force = lifted(ensemble, shared, mine, now, v)
+        if now.flags & FRAME != 0:
+            sampling.write_valve(ensemble, state, out.frames, mine, now, v, torque, force)
+        if wp.static(measuring) and now.measured != 0:
+            out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
 
     @wp.func
     def observe_shaft(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now):
@@ -141,9 +181,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         drive, first = ensemble.drives[mine.row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
         motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
-        angular = steps.gathered(ensemble, shared, mine, mine.body) * motion.inverse_inertia
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
+        angular = angular_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
         for b in range(wp.static(mounted)):
             place = place_of(shared, first, b)
@@ -152,6 +190,13 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if number >= 0 and number < drive.bodies:
                 if on_side(gear, number):
                     moment = moment - other.ratio / tie.ratio * shared.passed[b]
+        if wp.static(kind.parts.valves > 0):  # of one chain, so far
+            for v in range(drive.first_valve, drive.first_valve + drive.valves):
+                valve = ensemble.valves[v]
+                if on_side(gear, valve.body):
+                    torque, force = lifted(ensemble, shared, mine, now, v)
+                    beside = ensemble.ties[drive.first_body + valve.body].ratio / tie.ratio
+                    moment = moment + beside * valve.sign * torque
         out.sums.gear[g] = add_gear(out.sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
 
     @wp.func
@@ -164,6 +209,10 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     state.couplings[c] = engage(ensemble, state, shared, mine, c, steps.time_of(mine, now))
                 if now.measured != 0 or now.flags & FRAME != 0:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
+        if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
+            for v in range(drive.first_valve, drive.first_valve + drive.valves):
+                if ensemble.valves[v].body == mine.body:
+                    observe_valve(ensemble, state, shared, out, mine, now, v)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)

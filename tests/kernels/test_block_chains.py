@@ -27,8 +27,17 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-<<<<<<< HEAD
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light, geared_stages, cushed_stages
+KINDS = (
+    v6,
+    stages_of_two_chains,
+    light_stages,
+    stages_rk4,
+    unjoined,
+    unjoined_light,
+    v6_fed,
+    geared_stages,
+    cushed_stages,
+)
 USUAL = [
     (geared_stages, True, "float64"),
     (cushed_stages, False, "float32"),
@@ -36,10 +45,6 @@ USUAL = [
     (light_stages, False, "float64"),
     (stages_rk4, True, "float32"),
 ]
-=======
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light, v6_fed
-USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
->>>>>>> main
 
 
 @pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))

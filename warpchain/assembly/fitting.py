@@ -35,12 +35,8 @@ from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.chain_parts import Ring
 from warpchain.drive.replace import with_numbers
-<<<<<<< HEAD
 from warpchain.drive.rings import rings_of
-=======
-from warpchain.drive.rings import Ring, rings_of
 from warpchain.drive.thermal import growth
->>>>>>> main
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:

@@ -142,6 +142,7 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
         **({"shafts": train_report.shafts(drive)} if own_shafts(drive) else {}),
         **({"gears": train_report.gears(drive)} if drive.gears else {}),
         **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
+        **({"valves": train_report.valves(drive)} if drive.valves else {}),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -468,7 +469,7 @@ def _milli(value: float | None) -> float | None:
 
 
 def _train_lines(values: dict[str, Any]) -> list[str]:
-    """Shafts, gears and couplings; nothing where there are none."""
+    """Shafts, gears, couplings and valves; nothing where there are none."""
     lines: list[str] = []
     if "shafts" in values:
         rows = [
@@ -506,7 +507,25 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
         head = ("coupling", "between", "own frequency", "damping ratio", "lash", "ratio", "clutch",
                 "twist at work", "torque at work")  # fmt: skip
         lines += ["", *_table(head, rows)]
+    lines += _valve_lines(values)
     return lines
+
+
+def _valve_lines(values: dict[str, Any]) -> list[str]:
+    rows: list[tuple[str, ...]] = [
+        (
+            v["name"],
+            v["on"],
+            str(v["count"]),
+            f"{1e3 * v['lift']:.4g} mm",
+            f"{v['spring_force']:.4g} N",
+            f"{v['float_speed']:.4g} rad/s",
+            f"{v['driver_float_speed']:.4g} rad/s",
+        )
+        for v in values.get("valves", ())
+    ]
+    head = ("valves", "on", "count", "lift", "spring at most", "lift off above", "of the driver")
+    return ["", *_table(head, rows)] if rows else []
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:

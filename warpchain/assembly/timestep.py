@@ -112,7 +112,7 @@ def _couplings(drive: Drive) -> list[Body]:
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found, names = [], names_of(drive)
+    found, names = _valves(drive), names_of(drive)
     for coupling in drive.couplings:
         ends = [names.index(name) for name in coupling.between]
         turns = zip(ends, (1.0, coupling.largest_ratio), strict=True)
@@ -127,6 +127,20 @@ def _couplings(drive: Drive) -> list[Body]:
         b = len(drive.sprockets) + h
         if shaft.motor is not None and is_free(drive, b):
             found.append(Body(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / seen_inertia(drive, b)))
+    return found
+
+
+def _valves(drive: Drive) -> list[Body]:
+    """Valve springs on bodies that turn freely, beside the teeth; the inertia of valves only slows that down."""
+    found, names = [], names_of(drive)
+    for valves in drive.valves:
+        b = names.index(valves.on)
+        if is_free(drive, b):
+            stiffness = valves.torsional_stiffness
+            if b < len(drive.sprockets):
+                teeth = (drive.sprockets[b].teeth - 1) * drive.sprocket_stiffness(b)
+                stiffness = stiffness + teeth * power(drive.pitch_radius(b), 2)
+            found.append(Body(f'valves "{valves.name}"', stiffness / seen_inertia(drive, b), 0.0))
     return found
 
 

@@ -135,7 +135,7 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
 
 
 TURNED = ("sprockets", "shafts")
-NAMED = ("chains", *TURNED, "guides", "arms", "tensioners", "gears", "couplings", "probes")
+NAMED = ("chains", *TURNED, "guides", "arms", "tensioners", "gears", "couplings", "valves", "probes")
 PLACES = {
     "sprockets": ("center",),
     "guides": ("start", "end"),

@@ -175,8 +175,9 @@ def standing(
     """Each chain of a drive in static equilibrium under the means of all loads, the speed of its driver [rad/s], as it
     stands in float64, and the tensions of its links (N,) [N].
 
-    Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash and do not slip,
-    motors are how their moments fall with the speed, and tensioners are at rest. Links are those of
+    Prescribed motions stand, loads have their mean, valves no springs, whose torque has the mean 0, nothing rubs,
+    couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners
+    are at rest. Links are those of
     `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
     the sprockets too.
 
@@ -233,6 +234,7 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
+    still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
     for b, load in loads_of(drive):
         turning = speed * speed_ratio(drive, b, drive.driver)

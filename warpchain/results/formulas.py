@@ -56,6 +56,7 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "shaft": lambda drive: [f"{shaft.name}." for shaft in own_shafts(drive)],
     "coupling": lambda drive: [f"{coupling.name}." for coupling in drive.couplings],
     "gear": lambda drive: [f"{gear.name}." for gear in drive.gears],
+    "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
 """The things of a drive that columns are of, by what stands before their names."""
