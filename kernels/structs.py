@@ -323,7 +323,7 @@ class TensionerState:
     """State of a tensioner."""
 
     content: wp.float64  # mu: logarithm of the mass of oil
-    pressure: wp.float64  # P after the last step [Pa]
+    root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
 

@@ -252,7 +252,7 @@ def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
 
 
 @wp.func
-def metered(total: Any, flows: Any):
+def add_flows(total: Any, flows: Any):
     """A tensioner's meter after one more step; the lift is that of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)
     total.supplied = added(total.supplied, flows.supplied)

@@ -103,11 +103,11 @@ def still(pressure=1e5, **values):
 @wp.func
 def noted(x: wp.float64, rate: wp.float64, state: TensionerState, t: Tensioner, out: wp.array2d[wp.float64], i: int):
     """Writes what the columns name for a place; what flows is written by `flowed`."""
-    force, pressure = tensioner_force(x, rate, state, t)
+    force, pressure = tensioner_force(x, rate, True, state, t)
     out[i, 0] = x
     out[i, 1] = force
     out[i, 2] = pressure
-    out[i, 3] = tensioner_energy(x, state, t)
+    out[i, 3] = tensioner_energy(x, pressure, state, t)
     out[i, 10] = t.volume * wp.exp(state.content)
     return force
 
@@ -116,7 +116,7 @@ def noted(x: wp.float64, rate: wp.float64, state: TensionerState, t: Tensioner, 
 def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64, t: Tensioner,
            out: wp.array2d[wp.float64], i: int):  # fmt: skip
     """A step's flows."""
-    state, flows = tensioner_step(x, rate, h, state, t)
+    state, flows = tensioner_step(x, rate, h, True, state, t)
     out[i, 4] = flows.leaked
     out[i, 5] = flows.supplied
     out[i, 6] = flows.leak_loss
@@ -163,15 +163,15 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     flow, flow_slope = valve_flow(t.supply - pressure, t.check, t)
     state = TensionerState()
     state.content = phi
-    state.pressure = near[i]
+    state.root = root_of(near[i], t)
     out[i, 0] = phi
-    energy, density = specific_energy(root_of(pressure, t), t)
-    out[i, 1] = energy / density
+    energy, volume = specific_energy(root_of(pressure, t), t)
+    out[i, 1] = energy
     out[i, 2] = bulk_modulus(pressure, t)
     out[i, 3] = flow
     out[i, 4] = -flow_slope
     out[i, 5] = valve_lift(t.supply - pressure, t.check)
-    out[i, 6] = pressure_of(wp.float64(0.0), state, t)
+    out[i, 6] = pressure_of(wp.float64(0.0), False, state, t)
 
 
 def array(values):

@@ -109,7 +109,8 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
+                push = state.pushes[t]
+                total += tensioner_energy(push.extension, push.pressure, state.tensioners[t], ensemble.tensioners[t])
             for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
                 twist, moment = bodies.coupled(ensemble, state, drive, c)
                 total += coupling_energy(twist, ensemble.couplings[c])

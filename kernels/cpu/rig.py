@@ -76,7 +76,7 @@ def lead(
     total = RideSums()
     x, rate = place_at(0, ride)
     state = resting_state(x, tensioner)
-    force, pressure = tensioner_force(x, rate, state, tensioner)
+    force, pressure = tensioner_force(x, rate, True, state, tensioner)
     lift = wp.float64(0.0)
     steps = ride.cycle * ride.cycles
     i = int(0)
@@ -94,15 +94,15 @@ def lead(
             total.force_max = force
             total.pressure_min = pressure
             total.pressure_max = pressure
-            total.gained = -tensioner_energy(x, state, tensioner)
+            total.gained = -tensioner_energy(x, pressure, state, tensioner)
         if i < steps:
             lost = half * damper_power(x, rate, state, tensioner)
             before = x
             pushed = force
             opened = lift
             x, rate = place_at(i + 1, ride)
-            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, state, tensioner)
-            force, pressure = tensioner_force(x, rate, state, tensioner)
+            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, True, state, tensioner)
+            force, pressure = tensioner_force(x, rate, True, state, tensioner)
             lift = flows.lift
             leaked += flows.leaked
             supplied += flows.supplied
@@ -126,5 +126,5 @@ def lead(
                 if tensioner.hydraulic == 1 and pressure <= tensioner.vapor * wp.float64(1.000001):
                     total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)
         i += 1
-    total.gained += tensioner_energy(x, state, tensioner)
+    total.gained += tensioner_energy(x, pressure, state, tensioner)
     sums[r] = total

@@ -28,7 +28,7 @@ from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..physics.valve import constant_moment, geared, valve_load, with_valves
 from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Now, Wrench, types
-from ..sums import metered
+from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .jointed import carrier_of, jointed
 from .joints import joint_passes
@@ -298,9 +298,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             x, rate = stroke_of(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
             if tensioner.supply_table.cells > 0:
                 tensioner.supply = state.tensioners[t].supply
-            after, flows = tensioner_step(x, rate, drive.step, state.tensioners[t], tensioner)
+            after, flows = tensioner_step(x, rate, drive.step, True, state.tensioners[t], tensioner)
             state.tensioners[t] = after
-            state.meters[t] = metered(state.meters[t], flows)
+            state.meters[t] = add_flows(state.meters[t], flows)
 
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
@@ -469,7 +469,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]
                 pushed = state.poses[drive.first_body + tensioner.body]
-                state.pushes[t] = push_by(pushed, state.tensioners[t], tensioner)
+                state.pushes[t] = push_by(pushed, memory.stage <= 0, state.tensioners[t], tensioner)
 
     @wp.func
     def push(

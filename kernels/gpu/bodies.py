@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of, stretching
+from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned,
@@ -40,10 +40,11 @@ from ..physics.tensioner import (
 from ..physics.tooth import grid_of
 from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
-from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
+from ..sums import add_bearing, add_energy, add_flows, add_meter, add_tensioner, gathered_powers
 from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
 from .rings import block_rings
+from .rollers import roller_rows
 from .shared_memory import COURSE
 from .sync import lanes, sync
 
@@ -56,13 +57,16 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
 
     @wp.func
-    def pushed(ensemble: Ensemble, state: State, mine: Mine, pose: Pose, wrench: kinds.Wrench):
-        """The wrench on the thread's body, at `pose`, with what its tensioners do to it."""
+    def pushed(ensemble: Ensemble, state: State, mine: Mine, stage: int, pose: Pose, wrench: kinds.Wrench):
+        """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
+        kept = True
+        if wp.static(kind.staged):
+            kept = stage <= 0
         drive = ensemble.drives[mine.row]
         for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = ensemble.tensioners[t]
             if tensioner.body == mine.number:
-                push = push_by(pose, state.tensioners[t], tensioner)
+                push = push_by(pose, kept, state.tensioners[t], tensioner)
                 state.pushes[t] = push
                 wrench.force = wrench.force + push.wrench.force
                 wrench.moment = wrench.moment + push.wrench.moment
@@ -92,7 +96,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 added = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
                 out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
                 if now.flags & ENDS != 0:
-                    energy = wp.float64(tensioner_energy(push.extension, state.tensioners[t], tensioner))
+                    energy = wp.float64(tensioner_energy(push.extension, push.pressure, state.tensioners[t], tensioner))
                     at = drive.first_body + mine.number
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
 
@@ -119,12 +123,13 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == mine.number:
                     x, rate = stroke_of(shared.poses[mine.body], tensioner)
+                    window = wp.static(kind.measuring) and now.window != 0
                     if wp.static(kind.parts.fed > 0):
                         if tensioner.supply_table.cells > 0:
                             tensioner.supply = state.tensioners[t].supply
-                    after, flows = tensioner_step(x, rate, h, state.tensioners[t], tensioner)
+                    after, flows = tensioner_step(x, rate, h, window, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
-                    state.meters[t] = metered(state.meters[t], flows)
+                    state.meters[t] = add_flows(state.meters[t], flows)
 
     return SimpleNamespace(**locals())
 
@@ -520,6 +525,7 @@ def block_bearings(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     barrier, carry = sync(kind).barrier, body_access(kind).carry
+    stretched_now = roller_rows(kind).stretched
 
     @wp.func
     def rub(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -532,7 +538,7 @@ def block_bearings(kind: BlockKind) -> SimpleNamespace:
                 turning = leading(shared.poses[s].speed)
                 if hub.arm != GROUND:
                     turning = rounded(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
-                stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+                stretched = stretched_now(now)
                 moment, holds = bearing_moment(wrench.force, turning, Real(state.hub_hold[at]), hub, stretched)
                 shared.bearings[s] = moment
                 if now.stage == 0:

@@ -6,13 +6,12 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import stretching
 from ..native import accessors
 from ..number import difference, leading
 from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly
 from ..physics.impact import elastic_force, force_by_growth
 from ..structs import GROUND, PREDICTING, Tallies
-from .kind import EXTRA, WARP, BlockKind, Mine
+from .kind import BY_SPEED, EXTRA, WARP, BlockKind, Mine
 from .near import near_mask
 from .rings import block_rings
 from .rollers import roller_rows
@@ -64,8 +63,8 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     def drag_of(state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Sliding):
         """Friction on a roller [N], as `rub`, and what the contact then holds; `before` is its v0 until now."""
         held = wp.where(before > Real(0.0), load_row(state.contact_hold, at), Real(0.0))
-        stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
-        if wp.static(kind.friction.by_speed):
+        stretched = row.stretched(now)
+        if wp.static(sliding == BY_SPEED):
             return rub(size, normal, relative, held, what, stretched)
         else:
             return rub_evenly(size, normal, relative, held, what, stretched)

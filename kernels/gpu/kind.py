@@ -177,13 +177,16 @@ class Parts:
         return self.mounted + self.arms
 
 
+EVEN, BY_SPEED = 1, 2
+"""Whether a coefficient of friction is the same at all speeds."""
+
+
 @dataclass(frozen=True)
 class Friction:
-    """Where rollers rub: on teeth and guides, in the joints; and whether a coefficient depends on the speed."""
+    """How rollers rub on teeth and guides, and in the joints: 0 (not at all), `EVEN` or `BY_SPEED`."""
 
-    contacts: bool = False
-    joints: bool = False
-    by_speed: bool = False
+    contacts: int = 0
+    joints: int = 0
 
 
 @dataclass(frozen=True)

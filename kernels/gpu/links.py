@@ -5,11 +5,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..integrate import stretching
 from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
-from .kind import WARP, BlockKind, Mine
+from .kind import BY_SPEED, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import seen_rows, shared_rows
@@ -173,7 +172,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         its bristle holds after it has held `held` [N m].
         """
         mu = joint.law.mu_dynamic
-        if wp.static(kind.friction.by_speed):
+        if wp.static(kind.friction.joints == BY_SPEED):
             mu = joint_coefficient(before[1], after[1], joint)
         return rubbing_moment(mu, before[0], before[1], after[0], after[1], held, joint, stretched)
 
@@ -187,7 +186,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         """Moment [N m] of joint j, and what its bristle holds, from the rows."""
         n, rows, joint = mine.rollers, shared.rows, shared.joint[ring_of(shared, j)]
         held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
-        stretched = stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+        stretched = row.stretched(now)
         return moment_between(bent(rows, last_to(shared, j, n)), bent(rows, j), held, joint, stretched)
 
     @wp.func

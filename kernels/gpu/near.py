@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, inside
-from ..physics.guide import near_bar, near_profile
+from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
 from .kind import BlockKind, Mine
 from .rings import block_rings
@@ -98,7 +98,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
     row, geometry, load_row = roller_rows(kind), contact_geometry(kind), accessors(Real).load_row
-    X, Y, point, in_carrier, guide_at = row.X, row.Y, row.point, geometry.in_carrier, geometry.guide_at
+    X, Y, point, arm_on, guide_at = row.X, row.Y, row.point, geometry.arm_on, geometry.guide_at
     bits = near_mask(kind)
     Bits, with_slot, any_of, of_bars = bits.Bits, bits.with_slot, bits.any_of, bits.of_bars
     first, rest = bits.first, bits.rest
@@ -116,7 +116,9 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def in_box_of(shared: Shared, j: int, bar: Guide):
         """1 where roller j is in the box about the chord of a guide, a profile."""
-        arm, q = in_carrier(shared, j, bar.body)
+        q = arm_on(shared, j, bar.body)
+        if bar.body < wp.static(kind.parts.bodies):  # the ground has not turned
+            q = near_frame(q, shared.poses[bar.body])
         return near_profile(q, bar)
 
     @wp.func

@@ -68,7 +68,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         """Angular acceleration of the thread's arm [rad/s^2]."""
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
-            wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
+            wrench = tensioners.pushed(ensemble, state, mine, 0, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, wp.float64(0.0), wp.float64(0.0), pose)
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..integrate import stage_reach, stage_weight, stages_of
+from ..integrate import stage_reach, stage_weight, stages_of, stretching
 from ..native import STATE_ROWS, accessors
 from ..number import pair_vector
 from ..physics.link import roller_acceleration, two_sum
@@ -48,6 +48,14 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
             return mine.step.high
         else:
             return mine.h
+
+    @wp.func
+    def stretched(now: kinds.Now):
+        """Part of a step over which friction's bristles are stretched now (`integrate.stretching`)."""
+        if wp.static(kind.staged):
+            return stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+        else:
+            return Real(1.0)
 
     @wp.func
     def velocity(rows: wp.array[Real], j: int):

@@ -67,7 +67,7 @@ def strand_words(kind: BlockKind) -> int:
 
 def rubbed(kind: BlockKind) -> int:
     """Values of what joints' friction takes: one a thread, or, as its rollers may be of several chains, a roller."""
-    return kind.friction.joints * (kind.shape.threads if kind.parts.rings == 1 else kind.shape.slots)
+    return (kind.friction.joints > 0) * (kind.shape.threads if kind.parts.rings == 1 else kind.shape.slots)
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
@@ -112,8 +112,8 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "bars": guides,
         "chain": rings,
         "box": 2 * rings,
-        "sliding": (sprockets + guides) * kind.friction.contacts,
-        "joint": rings * kind.friction.joints,
+        "sliding": (sprockets + guides) * (kind.friction.contacts > 0),
+        "joint": rings * (kind.friction.joints > 0),
         "links": rings * (kind.links == "varied"),
         "rings": rings * several,
         "memories": (sprockets + guides) * several,

@@ -84,7 +84,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, shared.poses[mine.body], wrench)
+                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.tied > 0):
                 trains.pass_on(ensemble, state, shared, mine, now, wrench)
             if wp.static(kind.parts.rings > 1):
@@ -135,7 +135,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         before = shared.poses[mine.body]
         whole = wrench
         if wp.static(kind.parts.tensioners > 0):
-            whole = tensioners.pushed(ensemble, state, mine, before, wrench)
+            whole = tensioners.pushed(ensemble, state, mine, now.stage, before, wrench)
         seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:

@@ -79,7 +79,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             time = stage_at(wp.static(kind.integrator), now.stage, time, steps.step_number(mine)).time
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
-            wrench = tensioners.pushed(ensemble, state, mine, pose, wrench)
+            wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)

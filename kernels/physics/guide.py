@@ -82,6 +82,14 @@ def near_coordinates(p: PairVector, bar: Any):
 
 
 @wp.func
+def near_coordinates(p: wp.vec2f, bar: Any):
+    """The same of a place that is rounded already."""
+    q = p - leading(bar.start)
+    t = leading(bar.direction)
+    return q[0] * t[0] + q[1] * t[1], q[1] * t[0] - q[0] * t[1]
+
+
+@wp.func
 def near_bar(p: Any, bar: Any):
     """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
     along, across = near_coordinates(p, bar)
@@ -151,6 +159,13 @@ def in_frame(q: Any, body: Any):
     x = component(q, 0)
     y = component(q, 1)
     return vector(x * body.cosine + y * body.sine, y * body.cosine - x * body.sine)
+
+
+@wp.func
+def near_frame(arm: Any, body: Any):
+    """As `in_frame`, at float32 of rounded numbers, which tell whether a roller is near."""
+    cosine, sine = leading(body.cosine), leading(body.sine)
+    return type(arm)(arm[0] * cosine + arm[1] * sine, arm[1] * cosine - arm[0] * sine)
 
 
 @wp.func

@@ -22,7 +22,7 @@ with Q the flow into it. What (4) conserves without flow is the mass M: with
 (4) and (6) are the same. So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V
 that conserves energy at any step, and (5) and (6) with z = (P/P_0)^(1/7), since 1/n = 5/7, hold whole powers only:
 P = P_0 z^7, (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure P_v, P = P_v and the volume
-V - V_0 exp(mu - phi(P_v)) is vapor.
+V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end, where the next one begins.
 
 **Flows.** Through the gap, and through valves of lift y while dP > 0, P_s - P of the check valve and P - P_0 of relief
 valve and vent, which has no spring and is always open:
@@ -43,7 +43,11 @@ h takes them at its end, after the body has moved. With mass conserved, that is 
     U = M u - (P - P_0) (V - M exp(-phi))                                                       (11)
 
 is stored (the bracket is the vapor): -dU/dx = (P - P_0) A, dU/dM = H. A mass dM that comes in takes H(P_s) dM from the
-supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that goes out loses H(P) dM.
+supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that goes out loses H(P) dM. With phi = q - b, q that of the
+oil and b that of the air, exp(-phi) is a series in both, and u its integral term by term,
+
+    u = K(P) - K(P_0) + P_0 (exp(-phi) - exp(-phi_0)),
+    K = P sum (5 j - 7 i)/(7 (i + 1) - 5 j) (-q)^i/i! b^j/j!.                                   (10a)
 
 **Ratchet.** Of pitch a and backlash s, x_max the farthest x so far: a stop of stiffness k_s and damping c_s holds the
 plunger where it is pushed back below
@@ -89,11 +93,18 @@ LARGEST = 8.0
 """z above any pressure: 8^7 is two million times the ambient one."""
 
 SMALL = 0.03
-"""Up to here exp is a polynomial of degree 5, to 1e-12."""
+"""Up to here exp and ln(1 + x) are polynomials, to 1e-16."""
 
-NODES = [0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363]
-WEIGHTS = [0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763]
-"""Gauss-Legendre of 8 points, those above 0."""
+DEGREES = (12, 4, 2, 1, 0, 0, 0)
+"""Of eq. (10a) in b, for each power of q: where oil is pressed, air hardly counts, as q b = (a / E_0) P_0 z^2."""
+SERIES = [
+    [
+        (5 * j - 7 * i) / (7 * (i + 1) - 5 * j) * (-1) ** i / math.factorial(i) / math.factorial(j)
+        for j in range(degree + 1)
+    ]
+    for i, degree in enumerate(DEGREES)
+]
+"""The coefficients of b^j, a row for each power of q."""
 
 
 @wp.func
@@ -231,13 +242,14 @@ def flows_at(pressure: Any, rate: Any, tensioner: Any):
 
 @wp.func
 def filling(x: wp.float64, state: Any, tensioner: Any):
-    """The chamber's volume V [m^3], and what phi + `room_left` is with the oil in it, eq. (6): mu."""
-    return chamber_volume(x, tensioner), state.content
+    """The chamber's volume V [m^3], and mu - ln(V/V_0) of the oil in it, which is phi where nothing flows, eq. (6)."""
+    volume = chamber_volume(x, tensioner)
+    return volume, state.content - wp.log(volume / tensioner.volume)
 
 
 @wp.func
 def filling(x: Pair, state: Any, tensioner: Any):
-    """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 2e-9."""
+    """The same at float32; what is small is held to 2e-9."""
     reach = x
     if x.high < tensioner.bottom:
         reach = number_of(tensioner.bottom)
@@ -246,33 +258,59 @@ def filling(x: Pair, state: Any, tensioner: Any):
 
 
 @wp.func
-def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Any):
-    """The part of V that a step's inflow leaves [m^3], and the logarithm of its ratio to V_0."""
-    room = wp.max(volume - inflow, wp.float64(0.01) * volume)
-    return room, wp.log(room / tensioner.volume)
+def logarithm_of_sum(u: wp.float64):
+    """ln(1 + u), quick where u is small."""
+    one = wp.float64(1.0)
+    value = one
+    if wp.abs(u) < wp.float64(wp.static(SMALL)):
+        s = u / (wp.float64(2.0) + u)
+        rest = wp.float64(wp.static(1.0 / 9.0))
+        for k in range(4):
+            rest = rest * s * s + wp.float64(wp.static(1.0 / (7 - 2 * k)))
+        value = wp.float64(2.0) * s * rest
+    else:
+        value = wp.log(one + u)
+    return value
 
 
 @wp.func
-def room_left(volume: wp.float32, inflow: wp.float32, tensioner: Any):
-    """The same at float32, the logarithm that of its part of V."""
-    part = wp.max(-inflow / volume, -0.99)
-    return volume + volume * part, log_of_sum(part)
+def logarithm_of_sum(u: wp.float32):
+    """The same at float32."""
+    return log_of_sum(u)
 
 
 @wp.func
-def imbalance(z: Any, content: Any, volume: Any, h: Any, rate: Any, t: Any):
-    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
+def exponential(x: Any):
+    """exp(x), quick where x is small."""
+    one = type(x)(1.0)
+    value = one
+    if wp.abs(x) < type(x)(wp.static(SMALL)):
+        for k in range(8):
+            value = one + x * type(x)(wp.static(1.0 / (8 - k))) * value
+    else:
+        value = wp.exp(x)
+    return value
+
+
+@wp.func
+def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
+    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6).
+
+    Args:
+        z: of the pressure.
+        content: mu - ln(V/V_0).
+        per_volume: h / V [s/m^3].
+        rate: x' [m/s].
+        t: the tensioner.
+    """
     phi, slope = compression(z, t)
-    zero = type(z)(0.0)
-    if h > zero:
+    rest = phi - content
+    if per_volume > type(z)(0.0):
         pressure = pressure_at(z, t)
         supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
-        room, part = room_left(volume, h * (supplied - (leaked + relieved + vented)), t)
-        slope -= h * flow_slope * type(z)(7.0) * pressure / (z * room)
-        rest = phi + part - content
-    else:
-        room, part = room_left(volume, zero, t)
-        rest = phi + part - content
+        part = wp.max(per_volume * (leaked + relieved + vented - supplied), type(z)(-0.99))
+        rest += logarithm_of_sum(part)
+        slope -= per_volume * flow_slope * type(z)(7.0) * pressure / (z * (type(z)(1.0) + part))
     return rest, slope
 
 
@@ -289,12 +327,12 @@ def close_to(z: wp.float32):
 
 
 @wp.func
-def solved_root(content: Any, volume: Any, h: Any, rate: Any, near: Any, tensioner: Any):
+def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, tensioner: Any):
     """z of eq. (9), or of eq. (6) where h = 0, not below that of the vapor pressure; by Newton's method in a bracket.
 
     Args:
-        content, volume: of the oil, as `filling` gives them.
-        h: step [s].
+        content: mu - ln(V/V_0) of the oil, as `filling` gives it.
+        per_volume: h / V [s/m^3].
         rate: x' [m/s].
         near: a z to begin at.
         tensioner: its data.
@@ -307,7 +345,7 @@ def solved_root(content: Any, volume: Any, h: Any, rate: Any, near: Any, tension
     change = high
     rounds = int(0)
     while rounds < ROUNDS and wp.abs(change) > close_to(z):
-        rest, slope = imbalance(z, content, volume, h, rate, tensioner)
+        rest, slope = imbalance(z, content, per_volume, rate, tensioner)
         if rest > zero:
             high = z
         else:
@@ -326,14 +364,24 @@ def solved_root(content: Any, volume: Any, h: Any, rate: Any, near: Any, tension
 
 
 @wp.func
-def pressure_of(x: Any, state: Any, tensioner: Any):
-    """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring."""
+def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
+    """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring.
+
+    Args:
+        x: extension [m].
+        kept: whether x is where the last step ended, so that z is known.
+        state: of the oil.
+        tensioner: its data.
+    """
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
-        zero = type(pressure)(0.0)
-        volume, content = filling(x, state, tensioner)
-        near = root_of(state.pressure, tensioner)
-        pressure = pressure_at(solved_root(content, volume, zero, zero, near, tensioner), tensioner)
+        z = state.root
+        if not kept or z <= type(z)(0.0):
+            if z <= type(z)(0.0):
+                z = root_of(tensioner.rest, tensioner)
+            volume, content = filling(x, state, tensioner)
+            z = solved_root(content, type(z)(0.0), type(z)(0.0), z, tensioner)
+        pressure = pressure_at(z, tensioner)
     return pressure
 
 
@@ -367,14 +415,17 @@ def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def tensioner_force(x: Any, rate: Any, state: Any, tensioner: Any):
+def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
     """F >= 0 [N] on the contact point along the direction, and P [Pa], eq. (2), (3).
 
     Args:
         x: extension [m].
         rate: x' [m/s].
+        kept: as in `pressure_of`.
+        state: of oil and ratchet.
+        tensioner: its data.
     """
-    pressure = pressure_of(x, state, tensioner)
+    pressure = pressure_of(x, kept, state, tensioner)
     push = elastic_push(x, pressure, tensioner) - tensioner.damping * rate
     return wp.max(push, type(rate)(0.0)) + stop_force(x, rate, state, tensioner), pressure
 
@@ -392,14 +443,14 @@ def no_push(tensioner: BLOCKS.Tensioner):
 
 
 @wp.func
-def push_by(body: Any, remembered: Any, tensioner: Any):
-    """The force of a tensioner on its body at `pose`, and its wrench there."""
+def push_by(body: Any, kept: bool, remembered: Any, tensioner: Any):
+    """The force of a tensioner on its body, and its wrench there; `kept` as in `pressure_of`."""
     arm = touch_arm(body, tensioner)
     lever = leading(arm)
     push = no_push(tensioner)
     push.extension = extension(body.center, arm, tensioner)
     push.rate = stroke_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
-    force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
+    force, pressure = tensioner_force(push.extension, push.rate, kept, remembered, tensioner)
     push.force = force
     push.pressure = pressure
     push.wrench.force = force * leading(tensioner.direction)
@@ -419,61 +470,51 @@ def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def exponential(x: Any):
-    """exp(x), quick where x is small."""
-    one = type(x)(1.0)
-    value = one + x / type(x)(5.0)
-    if wp.abs(x) < type(x)(wp.static(SMALL)):
-        value = one + x * type(x)(0.25) * value
-        value = one + x * type(x)(wp.static(1.0 / 3.0)) * value
-        value = one + x * type(x)(0.5) * value
-        value = one + x * value
-    else:
-        value = wp.exp(x)
-    return value
-
-
-@wp.func
-def compressed(z: Any, phi_end: Any, tensioner: Any):
-    """(p - P_0) exp(phi_end - phi) dphi/dz, what eq. (10) integrates."""
-    phi, slope = compression(z, tensioner)
-    return (pressure_at(z, tensioner) - tensioner.ambient) * exponential(phi_end - phi) * slope
+def expanded(z: Any, tensioner: Any):
+    """K [Pa], eq. (10a), and phi."""
+    one = type(z)(1.0)
+    square = z * z
+    sixth = square * square * square
+    share = one / (one + tensioner.air)
+    q = share * tensioner.ambient / tensioner.bulk_modulus * sixth * z
+    b = share * tensioner.air / (sixth / z)
+    total = type(z)(0.0)
+    for i in range(wp.static(len(SERIES))):
+        row = type(z)(0.0)
+        for j in range(wp.static(DEGREES[len(SERIES) - 1 - i] + 1)):
+            row = row * b + type(z)(wp.static(SERIES[len(SERIES) - 1 - i][DEGREES[len(SERIES) - 1 - i] - j]))
+        total = total * q + row
+    return pressure_at(z, tensioner) * total, q - b
 
 
 @wp.func
 def specific_energy(z: Any, tensioner: Any):
-    """u exp(phi) [Pa], eq. (10): the energy of the oil by its volume as it is; and exp(phi)."""
-    phi, slope = compression(z, tensioner)
-    half = type(z)(0.5) * (z - type(z)(1.0))
-    middle = type(z)(1.0) + half
-    total = type(z)(0.0)
-    for i in range(wp.static(len(NODES))):
-        reach = type(z)(wp.static(NODES[i])) * half
-        both = compressed(middle - reach, phi, tensioner) + compressed(middle + reach, phi, tensioner)
-        total += type(z)(wp.static(WEIGHTS[i])) * both
-    return half * total, wp.exp(phi)
+    """u [Pa] of the oil, eq. (10), (10a), and its volume exp(-phi) a unit of M."""
+    energy, phi = expanded(z, tensioner)
+    still, phi_still = expanded(type(z)(1.0), tensioner)
+    volume, volume_still = exponential(-phi), exponential(-phi_still)
+    return energy - still + tensioner.ambient * (volume - volume_still), volume
 
 
 @wp.func
 def enthalpy(z: Any, tensioner: Any):
     """H [Pa] of the oil, eq. (10)."""
-    energy, density = specific_energy(z, tensioner)
-    return (energy + pressure_at(z, tensioner) - tensioner.ambient) / density
+    energy, volume = specific_energy(z, tensioner)
+    return energy + (pressure_at(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func
-def oil_energy(x: Any, state: Any, tensioner: Any):
+def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
     """U [J], eq. (11); 0 at the ambient pressure."""
-    pressure = pressure_of(x, state, tensioner)
-    energy, density = specific_energy(root_of(pressure, tensioner), tensioner)
-    liquid = tensioner.volume * wp.exp(rounded(state.content)) / density
-    vapor = chamber_volume(x, tensioner) - liquid
-    return liquid * energy - (pressure - tensioner.ambient) * vapor
+    energy, volume = specific_energy(root_of(pressure, tensioner), tensioner)
+    mass = tensioner.volume * wp.exp(rounded(state.content))
+    vapor = chamber_volume(x, tensioner) - mass * volume
+    return mass * energy - (pressure - tensioner.ambient) * vapor
 
 
 @wp.func
-def tensioner_energy(x: Any, state: Any, tensioner: Any):
-    """Stored in spring, stop and oil [J]; the spring's is 0 at x = 0."""
+def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
+    """Stored in spring, stop and oil [J] at a pressure [Pa]; the spring's is 0 at x = 0."""
     half = type(tensioner.volume)(0.5)
     zero = type(tensioner.volume)(0.0)
     reach = rounded(x)
@@ -483,7 +524,7 @@ def tensioner_energy(x: Any, state: Any, tensioner: Any):
     depth = wp.max(stop_place(state, tensioner) - rounded(x), zero)
     energy += half * tensioner.stop_stiffness * depth * depth
     if tensioner.hydraulic == 1:
-        energy += oil_energy(x, state, tensioner)
+        energy += oil_energy(x, pressure, state, tensioner)
     return energy
 
 
@@ -492,7 +533,7 @@ def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tension
     """Power [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
     push = Push()
     push.extension = x
-    force, pressure = tensioner_force(x, rate, state, tensioner)
+    force, pressure = tensioner_force(x, rate, True, state, tensioner)
     push.force = force
     push.pressure = pressure
     return lost_power(push, rate, state, tensioner)
@@ -503,10 +544,9 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
     """The state at rest at an extension: the check valve brings in what goes out, Q = 0; the ratchet latched there."""
     state = TensionerState()
     state.farthest = x
-    state.pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
-        state.pressure = tensioner.rest
-        phi, slope = compression(root_of(tensioner.rest, tensioner), tensioner)
+        state.root = root_of(tensioner.rest, tensioner)
+        phi, slope = compression(state.root, tensioner)
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
     return state
 
@@ -524,27 +564,41 @@ def no_flows(h: wp.float32):
 
 
 @wp.func
-def content_after(content: wp.float64, gain: wp.float64):
-    """mu after M has changed by `gain` [units of V_0 at phi = 0], eq. (6)."""
-    return wp.log(wp.exp(content) + gain)
+def raised(content: wp.float64, gain: wp.float64):
+    """A logarithm after what it is of has grown by a small part."""
+    return content + logarithm_of_sum(gain)
 
 
 @wp.func
-def content_after(content: Pair, gain: wp.float32):
+def raised(content: Pair, gain: wp.float32):
     """The same at float32."""
-    return trimmed(content + log_of_sum(gain / wp.exp(content.high)))
+    return trimmed(content + logarithm_of_sum(gain))
 
 
 @wp.func
-def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
-    """The oil after a step, and what flowed, eq. (9).
+def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
+    """Adds to the flows of a step their energies; `before` and `z` are its ends'.
 
-    What flows has the enthalpy at the mean z of the step's ends: with it, work on the plunger by the mean of the forces
-    at both ends and what is stored, lost and supplied differ by O(h^2).
+    What flows has the enthalpy at the mean z of both: with it, work on the plunger by the mean of the forces at both
+    ends and what is stored, lost and supplied differ by O(h^2).
     """
-    before = root_of(state.pressure, tensioner)
+    phi, slope = compression(z, tensioner)
+    density = exponential(phi)
+    middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
+    flows.leak_loss = middle * density * (flows.leaked + flows.relieved + flows.vented)
+    if flows.supplied > type(z)(0.0):
+        flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
+        flows.valve_loss = flows.supply_work - middle * density * flows.supplied
+    return flows
+
+
+@wp.func
+def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
+    """The oil after a step, and what flowed, eq. (9); with energies where it is metered."""
+    before = state.root
     volume, content = filling(x, state, tensioner)
-    z = solved_root(content, volume, h, rate, before, tensioner)
+    per_volume = h / volume
+    z = solved_root(content, per_volume, rate, before, tensioner)
     pressure = pressure_at(z, tensioner)
     supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)
     flows = no_flows(h)
@@ -552,30 +606,30 @@ def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
     flows.leaked = h * leaked
     flows.relieved = h * relieved
     flows.vented = h * vented
-    out = flows.leaked + flows.relieved + flows.vented
     flows.lift = valve_lift(tensioner.supply - pressure, tensioner.check)
     phi, slope = compression(z, tensioner)
-    density = wp.exp(phi)
-    middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
-    flows.leak_loss = middle * density * out
-    if supplied > type(z)(0.0):
-        flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
-        flows.valve_loss = flows.supply_work - middle * density * flows.supplied
-    state.content = content_after(state.content, density * (flows.supplied - out) / tensioner.volume)
-    state.pressure = pressure
+    gain = per_volume * (supplied - (leaked + relieved + vented))
+    state.content = raised(state.content, exponential(phi - content) * gain)
+    state.root = z
+    if metered:
+        flows = flow_energies(flows, before, z, tensioner)
     return state, flows
 
 
 @wp.func
-def tensioner_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
+def tensioner_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
     """The state after a step of `h` [s], once the body has moved, and what flowed in it.
 
     Args:
         x: extension after the step [m].
         rate: x' over the step [m/s].
+        h: [s].
+        metered: whether the energies of what flowed are wanted.
+        state: before the step.
+        tensioner: its data.
     """
     flows = no_flows(h)
     if tensioner.hydraulic == 1:
-        state, flows = oil_step(x, rate, h, state, tensioner)
+        state, flows = oil_step(x, rate, h, metered, state, tensioner)
     state.farthest = wp.max(state.farthest, rounded(x))
     return state, flows

@@ -18,7 +18,7 @@ from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.kind import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.kernels.gpu.statistics import collect_kernel
@@ -48,7 +48,7 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         measuring=measuring,
         integrator=int(packed.drives["integrator"].max()),
         moving=bool(packed.mounts["active"].any()),
-        friction=Friction(joints=rubs, by_speed=rubs),
+        friction=Friction(joints=BY_SPEED * rubs),
         links="varied" if varied else "lengths",
     )
 

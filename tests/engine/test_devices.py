@@ -31,7 +31,7 @@ from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.kind import DECLARED, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.kind import DECLARED, EVEN, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.shared_memory import ORDERED, room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
@@ -139,7 +139,7 @@ def test_variants_share_a_block_where_a_multiprocessor_has_memory_for_enough_of_
     large, small, several = 232_448, 101_376, VARIANTS_PER_BLOCK
     assert shared(wp.float32, 128, large) == [1, several, 1]
     assert shared(wp.float32, 192, large) == [several, several, 1]
-    assert shared(wp.float32, 128, large, friction=Friction(True, True)) == [1, several, 1]
+    assert shared(wp.float32, 128, large, friction=Friction(EVEN, EVEN)) == [1, several, 1]
     one_by_one = [
         shared(wp.float32, 192, small),
         shared(wp.float64, 128, large),
@@ -153,7 +153,7 @@ def test_variants_share_a_block_where_a_multiprocessor_has_memory_for_enough_of_
 def test_short_kernels_that_share_blocks_are_more_on_a_multiprocessor():
     kind = kinds_of(wp.float32, linear_hysteretic=True, most_shared=232_448)[1]
     rubs, longer = (
-        replace(kind, friction=Friction(True)),
+        replace(kind, friction=Friction(EVEN)),
         replace(kind, shape=replace(kind.shape, rollers_per_thread=6)),
     )
     assert [resident(one) for one in (kind, rubs, longer)] == [20, 16, 16]

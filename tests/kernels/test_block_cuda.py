@@ -9,7 +9,7 @@ import warp as wp
 from blocks import some_of
 
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import DECLARED, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.kind import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
@@ -55,7 +55,7 @@ FORMS = {
             Parts(2, 1),
             measuring=True,
             integrator=1,
-            friction=Friction(joints=True, by_speed=True),
+            friction=Friction(joints=BY_SPEED),
         ),
         8,
         frame_of(NAMES),

@@ -12,7 +12,7 @@ from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop
 
 from warpchain.engine.arrays import harmonic_rows, seat_directions
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.kind import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
     Pair,
     add,
@@ -463,12 +463,12 @@ LOOPS = {
         wp.float32,
         BlockShape(32, 6),
         Parts(2, 1),
-        friction=Friction(contacts=True, joints=True, by_speed=True),
+        friction=Friction(BY_SPEED, BY_SPEED),
         links="varied",
     ),
     "few": BlockKind(wp.float32, BlockShape(160, 1), Parts(2, 1)),
     "tables, profiles": BlockKind(
-        wp.float32, BlockShape(32, 4), Parts(2, 2), profiles=True, friction=Friction(contacts=True, by_speed=True)
+        wp.float32, BlockShape(32, 4), Parts(2, 2), profiles=True, friction=Friction(BY_SPEED)
     ),
     "arm, moving": BlockKind(
         wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), moving=True, profiles=True
@@ -497,7 +497,7 @@ MEASURING = {
         BlockShape(32, 6),
         Parts(2, 1),
         measuring=True,
-        friction=Friction(contacts=True, joints=True, by_speed=True),
+        friction=Friction(BY_SPEED, BY_SPEED),
     ),
     "arm": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), measuring=True, profiles=True),
     "rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), measuring=True, integrator=1),
@@ -514,7 +514,7 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
     if not MEASURING[name].staged:  # of the two steps in the code the one that nearly all are has none at all
         common = largest_part_without_float64(ptx)
-        assert len(common) > 0.25 * len(loop)
+        assert len(common) > 0.2 * len(loop)
         assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
     # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
     # tensioners, and what these have metered

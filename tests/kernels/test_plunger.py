@@ -18,7 +18,7 @@ from warpchain.kernels.physics.tensioner import (
     touch_arm,
 )
 from warpchain.kernels.structs import BodyState, Tensioner, Valve
-from warpchain.kernels.sums import metered
+from warpchain.kernels.sums import add_flows
 
 COLUMNS = (
     "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content", "relieved",
@@ -48,21 +48,21 @@ def lead(
     rest = resting_state(places[0], exact[0])
     state = BLOCKS.TensionerState()
     state.content = pair_of(rest.content)
-    state.pressure = wp.float32(rest.pressure)
+    state.root = wp.float32(rest.root)
     state.farthest = wp.float32(rest.farthest)
     meter = BLOCKS.TensionerFlows()
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
-        after, flows = tensioner_step(x, rate, wp.float32(h), state, t)
+        after, flows = tensioner_step(x, rate, wp.float32(h), True, state, t)
         state = after
-        meter = metered(meter, flows)
-        force, pressure = tensioner_force(x, rate, state, t)
+        meter = add_flows(meter, flows)
+        force, pressure = tensioner_force(x, rate, True, state, t)
         if i % every == 0:
             row = i // every - 1
             out[row, 0] = wp.float64(force)
             out[row, 1] = wp.float64(pressure)
-            out[row, 2] = wp.float64(tensioner_energy(x, state, t))
+            out[row, 2] = wp.float64(tensioner_energy(x, pressure, state, t))
             out[row, 3] = whole(meter.leaked)
             out[row, 4] = whole(meter.supplied)
             out[row, 5] = whole(meter.leak_loss)

@@ -333,7 +333,7 @@ def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
     body.velocity = wp.vec2d(wp.float64(0.1), wp.float64(0.2))
     body.speed = wp.float64(3.0)
     body = faced(body, wp.cos(angle), wp.sin(angle))
-    push = push_by(body, TensionerState(), t)
+    push = push_by(body, True, TensionerState(), t)
     out[0] = touch_arm(body, t)
     out[1] = push.wrench.force
     out[2] = wp.vec2d(push.wrench.moment, push.rate)

@@ -185,9 +185,8 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
         "profiles": packed.carried_guides,
-        "contacts": packed.slides,
-        "joints": packed.joints["rubs"],
-        "by_speed": packed.stribeck,
+        "contacts": packed.sliding,
+        "joints": packed.rubbing,
         "links": np.where(varied, 2, 1 - packed.uniform_links),
         "linear_hysteretic": packed.linear_hysteretic,
     }
@@ -203,7 +202,7 @@ def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int
         integrator=int(columns["integrator"]),
         moving=bool(columns["moving"]),
         profiles=bool(columns["profiles"]),
-        friction=Friction(*(bool(columns[name]) for name in ("contacts", "joints", "by_speed"))),
+        friction=Friction(int(columns["contacts"]), int(columns["joints"])),
         links=("alike", "lengths", "varied")[int(columns["links"])],
         linear_hysteretic=bool(columns["linear_hysteretic"]),
     )

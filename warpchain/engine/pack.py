@@ -272,9 +272,9 @@ def lay_to_rest(packed: Packed) -> None:
     x = extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
-    oil["pressure"], oil["supply"] = of["ambient"], of["supply"]
+    oil["supply"] = of["supply"]
     wet = of["hydraulic"] == 1
-    oil["pressure"][wet] = of["rest"][wet]
+    oil["root"][wet] = (of["rest"][wet] / of["ambient"][wet]) ** (1.0 / 7.0)
     volume = 1.0 + of["area"][wet] * np.maximum(x, of["bottom"])[wet] / of["volume"][wet]
     oil["content"][wet] = compression(of["rest"][wet], of[wet]) + np.log(volume)
 

@@ -84,6 +84,11 @@ def coordinates(
 Arrays: Any = make_dataclass("Arrays", PACKED)
 
 
+def by_speed(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Of rows of what rubs, whether the coefficient of friction depends on the speed."""
+    return np.asarray(rows["law"]["mu_static"] != rows["law"]["mu_dynamic"])
+
+
 @dataclass
 class Packed(Arrays):
     """An ensemble as numpy structured arrays, in the layout of `kernels.structs`, and where each variant's parts begin.
@@ -147,9 +152,16 @@ class Packed(Arrays):
         return found
 
     @property
-    def slides(self) -> NDArray[np.bool_]:
-        """(variants,) whether rollers rub on teeth or guide-bars."""
-        return self.having(*(sliding["rubs"] != 0 for sliding in (self.tooth_sliding, self.guide_sliding)))
+    def sliding(self) -> NDArray[np.int64]:
+        """(variants,) how rollers rub on teeth or guide-bars: 0 (not at all), 1 or, by the speed, 2."""
+        both = (self.tooth_sliding, self.guide_sliding)
+        rubs = self.having(*(sliding["rubs"] != 0 for sliding in both))
+        return rubs * (1 + self.having(*(by_speed(sliding) for sliding in both)))
+
+    @property
+    def rubbing(self) -> NDArray[np.int64]:
+        """(variants,) the same of a chain's joints."""
+        return np.asarray((self.joints["rubs"] != 0) * (1 + by_speed(self.joints)))
 
     @property
     def linear_hysteretic(self) -> NDArray[np.bool_]:
@@ -168,14 +180,6 @@ class Packed(Arrays):
         """(variants,) whether all links of a chain are of one length."""
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
-
-    @property
-    def stribeck(self) -> NDArray[np.bool_]:
-        """(variants,) whether a coefficient of friction depends on the speed."""
-        laws = (self.tooth_sliding["law"], self.guide_sliding["law"])
-        joint = self.joints["law"]
-        depends = self.having(*(law["mu_static"] != law["mu_dynamic"] for law in laws))
-        return np.asarray(depends | (joint["mu_static"] != joint["mu_dynamic"]))
 
     @property
     def fed(self) -> NDArray[np.bool_]:

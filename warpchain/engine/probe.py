@@ -167,7 +167,7 @@ class Probe:
                 bodies["center"][:, s] = arm["center"] + lever
                 bodies["velocity"][:, s] = arm["speed"][:, None] * np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
         self._oil[:] = self.base.oil[: self.tensioners]
-        self._oil["content"][:count] = states.oil
+        self._oil["content"][:count], self._oil["root"] = states.oil, 0.0
         self._seat[:], self._impact_speed[:] = self._start_seat, 0.0
         self._progress["step"], self._progress["diverged"] = 0, 0
         self._progress["diverged"][count:] = 1
