@@ -67,7 +67,7 @@ VALUES = [
 """Values of a key or a cell, right or wrong."""
 KEYS = [*Factor.model_fields, *Design.model_fields]
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
-NAMES = "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain"
+NAMES = "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain", "balance_shafts"
 """Example drives whose files are changed."""
 STUDY = """
 [study]

@@ -28,6 +28,7 @@ def load(name):
 
 def test_names():
     assert NAMES == (
+        "balance_shafts",
         "car",
         "conveyor",
         "derailleur",
@@ -112,6 +113,19 @@ def test_a_gear_change_and_a_coast_down():
     gearbox = run[0].coupling_torque[:, 1]
     assert (gearbox[(time > 0.226) & (time < 0.254)] == 0.0).all()
     assert gearbox[(time > 0.5) & (time < 0.6)].mean() > 10.0 > 0.0 > gearbox[time > 0.7].mean()
+
+
+def test_gears_of_balance_shafts_pass_on_what_speeds_these_up(runs):
+    """Their speed is 2 w (1 + a cos 2 phi), 2 phi of the crankshaft: J times its slope, 8 w^2 a J, at the pitch radius
+    over cos 20 degrees, for both shafts over the first pair and for one over the second."""
+    drive, row = load("balance_shafts"), runs.metrics.to_pylist()[STEADY.index("balance_shafts")]
+    (harmonic,), speed = drive.shafts[0].prescribed.harmonics, drive.shafts[0].prescribed.speed
+    for gear, count in zip(drive.gears, (2, 1), strict=True):
+        most = count * drive.shafts[1].inertia * 4.0 * speed**2 * harmonic.amplitude
+        lever = 0.5 * gear.teeth[1] * gear.module * np.cos(np.radians(20.0))
+        assert row[f"{gear.name}.tooth_force_max"] == pytest.approx(most / lever, rel=2e-3)
+    assert row["second balance shaft.speed_mean"] == pytest.approx(-2.0 * speed, rel=1e-3)
+    assert row["tongue.torque_mean"] == pytest.approx(row["rotor.speed_mean"] ** 2 * -3.5e-5 - 0.5, rel=5e-3)
 
 
 def test_marine_copies_agree(runs):

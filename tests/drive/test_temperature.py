@@ -29,10 +29,8 @@ STAY = {
     "tensioners.relief.lift",
     "tensioners.vent.diameter",
     "sprockets.mount.table.x", "sprockets.mount.table.y", "sprockets.mount.offset", "sprockets.mount.amplitude",
-    "arms.pivot_table.x", "arms.pivot_table.y", "valves.profile.lift", "valves.table.lift",
-    "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
+    "arms.pivot_table.x", "arms.pivot_table.y", "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
     "tensioners.valve.ball_radius", "tensioners.valve.seat_diameter", "tensioners.valve.lift",
-    "tensioners.relief.diameter", "tensioners.relief.lift", "tensioners.vent.diameter",
     "tensioners.ratchet.pitch", "tensioners.ratchet.backlash",
 }  # fmt: skip
 """Lengths that are as files say: motions, lifts of valves, and a tensioner's own parts."""
