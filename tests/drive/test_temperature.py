@@ -23,13 +23,10 @@ from warpchain.fit import fit_position
 from warpchain.results.schedule import Schedule
 
 STAY = {
-    "valves.profile.lift",
-    "valves.table.lift",
-    "tensioners.relief.diameter",
-    "tensioners.relief.lift",
-    "tensioners.vent.diameter",
-    "sprockets.mount.table.x", "sprockets.mount.table.y", "sprockets.mount.offset", "sprockets.mount.amplitude",
-    "arms.pivot_table.x", "arms.pivot_table.y", "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
+    "valves.profile.lift", "valves.table.lift", "tensioners.relief.diameter", "tensioners.relief.lift",
+    "tensioners.vent.diameter", "sprockets.mount.table.x", "sprockets.mount.table.y", "sprockets.mount.offset",
+    "sprockets.mount.amplitude", "arms.pivot_table.x", "arms.pivot_table.y",
+    "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
     "tensioners.valve.ball_radius", "tensioners.valve.seat_diameter", "tensioners.valve.lift",
     "tensioners.ratchet.pitch", "tensioners.ratchet.backlash",
 }  # fmt: skip
