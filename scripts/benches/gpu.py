@@ -60,7 +60,7 @@ class Part:
 
 
 PARTS: dict[str, Part] = {}
-LOOPS = ("table", "joints", "rollers")
+LOOPS = ("table", "joints", "rollers", "car")
 """Parts that measure the time loop."""
 
 
@@ -114,6 +114,15 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
     many, metrics = (loop(drive, variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
     some = effort.launched(1)
     return variants, work / many, work / metrics, 1e6 * loop(drive, 1, precision, some, False, effort.rounds)[0] / some
+
+
+@part("precision | variants | bare [us/step] | metrics [us/step]", product(PRECISIONS, (1, 1056)))
+def car(precision: str, variants: int, effort: Effort) -> Row:
+    """The time loop of `car`: curved guides, an arm, friction by speed, oil."""
+    drive, steps = named("car"), effort.launched(variants)
+    return tuple(
+        1e6 * loop(drive, variants, precision, steps, metrics, effort.rounds)[0] / steps for metrics in (False, True)
+    )
 
 
 def timed(drives: list[Drive], **options: Any) -> tuple[Run, float]:
