@@ -37,6 +37,9 @@ h takes them at its end, after the body has moved. With mass conserved, that is 
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
+**Drained start.** Until oil has filled a chamber that starts with air, the air goes out and comes in freely, at P_0:
+P_0 takes the place of P_v, and what is not oil is air. Oil comes in through the check valve, and none goes out.
+
 **Energy.** Oil at P has a volume exp(-phi) a unit of M, and
 
     u = int (p - P_0) exp(-phi) dphi from P_0 to P,    H = u + (P - P_0) exp(-phi)              (10)
@@ -90,6 +93,9 @@ LARGEST = 8.0
 
 SMALL = 0.03
 """Up to here exp is a polynomial of degree 5, to 1e-12."""
+
+DREGS = 1e-6
+"""Least share of oil in a drained chamber."""
 
 NODES = [0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363]
 WEIGHTS = [0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763]
@@ -326,11 +332,21 @@ def solved_root(content: Any, volume: Any, h: Any, rate: Any, near: Any, tension
 
 
 @wp.func
+def lowest(state: Any, tensioner: Any):
+    """Pressure below which none falls [Pa]: P_0 while there is air in a drained chamber, then P_v."""
+    pressure = tensioner.vapor
+    if state.unfilled == 1:
+        pressure = tensioner.ambient
+    return pressure
+
+
+@wp.func
 def pressure_of(x: Any, state: Any, tensioner: Any):
     """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring."""
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
         zero = type(pressure)(0.0)
+        tensioner.vapor = lowest(state, tensioner)
         volume, content = filling(x, state, tensioner)
         near = root_of(state.pressure, tensioner)
         pressure = pressure_at(solved_root(content, volume, zero, zero, near, tensioner), tensioner)
@@ -508,6 +524,9 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
         state.pressure = tensioner.rest
         phi, slope = compression(root_of(tensioner.rest, tensioner), tensioner)
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
+        if tensioner.drained > wp.float64(0.0):
+            state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(DREGS))))
+            state.unfilled = 1
     return state
 
 
@@ -543,6 +562,9 @@ def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
     at both ends and what is stored, lost and supplied differ by O(h^2).
     """
     before = root_of(state.pressure, tensioner)
+    tensioner.vapor = lowest(state, tensioner)
+    if state.unfilled == 1:
+        tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
     z = solved_root(content, volume, h, rate, before, tensioner)
     pressure = pressure_at(z, tensioner)
@@ -563,6 +585,10 @@ def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
     state.content = content_after(state.content, density * (flows.supplied - out) / tensioner.volume)
     state.pressure = pressure
+    if state.unfilled == 1:
+        flows.filling = h
+        state.unfilled = wp.where(pressure > tensioner.ambient, 0, 1)
+    flows.unfilled = state.unfilled
     return state, flows
 
 
