@@ -24,16 +24,18 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     place = frame.place
 
     @wp.func
-    def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int):
-        """Number of values of n rollers and a number of sprockets, arms, tensioners, shafts and couplings."""
+    def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int, valves: int):
+        """Number of values of n rollers and a number of sprockets, arms, tensioners, shafts, couplings and valves."""
         of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
         of_bodies += wp.static(frame.values("shaft")) * shafts + wp.static(frame.values("coupling")) * couplings
+        of_bodies += wp.static(frame.values("valve")) * valves
         return wp.static(frame.values("roller")) * n + wp.static(frame.values("sprocket")) * sprockets + of_bodies
 
     @wp.func
     def width_of(drive: Drive):
         """Number of values of a drive's frame."""
-        return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings)
+        return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings,
+                     drive.valves)  # fmt: skip
 
     @wp.func
     def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
@@ -60,7 +62,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         """Sprocket s at the frame's instant, the contacts' moment [N m] and force [N] on it, in a frame of n rollers at
         `at`.
         """
-        mine = at + width(n, s, 0, 0, 0, 0)
+        mine = at + width(n, s, 0, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
@@ -73,7 +75,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
         """Arm a at the frame's instant and the contacts' moment on it [N m], in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0)
+        mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("arm_moment"))] = Real(moment)
@@ -81,7 +83,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
         """Tensioner t at the frame's instant, in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0)
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
         frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
@@ -89,15 +91,22 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_shaft(frames: wp.array[Real], at: int, drive: Drive, h: int, body: Any):
         """Shaft h at the frame's instant, in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0)
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0, 0)
         frames[mine + wp.static(place("shaft_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("shaft_speed"))] = Real(body.speed)
 
     @wp.func
     def write_coupling(frames: wp.array[Real], at: int, drive: Drive, c: int, twist: Any, moment: Any):
         """Coupling c at the frame's instant, in a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c)
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c, 0)
         frames[mine + wp.static(place("coupling_twist"))] = Real(twist)
         frames[mine + wp.static(place("coupling_torque"))] = Real(moment)
+
+    @wp.func
+    def write_valve(frames: wp.array[Real], at: int, drive: Drive, v: int, torque: Any, force: Any):
+        """Group v of valves at the frame's instant, in a frame at `at`."""
+        counts = width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings, v)
+        frames[at + counts + wp.static(place("valve_torque"))] = Real(torque)
+        frames[at + counts + wp.static(place("valve_force"))] = Real(force)
 
     return SimpleNamespace(**locals())

@@ -60,7 +60,8 @@ class Drive:
     shafts: wp.int32  # H: the bodies after the sprockets
     gears: wp.int32
     couplings: wp.int32
-    tied: wp.int32  # 1: has shafts, gears or couplings
+    valves: wp.int32  # groups of valves
+    tied: wp.int32  # 1: has shafts, gears, couplings or valves
     first_roller: wp.int32
     first_sprocket: wp.int32
     first_guide: wp.int32
@@ -71,6 +72,7 @@ class Drive:
     first_shaft: wp.int32
     first_gear: wp.int32
     first_coupling: wp.int32
+    first_valve: wp.int32
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
@@ -116,6 +118,8 @@ class Tie:
     # turns alone; negative: an arm of a drive that is tied
     ratio: wp.float64  # rho, its speed over that of the first
     inertia: wp.float64  # J of its own [kg m^2]
+    apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
+    # shaft, of another chain; 0: it is that itself
 
 
 @wp.struct
@@ -162,6 +166,33 @@ class Gear:
     side: wp.int64  # bodies that turn with that but for this pair, as bits; 0 where gears go round
     inertia: wp.float64  # of those, as that body sees it [kg m^2]
     lever: wp.float64  # R cos 20 degrees of the second gear [m]
+
+
+@wp.struct
+class ValveGroup:
+    """A group of like valves that the cams of a body lift (`physics.valve`)."""
+
+    body: wp.int32  # of the drive's bodies
+    phases: wp.int32  # how many places of its cams
+    first_phase: wp.int32  # where their angles [rad] stand among the tables' values
+    sign: wp.float64  # +1 where forward rotation of the body is counter-clockwise, else -1
+    turned: wp.float64  # forward angle at which the cams would be as for 0 [rad]
+    count: wp.float64  # valves at each place
+    height: wp.float64  # by which the lift of the table is multiplied
+    mass: wp.float64  # m that moves with a valve [kg]
+    preload: wp.float64  # F_0 of its spring [N]
+    stiffness: wp.float64  # k [N/m]
+    lift: Tabulated  # l over the forward angle [m]
+
+
+@wp.struct
+class Cam:
+    """What the valves on a body do to it where it stands."""
+
+    inertia: wp.float64  # sum m l'^2 [kg m^2]
+    growth: wp.float64  # half of its slope by the body's angle [kg m^2]
+    moment: wp.float64  # of the springs [N m]
+    energy: wp.float64  # of the springs [J]
 
 
 @wp.struct
@@ -616,6 +647,17 @@ class GearSums:
 
 
 @wp.struct
+class ValveSums:
+    """Sums over the window of a group of valves (time integrals, trapezoidal)."""
+
+    torque_min: wp.float64  # against forward rotation [N m]
+    torque_max: wp.float64
+    torque: wp.float64  # [N m s]
+    force_min: wp.float64  # of a cam on a follower [N]
+    afloat: wp.float64  # time for which a follower would lift off [s]
+
+
+@wp.struct
 class TensionerFlows:
     """Flows through a tensioner, in a step or since the run began, and their energies."""
 
@@ -771,6 +813,7 @@ class Sums:
     shaft: wp.array[ShaftSums]  # (all shafts,)
     coupling: wp.array[CouplingSums]  # (all couplings,)
     gear: wp.array[GearSums]  # (all gears,)
+    valve: wp.array[ValveSums]  # (all groups of valves,)
     tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
@@ -801,6 +844,7 @@ class Ensemble:
     motors: wp.array[Motor]  # (all shafts,)
     couplings: wp.array[Coupling]  # (all couplings,)
     gears: wp.array[Gear]  # (all gears,)
+    valves: wp.array[ValveGroup]  # (all groups of valves,)
     curves: Curves
     tooth_sliding: wp.array[Sliding]  # (all sprockets,)
     guide_sliding: wp.array[Sliding]  # (all guide-bars,)
@@ -831,6 +875,7 @@ class State:
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
     passed: wp.array[wp.float64]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
+    cams: wp.array[Cam]  # (all bodies,), on the CPU
     couplings: wp.array[Engaged]  # (all couplings,)
     tensioners: wp.array[TensionerState]  # (all tensioners,)
     pushes: wp.array[Push]  # (all tensioners,)
@@ -898,6 +943,8 @@ PAIRS = {
     Coupling: (),
     Engaged: ("rest",),
     Gear: (),
+    ValveGroup: ("turned",),
+    Cam: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
     Hub: ("lever",),
     Arm: (),
@@ -933,7 +980,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))
-    for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, Sums):
+    for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, ValveSums, Sums):
         made[full] = sums_at_float32(full, made)
 
 
@@ -960,7 +1007,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
         seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
         made[Ensemble] = at_float32(Ensemble, made, **seats)
-        made[State] = at_float32(State, made, kept=("rates", "passed", "hub_hold"))
+        made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)

@@ -241,6 +241,17 @@ def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
 
 
 @wp.func
+def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
+    """The torque of one group of valves, and the least force of a cam on a follower."""
+    sums.torque_min = wp.min(sums.torque_min, torque)
+    sums.torque_max = wp.max(sums.torque_max, torque)
+    sums.torque = added(sums.torque, weight * torque)
+    sums.force_min = wp.min(sums.force_min, force)
+    sums.afloat = added(sums.afloat, wp.where(force < type(force)(0.0), weight, type(weight)(0.0)))
+    return sums
+
+
+@wp.func
 def metered(total: Any, flows: Any):
     """A tensioner's meter after one more step; the lift, and whether it is not yet filled, are of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)

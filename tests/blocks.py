@@ -228,6 +228,24 @@ def gear_changes_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in gear_changes()]
 
 
+CAMS = {
+    "number": 2, "phases": [0.0, 90.0], "mass": 0.8, "spring": {"preload": 900.0, "stiffness": 2e4},
+    "profile": {"lift": 0.02, "rise": 70.0, "dwell": 10.0, "fall": 60.0},
+}  # fmt: skip
+
+
+def valves():
+    """Cams on a driven sprocket, a geared shaft and a led one of trains; others in the second."""
+    named = (("a", "driven", -15.0), ("b", "engine", -40.0), ("c", "governor", -100.0))
+    groups = [CAMS | {"name": f"valves {word}", "on": on, "phase": phase} for word, on, phase in named]
+    drive = trains()[0].with_values({"valves": groups})
+    return [drive, drive.with_values({"valves.valves b.on": "cross", "valves.valves c.profile.shape": "cosine"})]
+
+
+def valves_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in valves()]
+
+
 def trains_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in trains()]
 
@@ -321,6 +339,19 @@ def light_stages():
 
 def stages_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in stages_of_two_chains()]
+
+
+def geared_stages():
+    """Two stages with gears and a coupling, and with less load."""
+    drive = chains.motored_stages(step=2e-6)
+    return [drive, drive.with_values({"shafts.wheel.load.torque": 100.0})]
+
+
+def cushed_stages():
+    """Two stages, with bodies so light that contacts want their accelerations before forces, on a coupling."""
+    light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 0.02, "shafts.pump.inertia": 2e-3}
+    drive = chains.cushed_stages(step=2e-6).with_values(light)
+    return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
 
 
 def unjoined():

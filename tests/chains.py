@@ -124,3 +124,61 @@ def twice(drive):
                 more["mount"] = {"kind": "arm", "arm": f"{name} {sprocket['mount']['arm']}"}
             of["sprockets"].append(sprocket | more)
     return Drive(**whole, **of)
+
+
+def plus(drive, text, **values):
+    """A drive with further parts, and with values."""
+    values = {"sprockets.out.load": None} | values if '"wheel"' in text else values
+    return loads_drive(dumps_drive(drive) + text).with_values(values)
+
+
+PUMP = """
+[[shafts]]
+name = "pump"
+inertia = 0.8
+load = { viscous = 2.0 }
+[[gears]]
+name = "pair"
+between = ["mid", "pump"]
+teeth = [20, 40]
+module = 0.004
+"""
+"""Geared to the shaft between two stages."""
+WHEEL = """
+[[shafts]]
+name = "wheel"
+inertia = 3.0
+load = { torque = 250.0 }
+[[couplings]]
+name = "joint"
+between = ["out", "wheel"]
+stiffness = 4e4
+damping = 20.0
+lash = 1e-3
+"""
+"""On a coupling, turned by the last of two stages."""
+CUSH = """
+[[couplings]]
+name = "cush"
+between = ["mid", "mid out"]
+stiffness = 3e4
+damping = 15.0
+"""
+"""Between a shaft and a sprocket on it, of the second of two stages."""
+
+
+def geared_stages(**settings):
+    """Two stages, a pump geared to the shaft between them, and a wheel on a coupling."""
+    return plus(two_stages(**settings), PUMP + WHEEL)
+
+
+def cushed_stages(**settings):
+    """Two stages and the pump, of which a coupling turns the second."""
+    return plus(two_stages(**settings), PUMP + CUSH)
+
+
+def motored_stages(**settings):
+    """Geared stages that a motor starts, on the crank's shaft."""
+    motor = '[[shafts]]\nname = "engine"\ninertia = 0.4\nmotor = { torque = 300.0, power = 3e3 }\n'
+    text = dumps_drive(geared_stages(**settings)).replace("prescribed = { speed = 10.0, ramp_time = 0.0 }\n", "", 1)
+    return loads_drive(text.replace('name = "crank"\n', 'name = "crank"\ninertia = 0.1\nshaft = "engine"\n', 1) + motor)

@@ -61,7 +61,7 @@ def chain(
         pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),
         hubs=zeros(structs.Hub, wheels), tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState),
         ties=zeros(structs.Tie, bodies), motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
-        engaged=zeros(structs.Engaged), gears=zeros(structs.Gear),
+        engaged=zeros(structs.Engaged), gears=zeros(structs.Gear), valves=zeros(structs.ValveGroup),
         tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),

@@ -36,25 +36,45 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
     @wp.func
+    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
+        """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain."""
+        first = b + ensemble.ties[b].apart
+        tie, wrench, more = ensemble.ties[first], state.wrenches[b], state.rates[b][2]
+        state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
+        if ensemble.motions[b].prescribed == 0:
+            for other in range(begin, begin + count):
+                if ensemble.ties[other].train == tie.train and ensemble.ties[other].apart == 0:
+                    rates = state.rates[other]
+                    rates[2] = rates[2] + ensemble.ties[other].ratio / tie.ratio * more
+                    state.rates[other] = rates
+
+    @wp.func
     def join(ensemble: Ensemble, state: State, begin: int, count: int):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
-            first = begin + ensemble.ties[b].train
-            if first != b and ensemble.motions[b].prescribed == 0:
-                rates = state.rates[first]
-                rates[2] = rates[2] + state.rates[b][2]
-                state.rates[first] = rates
+            if ensemble.ties[b].apart != 0:
+                hand_on(ensemble, state, begin, count, b)
         for b in range(begin, begin + count):
-            first = begin + ensemble.ties[b].train
-            if first != b and ensemble.motions[b].prescribed == 0:
+            if ensemble.ties[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
-                rates[2] = state.rates[first][2]
+                rates[2] = state.rates[b + ensemble.ties[b].apart][2]
                 state.rates[b] = rates
 
     @wp.func
     def join_all(ensemble: Ensemble, state: State, variant: int, rings: int):
         """`join`, of all bodies of a variant."""
         join(ensemble, state, ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings))
+
+    @wp.func
+    def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
+        """Answer of the contacts of all that turns with body `b` to an acceleration of that [kg m^2]."""
+        mine, total = ensemble.ties[b], wp.float64(0.0)
+        for other in range(begin, begin + count):
+            tie = ensemble.ties[other]
+            if tie.train == mine.train:
+                ratio = tie.ratio / mine.ratio
+                total = total + ratio * ratio * state.wrenches[other].yielding
+        return total
 
     @wp.func
     def predict(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
@@ -64,16 +84,12 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         for r in range(variant, variant + rings):
             find_rates(ensemble, state, ensemble.drives[r], PREDICTING, time)
         join_all(ensemble, state, variant, rings)
-        begin = ensemble.drives[variant].first_body
-        for b in range(begin, begin + bodies_of(ensemble, variant, rings)):
-            first = begin + ensemble.ties[b].train
-            if first != b:
-                state.wrenches[first].yielding = state.wrenches[first].yielding + state.wrenches[b].yielding
-        for b in range(begin, begin + bodies_of(ensemble, variant, rings)):
+        begin, count = ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings)
+        for b in range(begin, begin + count):
             if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
-                first = begin + ensemble.ties[b].train
-                expected = state.poses[b].angular
-                angular = solved(expected, state.rates[b][2], state.wrenches[first], ensemble.motions[b])
+                expected, wrench = state.poses[b].angular, state.wrenches[b]
+                wrench.yielding = yielding_of(ensemble, state, begin, count, b)
+                angular = solved(expected, state.rates[b][2], wrench, ensemble.motions[b])
                 state.bodies[b].angular = angular
                 state.poses[b].angular = angular
         for r in range(variant, variant + rings):

@@ -26,6 +26,7 @@ from ..physics.motion import load_moment_at_speed, prescribed_acceleration
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
+from ..physics.valve import cam_energy
 from ..structs import Drive, Now, Sums, types
 from ..sums import (
     MERGE_EVERY,
@@ -42,6 +43,7 @@ from ..sums import (
     add_shaft,
     add_tensioner,
     add_touches,
+    add_valve,
 )
 from .chain_sums import chain_sums
 from .jointed import carrier_of, joint_energy
@@ -101,6 +103,9 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                     energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
                 energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
+            if wp.static(not plain):
+                if drive.valves > 0:
+                    energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
             total += energy
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
@@ -204,7 +209,19 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             if on_side(gear, b):
                 other = drive.first_body + b
                 moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            valve = ensemble.valves[v]
+            if on_side(gear, valve.body):
+                torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
+                beside = ensemble.ties[drive.first_body + valve.body].ratio / mine.ratio
+                moment = moment + beside * valve.sign * torque
         sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
+
+    @wp.func
+    def add_valves(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, v: int, now: Now):
+        """Adds group v of all valves to the sums of the window."""
+        torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
+        sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
 
     @wp.func
     def add_trains(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
@@ -215,6 +232,8 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             add_twist(ensemble, state, sums, drive, c, now)
         for g in range(drive.first_gear, drive.first_gear + drive.gears):
             add_teeth(ensemble, state, sums, drive, g, now)
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            add_valves(ensemble, state, sums, drive, v, now)
 
     @wp.func
     def measure_contacts(state: State, sums: Sums, drive: Drive, now: Now):
@@ -270,6 +289,7 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
     vec2, load_row, row = kinds.vec2, accessors(Real).load_row, rows(capacity)
     acceleration, joint_power = passes(Real, capacity).acceleration, joint_passes(Real, capacity).joint_power
     body_now, coupled = moving(Real, plain).body_now, moving(Real, plain).coupled_now
+    lifted = moving(Real, plain).lifted
     write = frame_writers(Real, frame)
 
     @wp.func
@@ -325,6 +345,9 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
             for c in range(drive.couplings):
                 twist, rate, moment = coupled(ensemble, state, drive, drive.first_coupling + c, now.time, now.lag)
                 write.write_coupling(frames, begin, drive, c, twist, moment)
+            for v in range(drive.valves):
+                torque, force = lifted(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
+                write.write_valve(frames, begin, drive, v, torque, force)
 
     width = write.width_of
     return SimpleNamespace(**locals())

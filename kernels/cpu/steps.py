@@ -22,11 +22,12 @@ from ..physics.body import (
     turns_soundly,
 )
 from ..physics.hub import bearing_moment, carried_by, moment_of
-from ..physics.motion import load_moment, prescribed_at
+from ..physics.motion import load_moment, prescribed_acceleration, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
-from ..structs import GROUND, PREDICTING, BodyState, Drive, Now, Wrench, types
+from ..physics.valve import constant_moment, geared, valve_load, with_valves
+from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Now, Wrench, types
 from ..sums import metered
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .jointed import carrier_of, jointed
@@ -185,6 +186,31 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
             twist, moment = coupled(ensemble, state, drive, c)
             state.passed[first] = state.passed[first] - moment
             state.passed[second] = state.passed[second] + state.couplings[c].ratio * moment
+        if drive.valves > 0:
+            lift_valves(ensemble, state, drive)
+
+    @wp.func
+    def lift_valves(ensemble: Ensemble, state: State, drive: Drive):
+        """What valves do to the bodies."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.cams[b] = Cam()
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            valve = ensemble.valves[v]
+            b = drive.first_body + valve.body
+            angle, tables = state.bodies[b].angle, ensemble.curves.tables
+            state.cams[b] = with_valves(state.cams[b], angle, valve, ensemble.motions[b], tables)
+
+    @wp.func
+    def against_valves(ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64):
+        """The moment that turns body `b` of all, of its constant inertia, from that of all but valves."""
+        cam, mine, kick = Cam(), ensemble.ties[b], wp.float64(0.0)
+        for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
+            tie = ensemble.ties[other]
+            if tie.train == mine.train:
+                cam = geared(cam, state.cams[other], tie.ratio / mine.ratio)
+        if drive.integrator == 0 and time > kick:
+            kick = drive.step
+        return constant_moment(moment, state.bodies[b].speed, kick, cam, ensemble.motions[b])
 
     @wp.func
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -206,7 +232,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     kinds, carry, couple = types(Real), hanging(Real).carry, jointed(Real).couple
     loads = loading(Real, plain)
     wrench_on, load_on, motor_on, gathered = loads.wrench_on, loads.load_on, loads.motor_on, loads.gathered
-    coupled, pass_on = loads.coupled, loads.pass_on
+    coupled, pass_on, against_valves = loads.coupled, loads.pass_on, loads.against_valves
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
@@ -221,9 +247,11 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
             wrench.load = wrench.load + wrench.bearing
-            if drive.tied != 0 and ensemble.ties[b].train >= 0:
+            if drive.tied != 0 and ensemble.ties[b].train >= 0 and ensemble.ties[b].apart == 0:
                 wrench.moment = gathered(ensemble, state, drive, b)
                 wrench.load = wp.float64(0.0)
+                if drive.valves > 0:
+                    wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
         off = off_home(body.center, mount)
         return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
 
@@ -334,6 +362,17 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         second = body_now(ensemble, state, drive.first_body + coupling.second, time, lag)
         twist, rate = twist_of(first, second, engaged)
         return twist, rate, coupling_moment(twist, rate, coupling, engaged)
+
+    @wp.func
+    def lifted(ensemble: Ensemble, state: State, drive: Drive, v: int, time: wp.float64, lag: wp.float64):
+        """Torque [N m] of group `v` of all valves against forward rotation, and the least force [N] on a follower."""
+        valve = ensemble.valves[v]
+        b = drive.first_body + valve.body
+        motion, angular = ensemble.motions[b], state.rates[b][2]
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(time, motion, ensemble.curves)
+        body = body_now(ensemble, state, b, time, lag)
+        return valve_load(body.angle, body.speed, angular, valve, motion, ensemble.curves.tables)
 
     @wp.func
     def bodies_sound(state: State, drive: Drive):

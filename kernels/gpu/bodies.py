@@ -38,6 +38,7 @@ from ..physics.tensioner import (
     touch_arm,
 )
 from ..physics.tooth import grid_of
+from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
 from ..sums import add_bearing, add_energy, add_meter, add_tensioner, gathered_powers, metered
 from .geometry import contact_geometry
@@ -369,7 +370,20 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
-    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, b: int):
+    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
+        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
+        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
+        own = ensemble.ties[place_of(shared, first, b)]
+        for other in range(wp.static(kind.parts.mounted)):
+            tie = ensemble.ties[place_of(shared, first, other)]
+            if tie.train == own.train:
+                cam = geared(cam, shared.cams[other], tie.ratio / own.ratio)
+        if wp.static(not staged):
+            kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
+        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
+
+    @wp.func
+    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
         first = ensemble.drives[mine.variant].first_body
         own = ensemble.ties[place_of(shared, first, b)]
@@ -378,25 +392,30 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             tie = ensemble.ties[place_of(shared, first, other)]
             if tie.train == own.train:
                 total = total + tie.ratio * shared.passed[other]
-        return total / own.ratio
+        moment = total / own.ratio
+        if wp.static(kind.parts.valves > 0):
+            moment = against_valves(ensemble, shared, mine, now, b, moment)
+        return moment
 
     @wp.func
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
         first = ensemble.drives[mine.variant].first_body
-        train = ensemble.ties[place_of(shared, first, mine.body)].train
+        own = ensemble.ties[place_of(shared, first, mine.body)]
         total = Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            if ensemble.ties[place_of(shared, first, b)].train == train:
-                total = total + shared.passed[wp.static(kind.parts.bodies) + b]
+            tie = ensemble.ties[place_of(shared, first, b)]
+            if tie.train == own.train:
+                ratio = tie.ratio / own.ratio
+                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
     @wp.func
-    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, wrench: Wrench):
+    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others pass on to it."""
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                wrench.moment = gathered(ensemble, shared, mine, mine.body)
+                wrench.moment = gathered(ensemble, shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
 
@@ -415,7 +434,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         mount = mount_of(shared, mine.body)
         if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            by, body, apart = turning(ensemble, shared, mine, with_bearing(wrench)), state_of(pose), off(pose, mount)
+            by = turning(ensemble, shared, mine, now, with_bearing(wrench))
+            body, apart = state_of(pose), off(pose, mount)
             if wp.static(kind.parts.rings > 1):
                 wrench.yielding = yielding_together(ensemble, shared, mine)
             time = time_of(mine, now)
@@ -445,7 +465,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        moved_by = turning(ensemble, shared, mine, with_bearing(wrench))
+        moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
         lag = leapfrog_lag(now.step, h)
         seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
@@ -472,7 +492,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = ensemble.drives[mine.row].first_body + mine.number
-            by, to = turning(ensemble, shared, mine, with_bearing(wrench)), heading(pose)
+            by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages

@@ -226,7 +226,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
             if wp.static(kind.parts.tied > 0):
                 if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.mounted):
-                    write.write_shaft(frames, at, drive, mine.body - wp.static(sprockets), body)
+                    write.write_shaft(frames, at, drive, mine.number - drive.sprockets, body)
 
     @wp.func
     def write_coupling(
@@ -240,8 +240,24 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         moment: Real,
     ):
         """Writes coupling c of all to the frame."""
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         at = frame_at(drive, state, mine, now)
         write.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)
+
+    @wp.func
+    def write_valve(
+        ensemble: Ensemble,
+        state: State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        v: int,
+        torque: Real,
+        force: Real,
+    ):
+        """Writes group v of all valves to the frame."""
+        drive = ensemble.drives[mine.variant]
+        at = frame_at(drive, state, mine, now)
+        write.write_valve(frames, at, drive, v - drive.first_valve, torque, force)
 
     return SimpleNamespace(**locals())

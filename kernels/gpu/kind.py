@@ -40,6 +40,7 @@ def block_types(Real: type) -> SimpleNamespace:
         sprocket: wp.int32
         guide: wp.int32
         arm: wp.int32
+        shaft: wp.int32
         partners: wp.int32  # its sprockets and guides, as bits
 
     @wp.struct
@@ -53,6 +54,7 @@ def block_types(Real: type) -> SimpleNamespace:
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         # after them, of several chains with light bodies: how contacts answer accelerations [kg m^2]
+        cams: wp.array[kinds.Cam]  # (B,) with valves
         mounts: wp.array[kinds.Mount]  # (B,), where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
@@ -145,9 +147,9 @@ class BlockShape:
 @dataclass(frozen=True)
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
-    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
-    (`structs.Drive.light`, `tied`, `hubs`), and where supplies of tensioners are tabulated. Of several chains, `rings`,
-    all others are of all of them, which are tied.
+    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub, cams lift valves
+    (`structs.Drive.light`, `tied`, `hubs`, `valves`), and where supplies of tensioners are tabulated. Of several
+    chains, `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -161,6 +163,7 @@ class Parts:
     tied: int = 0
     hubs: int = 0
     fed: int = 0
+    valves: int = 0
     rings: int = 1
 
     @property

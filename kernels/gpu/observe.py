@@ -24,6 +24,7 @@ from ..physics.body import (
 from ..physics.link import roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
+from ..physics.valve import cam_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
 from ..sums import (
     add_arm,
@@ -354,6 +355,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
                 energy = own_energy(energy, seen.speed, ensemble.ties[at], motion)
+                if wp.static(kind.parts.valves > 0):
+                    energy = energy + cam_energy(seen.speed, shared.cams[mine.body], motion)
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
 
     return SimpleNamespace(**locals())

@@ -41,6 +41,7 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
         ring.sprocket = drive.first_sprocket - whole.first_sprocket
         ring.guide = drive.first_guide - whole.first_guide
         ring.arm = drive.first_arm - whole.first_arm
+        ring.shaft = drive.first_shaft - whole.first_shaft
         bars = wp.static(sprockets) + ring.guide
         ring.partners = bits(ring.sprocket, drive.sprockets) | bits(bars, drive.guides)
         shared.rings[r] = ring
@@ -49,6 +50,8 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
             shared.memories[ring.sprocket + s] = drive.first_contact + s * drive.rollers - ring.first
         for g in range(drive.guides):
             shared.memories[bars + g] = drive.first_contact + (drive.sprockets + g) * drive.rollers - ring.first
+        for h in range(drive.shafts):
+            shared.places[wp.static(sprockets) + ring.shaft + h] = drive.first_body + drive.sprockets + h
         for a in range(drive.arms):
             shared.places[wp.static(mounted) + ring.arm + a] = drive.first_body + drive.bodies - drive.arms + a
 
@@ -174,7 +177,9 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
             arm = b - (drive.bodies - drive.arms)
             sprocket = shared.rings[ring].sprocket + b
             of_arm = wp.static(mounted) + shared.rings[ring].arm + arm
-            return wp.where(b == GROUND, b, wp.where(arm >= 0, of_arm, sprocket))
+            of_shaft = wp.static(sprockets) + shared.rings[ring].shaft + b - drive.sprockets
+            turning = wp.where(b < drive.sprockets, sprocket, of_shaft)
+            return wp.where(b == GROUND, b, wp.where(arm >= 0, of_arm, turning))
         else:
             return b
 

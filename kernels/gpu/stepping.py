@@ -162,7 +162,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if mine.body >= 0:
             trains.pass_on(ensemble, state, shared, mine, now, wrench)
         barrier()
-        if now.measured != 0 or now.flags & FRAME != 0 or ensemble.drives[mine.variant].couplings > 0:
+        couplings = ensemble.drives[mine.variant].couplings
+        for r in range(1, wp.static(kind.parts.rings)):
+            couplings = couplings + ensemble.drives[mine.variant + r].couplings
+        if now.measured != 0 or now.flags & FRAME != 0 or couplings > 0:
             if mine.body >= 0:
                 trains.observe_trains(ensemble, state, shared, out, mine, now)
             barrier()

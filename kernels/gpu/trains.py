@@ -18,10 +18,12 @@ from ..physics.train import (
     on_side,
     twist_of,
 )
-from ..sums import add_coupling, add_energy, add_gear, add_shaft
+from ..physics.valve import valve_load, with_valves
+from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import block_tensioners, body_steps
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
+from .rings import block_rings
 
 
 @cache
@@ -32,23 +34,42 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
     steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
+    body_of, place_of = block_rings(kind).body_of, block_rings(kind).place_of
 
     @wp.func
     def moment_of(ensemble: Ensemble, mine: Mine, time: Any, shared: Shared):
         """Moment [N m] of the motor on the thread's body."""
         moment = Real(0.0)
         if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
-            at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+            drive = ensemble.drives[mine.row]
+            at = drive.first_shaft + mine.number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
             moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.curves.tables)
         return moment
 
     @wp.func
-    def engage(ensemble: Ensemble, state: State, shared: Shared, c: int, time: Any):
+    def coupled(ensemble: Ensemble, shared: Shared, mine: Mine, c: int):
+        """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block."""
+        coupling, row, ring = ensemble.couplings[c], mine.row, mine.row - mine.variant
+        first = body_of(ensemble, shared, row, ring, coupling.first)
+        return coupling, first, body_of(ensemble, shared, row, ring, coupling.second)
+
+    @wp.func
+    def engage(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, c: int, time: Any):
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
-        coupling = ensemble.couplings[c]
-        first, second = shared.poses[coupling.first], shared.poses[coupling.second]
+        coupling, one, other = coupled(ensemble, shared, mine, c)
+        first, second = shared.poses[one], shared.poses[other]
         return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
+
+    @wp.func
+    def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine, pose: kinds.Pose):
+        """Shares what the valves on the thread's body do to it."""
+        cam, drive = kinds.Cam(), ensemble.drives[mine.variant]
+        for v in range(drive.first_valve, drive.first_valve + drive.valves):
+            valve = ensemble.valves[v]
+            if valve.body == mine.body:
+                cam = with_valves(cam, pose.angle, valve, shared.motions[mine.body], ensemble.curves.tables)
+        shared.cams[mine.body] = cam
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -64,17 +85,19 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
         if wp.static(kind.parts.hubs > 0):
             moment = moment + wrench.bearing
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            coupling = ensemble.couplings[c]
-            if coupling.first == mine.body or coupling.second == mine.body:
+            coupling, one, other = coupled(ensemble, shared, mine, c)
+            if one == mine.body or other == mine.body:
                 engaged = state.couplings[c]
                 if now.stage == 0:
-                    engaged = engage(ensemble, state, shared, c, time)
-                twist, rate = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
+                    engaged = engage(ensemble, state, shared, mine, c, time)
+                twist, rate = twist_of(shared.poses[one], shared.poses[other], engaged)
                 passed = coupling_moment(twist, rate, coupling, engaged)
-                moment = moment + wp.where(coupling.second == mine.body, engaged.ratio * passed, -passed)
+                moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
+        if wp.static(kind.parts.valves > 0):
+            lift_valves(ensemble, shared, mine, pose)
 
     @wp.func
     def speed_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
@@ -83,14 +106,42 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         speed = leading(pose.speed)
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
-            rate = steps.gathered(ensemble, shared, mine, b) * motion.inverse_inertia
+            rate = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * rate)
         return speed
 
     @wp.func
+    def angular_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """Angular acceleration of body b at the step's instant [rad/s^2]."""
+        motion = shared.motions[b]
+        angular = steps.gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
+        return angular
+
+    @wp.func
+    def lifted(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, v: int):
+        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
+        valve = ensemble.valves[v]
+        motion, angle = shared.motions[valve.body], shared.poses[valve.body].angle
+        speed = speed_now(ensemble, shared, mine, now, valve.body)
+        angular = angular_now(ensemble, shared, mine, now, valve.body)
+        return valve_load(angle, speed, angular, valve, motion, ensemble.curves.tables)
+
+    @wp.func
+    def observe_valve(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, v: int):
+        """One step of a group of valves on the thread's body, for the sums of the window and the frame."""
+        torque, force = lifted(ensemble, shared, mine, now, v)
+        if now.flags & FRAME != 0:
+            sampling.write_valve(ensemble, state, out.frames, mine, now, v, torque, force)
+        if wp.static(measuring) and now.measured != 0:
+            out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
+
+    @wp.func
     def observe_shaft(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now):
         """One step of the thread's shaft for the sums of the window."""
-        at = ensemble.drives[mine.variant].first_shaft + mine.body - wp.static(sprockets)
+        drive = ensemble.drives[mine.row]
+        at = drive.first_shaft + mine.number - drive.sprockets
         pose, time = shared.poses[mine.body], steps.time_of(mine, now)
         speed = speed_now(ensemble, shared, mine, now, mine.body)
         before, motion = leading(pose.speed), shared.motions[mine.body]
@@ -101,20 +152,20 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_coupling(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, c: int):
         """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
-        drive = ensemble.drives[mine.variant]
-        coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        twist, before = twist_of(shared.poses[coupling.first], shared.poses[coupling.second], engaged)
-        first = speed_now(ensemble, shared, mine, now, coupling.first)
-        second = speed_now(ensemble, shared, mine, now, coupling.second)
+        drive, engaged = ensemble.drives[mine.row], state.couplings[c]
+        coupling, one, other = coupled(ensemble, shared, mine, c)
+        twist, before = twist_of(shared.poses[one], shared.poses[other], engaged)
+        first = speed_now(ensemble, shared, mine, now, one)
+        second = speed_now(ensemble, shared, mine, now, other)
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
             sampling.write_coupling(ensemble, state, out.frames, mine, now, c, twist, moment)
         if wp.static(measuring) and now.measured != 0:
             led = Real(0.0)
-            if shared.motions[coupling.first].prescribed == 1:
+            if shared.motions[one].prescribed == 1:
                 led = led - moment * first
-            if shared.motions[coupling.second].prescribed == 1:
+            if shared.motions[other].prescribed == 1:
                 led = led + engaged.ratio * moment * second
             power = coupling_loss(twist, rate, coupling, engaged)
             lost = wp.where(now.flags & START != 0, Real(0.0), engaged.lost)
@@ -127,34 +178,46 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def observe_gear(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now, g: int):
         """One step of a pair of gears, whose second body is the thread's, for the sums of the window."""
-        drive = ensemble.drives[mine.variant]
+        drive, first = ensemble.drives[mine.row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
         motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
-        angular = steps.gathered(ensemble, shared, mine, mine.body) * motion.inverse_inertia
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
+        angular = angular_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
         for b in range(wp.static(mounted)):
-            if on_side(gear, b):
-                beside = ensemble.ties[drive.first_body + b].ratio / tie.ratio
-                moment = moment - beside * shared.passed[b]
+            place = place_of(shared, first, b)
+            other = ensemble.ties[place]
+            number = place + other.apart - drive.first_body  # of the body that it turns as, of this chain or another
+            if number >= 0 and number < drive.bodies:
+                if on_side(gear, number):
+                    moment = moment - other.ratio / tie.ratio * shared.passed[b]
+        if wp.static(kind.parts.valves > 0):  # of one chain, so far
+            for v in range(drive.first_valve, drive.first_valve + drive.valves):
+                valve = ensemble.valves[v]
+                if on_side(gear, valve.body):
+                    torque, force = lifted(ensemble, shared, mine, now, v)
+                    beside = ensemble.ties[drive.first_body + valve.body].ratio / tie.ratio
+                    moment = moment + beside * valve.sign * torque
         out.sums.gear[g] = add_gear(out.sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
 
     @wp.func
     def observe_trains(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now):
         """One step of what the thread's body is, or is the second of, once all moments are shared; couplings go on."""
-        drive = ensemble.drives[mine.variant]
+        drive = ensemble.drives[mine.row]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            if ensemble.couplings[c].second == mine.body:
+            if ensemble.couplings[c].second == mine.number:
                 if now.stage == 0:
-                    state.couplings[c] = engage(ensemble, state, shared, c, steps.time_of(mine, now))
+                    state.couplings[c] = engage(ensemble, state, shared, mine, c, steps.time_of(mine, now))
                 if now.measured != 0 or now.flags & FRAME != 0:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
+        if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
+            for v in range(drive.first_valve, drive.first_valve + drive.valves):
+                if ensemble.valves[v].body == mine.body:
+                    observe_valve(ensemble, state, shared, out, mine, now, v)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)
             for g in range(drive.first_gear, drive.first_gear + drive.gears):
-                if ensemble.gears[g].body == mine.body:
+                if ensemble.gears[g].body == mine.number:
                     observe_gear(ensemble, shared, out, mine, now, g)
 
     return SimpleNamespace(**locals())

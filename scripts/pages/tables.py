@@ -27,7 +27,7 @@ from warpchain.study.spec import study_schema
 
 OF = {
     name: f"{name.upper()}."
-    for name in ("strand", "sprocket", "arm", "tensioner", "shaft", "coupling", "gear", "probe")
+    for name in ("strand", "sprocket", "arm", "tensioner", "shaft", "coupling", "gear", "valve", "probe")
 } | {
     "chain": "",
     "partner": "PART.",
@@ -44,7 +44,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def place(channel: Channel) -> str:
     """A channel's place in an archive."""
     if channel in OF_BODIES:
-        count = {"sprocket": "S", "arm": "A", "tensioner": "T", "shaft": "H", "coupling": "C"}[channel.per]
+        count = {"sprocket": "S", "arm": "A", "tensioner": "T", "shaft": "H", "coupling": "C", "valve": "V"}[
+            channel.per
+        ]
         count = f"2 {count}" if channel.components else count
         return f"`State.{channel.name}` ({OF_BODIES.index(channel) + 2}), {count} doubles"
     return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"

@@ -96,25 +96,45 @@ def test_wrong_values_are_named_in_a_line(line):
 
 SHAFT = '[[shafts]]\nname = "A"\n'
 GIVEN = "prescribed = { speed = 10.0 }"
-ONE_CHAIN = {
-    "gears: not yet together with [[chains]]":
-        '[[gears]]\nname = "g"\nbetween = ["A", "B"]\nteeth = [9, 9]\nmodule = 1e-3\n',
-    "couplings: not yet together with [[chains]]":
-        '[[couplings]]\nname = "c"\nbetween = ["A", "B"]\nstiffness = 9.0\n',
-    "shafts.A.motor: not yet together with [[chains]]": SHAFT + "motor = { torque = 1.0 }\n",
-    "shafts.A.initial_speed: not yet together with [[chains]]": SHAFT + "initial_speed = 1.0\n",
-    'shafts.C.name = "C": must be named by a sprocket: shafts without any are not yet together with [[chains]]':
-        SHAFT + '[[shafts]]\nname = "C"\n',
+PAIR = '[[gears]]\nname = "g"\nbetween = ["A", "B"]\nteeth = [{teeth}]\nmodule = 1e-3\n{more}'
+GEARED = {
+    'gears.g.teeth = [9, 9]: the rest of the drive turns "B" 0.5 times as fast as "A"; '
+    "teeth as 1 to 2, internal = true would fit": PAIR.format(teeth="9, 9", more=""),
+    'couplings.c.between = ["A", "C"]: the rest of the drive turns "C" 0.5 times as fast, the other way round, as "A"; '
+    "a coupling needs two that turn alike":
+        SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n' + PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"')
+        + '[[couplings]]\nname = "c"\nbetween = ["A", "C"]\nstiffness = 9.0\n',
+    'couplings.c.between = ["a1", "C"]: the rest of the drive turns "C" 0.5 times as fast, the other way round, '
+    'as "a1"; a coupling needs two that turn alike':
+        SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n' + PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"')
+        + '[[couplings]]\nname = "c"\nbetween = ["a1", "C"]\nstiffness = 9.0\n',
+    'couplings.c.between = ["A", "B"]: the rest of the drive turns "B" 0.5 times as fast as "A"; '
+    "a coupling needs two that turn alike": '[[couplings]]\nname = "c"\nbetween = ["A", "B"]\nstiffness = 9.0\n',
+    'sprockets.a1.prescribed: not together with shafts."A".motor; give one of the two':
+        SHAFT + "motor = { torque = 1.0 }\n",
+    'shafts.A.initial_speed = 1.0: not where "a1" is prescribed, with which it turns': SHAFT + "initial_speed = 1.0\n",
+    "shafts.C: nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed":
+        SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n',
+    'shafts.C.inertia: missing; must be a positive number; needed as nothing prescribes "C"':
+        SHAFT + '[[shafts]]\nname = "C"\nload = { torque = 1.0 }\n',
     'sprockets.a1.prescribed: not together with shafts."A".prescribed; give one of the two': f"{SHAFT}{GIVEN}\n",
 }  # fmt: skip
-"""What is not yet for drives of several chains, or not twice."""
+"""Contradictions beside several chains, or what is given twice."""
 
 
-@pytest.mark.parametrize("line", ONE_CHAIN)
-def test_what_drives_of_one_chain_have_alone_is_refused_in_a_line(line):
-    text, more = text_of(more="").replace("41", "40"), ONE_CHAIN[line]
+@pytest.mark.parametrize("line", GEARED)
+def test_contradictions_of_gears_and_chains_are_refused_in_a_line(line):
+    text, more = text_of(more="").replace("41", "40"), GEARED[line]
     loads_drive(text)
     assert error(text.replace(SHAFT, more) if SHAFT in more else text + more) == line
+
+
+def test_ratios_of_chains_that_contradict_each_other_beside_gears_name_the_teeth():
+    pump = PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"') + '[[shafts]]\nname = "C"\ninertia = 1.0\n'
+    line = (
+        'sprockets.b2.shaft = "B": the rest of the drive turns "b2" 0.97561 times as fast as "B"; teeth = 40 would fit'
+    )
+    assert error(text_of(more="") + pump) == line
 
 
 def test_bearings_do_not_rub_where_the_shaft_is_prescribed():

@@ -5,36 +5,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import STARTING, ran, two_sprockets, with_parts
+from drives import STARTING, periods, ran, swing, two_sprockets, with_parts
 
 from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
-
-
-def swing(lash="", damping=0.0):
-    """Two inertias on a coupling, one of which turns at first."""
-    return f"""
-[[shafts]]
-name = "a"
-inertia = 0.5
-initial_speed = 2.0
-[[shafts]]
-name = "b"
-inertia = 0.3
-initial_speed = 0.0
-[[couplings]]
-name = "link"
-between = ["a", "b"]
-stiffness = 3e5
-damping = {damping}
-{lash}
-"""
-
-
-def periods(time, value):
-    """Times between crossings of zero upward, each found to the second order of the frames' distance."""
-    at = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
-    crossing = time[at] - value[at] * (time[at + 1] - time[at]) / (value[at + 1] - value[at])
-    return np.diff(crossing)
 
 
 def test_two_inertias_swing_on_a_coupling(device):

@@ -24,6 +24,8 @@ from blocks import (
     swung_trains,
     trains,
     trains_rk4,
+    valves,
+    valves_rk4,
     ways,
 )
 
@@ -44,6 +46,8 @@ KINDS = (
     led,
     led_light,
     led_rk4,
+    valves,
+    valves_rk4,
     *TRAINS,
     fed,
 )
@@ -62,6 +66,8 @@ USUAL = [
     (led_light, False, "float32"),
     (fed, False, "float64"),
     (fed, True, "float32"),
+    (valves, True, "float64"),
+    (valves, False, "float32"),
 ]
 
 

@@ -6,6 +6,8 @@ import pytest
 import warp as wp
 from blocks import (
     assert_steps_of_the_cpu,
+    cushed_stages,
+    geared_stages,
     light_stages,
     pack_for,
     run_blocks,
@@ -25,8 +27,24 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-KINDS = v6, stages_of_two_chains, light_stages, stages_rk4, unjoined, unjoined_light, v6_fed
-USUAL = [(v6, True, "float64"), (light_stages, False, "float64"), (stages_rk4, True, "float32")]
+KINDS = (
+    v6,
+    stages_of_two_chains,
+    light_stages,
+    stages_rk4,
+    unjoined,
+    unjoined_light,
+    v6_fed,
+    geared_stages,
+    cushed_stages,
+)
+USUAL = [
+    (geared_stages, True, "float64"),
+    (cushed_stages, False, "float32"),
+    (v6, True, "float64"),
+    (light_stages, False, "float64"),
+    (stages_rk4, True, "float32"),
+]
 
 
 @pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))

@@ -106,3 +106,22 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     k = found.names.index("drum 1")
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=0.03)
     assert 0.04 < -found.eigenvalue[k].real / abs(found.eigenvalue[k]) < 0.3
+
+
+VALVES = """
+[[valves]]
+name = "valves"
+on = "b"
+mass = 400.0
+spring = { preload = 100.0, stiffness = 1e4 }
+profile = { lift = 0.02, rise = 60.0, fall = 60.0 }
+phase = -30.0
+"""
+
+
+def test_valves_have_the_inertia_of_where_they_stand():
+    # J_e = J + m l'^2 with l' = 35/16 of the lift over its angle, in the middle of the flank; 1e-6 by differences
+    found = modes(rest(PAIR + VALVES), count=MANY)
+    slope = 0.02 * 35.0 / 16.0 / math.radians(60.0)
+    omega = math.sqrt(3e4 * (1.0 / 0.5 + 1.0 / (0.3 + 400.0 * slope**2)))
+    assert np.abs(np.abs(found.eigenvalue) / omega - 1.0).min() < 1e-6

@@ -88,7 +88,7 @@ class Form:
         exact: whether positions also come as float64 on a topic of their own.
         variant: number of the variant, which names the frames that turn with its sprockets and arms.
         arms: names of the arms.
-        tensioners, shafts, couplings: numbers of these.
+        tensioners, shafts, couplings, valves: numbers of these.
     """
 
     links: int
@@ -102,6 +102,7 @@ class Form:
     tensioners: int = 0
     shafts: int = 0
     couplings: int = 0
+    valves: int = 0
 
     @classmethod
     def of(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> Form:
@@ -121,7 +122,7 @@ class Form:
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
         sizes = Sizes.of(drive)
-        counts = sizes.tensioners, sizes.shafts, sizes.couplings
+        counts = sizes.tensioners, sizes.shafts, sizes.couplings, sizes.valves
         return cls(drive.links, names, channels, precision, values, exact, variant, arms, *counts)
 
     @property
@@ -154,7 +155,7 @@ class Form:
     @property
     def sizes(self) -> Sizes:
         """Numbers of the things that channels are of."""
-        bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings
+        bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings, self.valves
         return Sizes(self.links, *bodies)
 
 

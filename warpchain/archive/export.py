@@ -121,6 +121,7 @@ def _bodies(drive: Drive) -> dict[str, Sequence[Any]]:
         "tensioner": drive.tensioners,
         "shaft": drive.shafts,
         "coupling": drive.couplings,
+        "valve": drive.valves,
     }
     return {kind: parts for kind, parts in held.items() if parts}
 

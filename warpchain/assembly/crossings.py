@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
-from warpchain.drive.rings import Ring, rings_of, shaft_of
+from warpchain.drive.chain_parts import Ring, shaft_of
+from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
 

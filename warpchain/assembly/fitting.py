@@ -33,8 +33,9 @@ from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, 
 from warpchain.assembly.place_search import Goal, Search, search_all
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.chain_parts import Ring
 from warpchain.drive.replace import with_numbers
-from warpchain.drive.rings import Ring, rings_of
+from warpchain.drive.rings import rings_of
 from warpchain.drive.thermal import growth
 from warpchain.errors import DriveError
 

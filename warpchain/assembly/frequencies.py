@@ -20,6 +20,7 @@ import numpy as np
 
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.motion_table import Table
 from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.shafts import Shaft
@@ -111,7 +112,7 @@ def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
         found.append((turns, f"revolution of {sprocket.name}{wheel}"))
-    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+    for b, shaft in enumerate(own_shafts(drive), len(drive.sprockets)):
         found.append((speed_ratio(drive, b, drive.driver), f"revolution of {shaft.name}"))
     for gear in drive.gears:
         first = names_of(drive).index(gear.between[0])

@@ -22,8 +22,9 @@ from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.potential import Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
+from warpchain.drive.shafts import Beside
 from warpchain.drive.sprocket import ElasticMount, Led, SliderMount
-from warpchain.drive.trains import is_free, loads_of, names_of, rigid, signed_turns, speed_ratio
+from warpchain.drive.trains import is_free, loads_of, names_of, rigid, signed_turns, speed_ratio, stands
 from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ def passing_rate(drive: Drive, speed: float) -> float:
 
 
 Joined = Sequence[Sequence[tuple[int, int]]]
-"""Shafts that several chains have in common: of each its sprockets, as (chain, sprocket)."""
+"""Shafts that several chains have in common: of each its sprockets, or shafts in their place, as (chain, body)."""
 
 
 def equilibrium(
@@ -203,8 +204,10 @@ def equilibrium(
     potentials = []
     for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle
-        led = [s.prescribed is not None and not isinstance(s, Led) for s in drive.sprockets] if shafts else None
-        potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=led))
+        if shafts:  # the sprockets that they are have the loads
+            moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, Beside)]] = 0.0
+        held = _held(drive) if shafts else None
+        potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=held))
         if (potentials[-1].push >= 0.1 * (potentials[-1].stiffness + potentials[-1].push)).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)
@@ -225,6 +228,13 @@ def equilibrium(
             f"{residual:.1e} of the largest force at work (wanted {_ACCURACY:g})"
         )
     return potentials, solver.split(found)
+
+
+def _held(drive: Drive) -> list[bool]:
+    """Whether angles of one of several chains are held: prescribed, or in the train of what drives all."""
+    led = any(isinstance(sprocket, Led) for sprocket in drive.sprockets)
+    bodies = range(len(drive.sprockets) + len(drive.shafts))
+    return [not is_free(drive, b) or (not led and stands(drive, b)) for b in bodies]
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:

@@ -19,8 +19,9 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, transmission_of, with_shafts
+from warpchain.drive.rings import loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, growth
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
@@ -138,9 +139,10 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **({"shafts": train_report.shafts(drive)} if drive.shafts else {}),
+        **({"shafts": train_report.shafts(drive)} if own_shafts(drive) else {}),
         **({"gears": train_report.gears(drive)} if drive.gears else {}),
         **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
+        **({"valves": train_report.valves(drive)} if drive.valves else {}),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -179,13 +181,13 @@ def _step(drive: Drive) -> dict[str, Any]:
 
 def _derive_several(drive: Drive) -> dict[str, Any]:
     """`derive` of several chains."""
-    speeds = transmission_of(with_shafts(drive)).speeds
+    ratios = shaft_ratios(drive)
     shafts = [
         {
             "name": shaft.name,
             "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
-            "ratio": float(speeds[shaft.name]),
-            "speed": float(speeds[shaft.name]) * drive.driver_speed,
+            "ratio": ratios[shaft.name],
+            "speed": ratios[shaft.name] * drive.driver_speed,
         }
         for shaft in drive.shafts
     ]
@@ -467,7 +469,7 @@ def _milli(value: float | None) -> float | None:
 
 
 def _train_lines(values: dict[str, Any]) -> list[str]:
-    """Shafts, gears and couplings; nothing where there are none."""
+    """Shafts, gears, couplings and valves; nothing where there are none."""
     lines: list[str] = []
     if "shafts" in values:
         rows = [
@@ -505,7 +507,25 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
         head = ("coupling", "between", "own frequency", "damping ratio", "lash", "ratio", "clutch",
                 "twist at work", "torque at work")  # fmt: skip
         lines += ["", *_table(head, rows)]
+    lines += _valve_lines(values)
     return lines
+
+
+def _valve_lines(values: dict[str, Any]) -> list[str]:
+    rows: list[tuple[str, ...]] = [
+        (
+            v["name"],
+            v["on"],
+            str(v["count"]),
+            f"{1e3 * v['lift']:.4g} mm",
+            f"{v['spring_force']:.4g} N",
+            f"{v['float_speed']:.4g} rad/s",
+            f"{v['driver_float_speed']:.4g} rad/s",
+        )
+        for v in values.get("valves", ())
+    ]
+    head = ("valves", "on", "count", "lift", "spring at most", "lift off above", "of the driver")
+    return ["", *_table(head, rows)] if rows else []
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:
@@ -553,7 +573,8 @@ def _report_several(values: dict[str, Any]) -> list[str]:
     for name, chain in values["chains"].items():
         lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
     rows: list[tuple[str, ...]] = [
-        (s["name"], ", ".join(s["sprockets"]), f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s") for s in values["shafts"]
+        (s["name"], ", ".join(s["sprockets"]) or "-", f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s")
+        for s in values["shafts"]
     ]
     lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
     return [*lines, *_step_lines(values)]

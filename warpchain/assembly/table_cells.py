@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from warpchain.drive.motion_table import PlaceColumn, SpeedTable, Table
 from warpchain.drive.trains import names_of, speed_ratio
+from warpchain.drive.valves import LiftCurve
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 Array = NDArray[np.float64]
 
-Tabled = Table | PlaceColumn
+Tabled = Table | PlaceColumn | LiftCurve
 
 MOST_CELLS = 2**17
 FINEST = 1000  # parts of the smallest distance between rows tried as spacing
@@ -64,7 +65,7 @@ class TableList:
     def __init__(self) -> None:
         self.blocks: list[Array] = []
         self.length = 0
-        self.rows: dict[tuple[tuple[float, float], ...], int] = {}
+        self.rows: dict[tuple[tuple[float, ...], ...], int] = {}
         self.known: dict[tuple[Tabled, float], tuple[Cells, int]] = {}
         self.seen: dict[tuple[int, float], tuple[Tabled, Cells, int]] = {}  # by identity: long tables are slow to hash
 
@@ -85,7 +86,7 @@ class TableList:
             self.length += len(self.blocks[-1])
         return self.known[key]
 
-    def add_rows(self, rows: tuple[tuple[float, float], ...]) -> int:
+    def add_rows(self, rows: tuple[tuple[float, ...], ...]) -> int:
         """Where the values of rows stand that are read as they are."""
         if rows not in self.rows:
             self.rows[rows] = self.length
@@ -127,11 +128,11 @@ def cells_of(table: Tabled, ratio: float) -> Cells:
 
 def slopes_of(table: Tabled) -> Array | None:
     """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None; of
-    displacements those of a spline.
+    displacements and lifts those of a spline.
 
     A table over angle goes round: the rows beside its ends are those of the turns before and after.
     """
-    if isinstance(table, PlaceColumn):
+    if isinstance(table, PlaceColumn | LiftCurve):
         return np.asarray(table.spline(table.over, 1))
     if table.interpolation == "linear":
         return None

@@ -20,7 +20,8 @@ from warpchain.drive.batch_math import largest, power, some, sqrt
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
 from warpchain.drive.rings import rings_of
-from warpchain.drive.trains import is_free, names_of, seen_inertia
+from warpchain.drive.shafts import Beside
+from warpchain.drive.trains import is_free, names_of, seen_inertia, train_of, turned_part
 from warpchain.errors import DriveError
 
 AUTOMATIC = 0.6
@@ -54,7 +55,7 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
     touched, from its pivot, k_T a tensioner's spring, oil and stop, l its lever, d the centers of sprockets on it.
     """
     if drive.chains:
-        return _together([body for ring in rings_of(drive) for body in moving_bodies(ring.drive, held)])
+        return _together([ring.drive for ring in rings_of(drive)], held)
     found = []
     for s, sprocket in enumerate(drive.sprockets):
         if on_springs(sprocket):
@@ -67,8 +68,8 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         if not held and is_free(drive, s) and not on_springs(sprocket):
             inertia = seen_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
-            of_several = sprocket.shaft is not None and not drive.shafts  # a ring's, see `_together`
-            name = f'shaft "{sprocket.shaft}"' if of_several else f'sprocket "{sprocket.name}"'
+            shaft = _shared_shaft(drive, s)  # of several chains, see `_together`
+            name = f'sprocket "{sprocket.name}"' if shaft is None else _on_shaft(shaft)
             found.append(Body(name, turning / inertia, 0.0))
     found += [] if held else _couplings(drive)
     for a, arm in enumerate(drive.arms):
@@ -111,7 +112,7 @@ def _couplings(drive: Drive) -> list[Body]:
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found, names = [], names_of(drive)
+    found, names = _valves(drive), names_of(drive)
     for coupling in drive.couplings:
         ends = [names.index(name) for name in coupling.between]
         turns = zip(ends, (1.0, coupling.largest_ratio), strict=True)
@@ -129,12 +130,53 @@ def _couplings(drive: Drive) -> list[Body]:
     return found
 
 
-def _together(bodies: Sequence[Body]) -> list[Body]:
-    """Bodies with those of one shaft, which has the inertia of all, as one that all its chains' rollers push."""
+def _valves(drive: Drive) -> list[Body]:
+    """Valve springs on bodies that turn freely, beside the teeth; the inertia of valves only slows that down."""
+    found, names = [], names_of(drive)
+    for valves in drive.valves:
+        b = names.index(valves.on)
+        if is_free(drive, b):
+            stiffness = valves.torsional_stiffness
+            if b < len(drive.sprockets):
+                teeth = (drive.sprockets[b].teeth - 1) * drive.sprocket_stiffness(b)
+                stiffness = stiffness + teeth * power(drive.pitch_radius(b), 2)
+            found.append(Body(f'valves "{valves.name}"', stiffness / seen_inertia(drive, b), 0.0))
+    return found
+
+
+def _on_shaft(name: str) -> str:
+    """The name of a body that is a shaft."""
+    return f'shaft "{name}"'
+
+
+def _shared_shaft(drive: Drive, s: int) -> str | None:
+    """The shaft, or the first body of the train, that turns sprockets of other chains, too; None of a sprocket of one
+    chain.
+    """
+    shaft, names = drive.sprockets[s].shaft, names_of(drive)
+    if shaft is not None and shaft not in names:
+        return shaft
+    train = train_of(drive, s).bodies
+    return names[train[0]] if any(isinstance(turned_part(drive, b), Beside) for b in train) else None
+
+
+def _together(drives: Sequence[Drive], held: bool) -> list[Body]:
+    """Bodies of chains with those of one shaft, which has the inertia of all, as one that all its chains' rollers push.
+
+    Couplings have the rates of sprockets of other chains, too, that stand beside theirs as shafts.
+    """
     found: dict[str, Body] = {}
-    for body in bodies:
+    for body in (body for drive in drives for body in moving_bodies(drive, held)):
         known = found.get(body.name, Body(body.name, 0.0, 0.0))
         found[body.name] = Body(body.name, known.square + body.square, known.rate + body.rate)
+    for drive in drives if not held else ():
+        beside = [shaft.name for shaft in drive.shafts if isinstance(shaft, Beside)]
+        for coupling in drive.couplings:
+            name = f'coupling "{coupling.name}"'
+            more = sum(
+                found[_on_shaft(end)].square for end in coupling.between if end in beside and _on_shaft(end) in found
+            )
+            found[name] = replace(found[name], square=found[name].square + more)
     return list(found.values())
 
 

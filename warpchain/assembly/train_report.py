@@ -1,4 +1,4 @@
-"""Figures of `check` on shafts, gears, couplings and motors."""
+"""Figures of `check` on shafts, gears, couplings, valves and motors."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from warpchain.drive.geared import own_shafts
 from warpchain.drive.trains import (
     driving_body,
     first_ratio,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 def shafts(drive: Drive) -> list[dict[str, Any]]:
     """Shafts: what turns as one with each, speed at work [rad/s], inertia that it sees [kg m^2] and its motor [N m]."""
     names, found = names_of(drive), []
-    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+    for b, shaft in enumerate(own_shafts(drive), len(drive.sprockets)):
         speed = drive.driver_speed * speed_ratio(drive, b, drive.driver)
         motor = shaft.motor
         found.append(
@@ -53,6 +54,29 @@ def gears(drive: Drive) -> list[dict[str, Any]]:
         }
         for gear in drive.gears
     ]
+
+
+def valves(drive: Drive) -> list[dict[str, Any]]:
+    """Groups of valves: what they are on, how many, lift [m], steepest lift by the angle [m], the largest force of a
+    spring [N], and the speed of their shaft, and of the driver, above which followers lift off [rad/s].
+    """
+    names, found = names_of(drive), []
+    for group in drive.valves:
+        lift, slope, _ = group.lifts()
+        ratio = speed_ratio(drive, drive.driver, names.index(group.on))
+        found.append(
+            {
+                "name": group.name,
+                "on": group.on,
+                "count": group.number * len(group.phases),
+                "lift": float(lift.max()),
+                "slope": float(slope.max()),
+                "spring_force": group.spring.preload + group.spring.stiffness * float(lift.max()),
+                "float_speed": group.float_speed,
+                "driver_float_speed": group.float_speed * ratio,
+            }
+        )
+    return found
 
 
 def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:

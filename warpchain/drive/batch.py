@@ -27,14 +27,19 @@ from warpchain.drive.drive import Drive
 from warpchain.drive.motion_table import TABLES
 from warpchain.drive.schema import Part
 from warpchain.drive.shafts import Ratios
+from warpchain.drive.valves import LiftProfile, LiftTable, Valves
 from warpchain.errors import DriveError
 
 Value = TypeVar("Value")
 
+_TABLES = (*TABLES, LiftTable)
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
 _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
 """The numbers that guides' faces hang on."""
+
+_OF_LIFTS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}
+"""The numbers that tables of lifts, and the places of cams, hang on."""
 
 _FREE = {WornLink}
 """Parts, of numbers, whole ones among them, that decide nothing, and so may be 0 in some of a stack only."""
@@ -132,7 +137,7 @@ class _Columns:
         types = set(map(type, values))
         if types == {float}:
             return self._numbers(values)
-        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, (*TABLES, Ratios)):
+        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, (*_TABLES, Ratios)):
             known = [_mark(value) for value in values]
             return first if len(set(known)) == 1 else self._differ(known)
         if isinstance(first, tuple):
@@ -149,7 +154,7 @@ class _Columns:
         exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
             if name not in _APART:
-                self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
+                self.exact = exact or (self.faces and (kind, name) in _OF_FACES) or (kind, name) in _OF_LIFTS
                 columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
@@ -184,7 +189,7 @@ def _free(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
 
 def _mark(value: Any) -> Hashable:
     """A key that distinguishes a value of several types, or one that is no number, from others."""
-    if isinstance(value, TABLES):
+    if isinstance(value, _TABLES):
         return id(value)  # long ones are slow to compare
     if isinstance(value, Ratios):
         return value
@@ -210,7 +215,7 @@ def picked(value: Value, places: Any) -> Value:
     if is_dataclass(value) and not isinstance(value, type):
         found = {field.name: picked(getattr(value, field.name), places) for field in fields(value)}
         return replace(value, **found)
-    if not isinstance(value, Part) or isinstance(value, TABLES):
+    if not isinstance(value, Part) or isinstance(value, _TABLES):
         return value
     new = {name: picked(inner, places) for name, inner in value.__dict__.items()}
     changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
@@ -228,7 +233,7 @@ def size_of(drive: Drive) -> int:
     while todo:
         for value in todo.pop():
             kind = type(value)
-            if kind in _PLAIN or issubclass(kind, TABLES):
+            if kind in _PLAIN or issubclass(kind, _TABLES):
                 continue
             if kind is np.ndarray:
                 return len(value)
@@ -243,7 +248,7 @@ def arrays_of(value: Any) -> Iterator[NDArray[np.float64]]:
     elif isinstance(value, tuple):
         for inner in value:
             yield from arrays_of(inner)
-    elif isinstance(value, Part) and not isinstance(value, TABLES):
+    elif isinstance(value, Part) and not isinstance(value, _TABLES):
         yield from arrays_of(tuple(value.__dict__.values()))
 
 

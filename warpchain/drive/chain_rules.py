@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from warpchain.drive.rings import chain_of, shaft_of, transmission_of, with_shafts
+from warpchain.drive.chain_parts import chain_of, shaft_of
+from warpchain.drive.geared import is_geared
+from warpchain.drive.rings import transmission_of, with_shafts
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive.sprocket import Sprocket
 
-NOT_YET = "not yet together with [[chains]]"
 OF_CHAINS = ("sprockets", "guides", "probes")
 """Lists of parts that name their chain."""
 
@@ -72,14 +73,16 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
             yield Problem(("sprockets", s, "shaft"), shaft, f"must be the name of a shaft; {hint}")
             continue
         groups[shaft].append(s)
+    geared = is_geared(drive)  # whose inertias are those of trains (`train_rules`)
     for i, name in enumerate(names):
         members = groups.get(name, []) if is_name(name) else []
-        if is_name(name) and not members and names.index(name) == i:
-            text = f"must be named by a sprocket: shafts without any are {NOT_YET}"
-            yield Problem(("shafts", i, "name"), name, text)
         yield from _once(sprockets, members, elements(drive, "shafts")[i], str(name))
         parts = [*(sprockets[s] for s in members), elements(drive, "shafts")[i]]
-        if members and all(get(part, key) is None for part in parts for key in ("inertia", "prescribed")):
+        if (
+            members
+            and not geared
+            and all(get(part, key) is None for part in parts for key in ("inertia", "prescribed"))
+        ):
             where = ("sprockets", members[0], "inertia")
             text = f'missing; must be a positive number; needed as nothing prescribes the shaft "{name}"'
             yield Problem(where, None, text, BARE)
@@ -94,6 +97,9 @@ def _once(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: st
             if get(shaft, key) is not None and get(sprockets[s], key) is not None:
                 text = f'not together with shafts."{name}".{key}; give one of the two'
                 yield Problem(("sprockets", s, key), None, text, BARE)
+        if get(shaft, "motor") is not None and get(sprockets[s], "prescribed") is not None:
+            text = f'not together with shafts."{name}".motor; give one of the two'
+            yield Problem(("sprockets", s, "prescribed"), None, text, BARE)
         moved = any(get(part, "prescribed") is not None for part in (shaft, *(sprockets[m] for m in members)))
         if moved and get(sprockets[s], "bearing") is not None and get(sprockets[s], "prescribed") is None:
             text = f'not on the shaft "{name}", which is prescribed and whose motion nothing disturbs'
@@ -130,7 +136,7 @@ def _beside(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str
 def ratio_rules(drive: Any) -> Iterator[Problem]:
     """Something turns each chain, and no two ways through the chains give a shaft two speeds."""
     sprockets, chains = with_shafts(drive), elements(drive, "chains")
-    if not chains or not all(_sound(drive, sprocket) for sprocket in sprockets):
+    if not chains or is_geared(drive) or not all(_sound(drive, sprocket) for sprocket in sprockets):
         return
     if all(get(sprocket, "prescribed") is None for sprocket in sprockets):
         return
@@ -175,16 +181,9 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
 
 
 def one_chain_rules(drive: Any) -> Iterator[Problem]:
-    """Gears, couplings, motors and speeds at the start are for drives of one chain so far."""
-    if not elements(drive, "chains"):
-        return
-    for kind in ("gears", "couplings"):
-        if elements(drive, kind):
-            yield Problem((kind,), None, NOT_YET, BARE)
-    for h, shaft in enumerate(elements(drive, "shafts")):
-        for key in ("motor", "initial_speed"):
-            if get(shaft, key) is not None:
-                yield Problem(("shafts", h, key), None, NOT_YET, BARE)
+    """Valves are for drives of one chain so far."""
+    if elements(drive, "chains") and elements(drive, "valves"):
+        yield Problem(("valves",), None, "valves are not for drives of several [[chains]] yet", BARE)
 
 
 SEVERAL = (chain_rules, one_chain_rules, shaft_group_rules, ratio_rules, plane_rules)

@@ -35,12 +35,13 @@ def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, A
 
 def _tables(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
-    kinds = ("sprockets", "shafts", "couplings", "arms", "tensioners")
+    kinds = ("sprockets", "shafts", "couplings", "arms", "tensioners", "valves")
     named = [(kind, i, part) for kind in kinds for i, part in enumerate(elements(values, kind))]
     for kind, i, part in named:
         holding = ("prescribed", "load", "motor", "clutch", "mount")
         holders = [(f".{key}.table", get(part, key), "table") for key in holding]
         holders += [(".pivot_table", part, "pivot_table"), (".oil.supply_table", get(part, "oil"), "supply_table")]
+        holders += [(".table", part, "table")]
         for keys, holder, key in holders:
             table = get(holder, key)
             if not isinstance(table, dict) or not isinstance(table.get("file"), str):

@@ -71,6 +71,7 @@ from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth,
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import top_speed
 from warpchain.drive.trains import driving_sprocket
+from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
@@ -93,6 +94,7 @@ RULES = (
     tensioner_rules,
     pump_rules,
     train_rules,
+    valve_rules,
 )
 """Rules that tie the parts of a drive together, in the order in which errors are listed."""
 
@@ -135,6 +137,7 @@ class Drive(Part):
         couplings: springs and dampers with play between two shafts.
         temperature: temperature [degrees C] at which sizes and oil are (`warpchain.drive.thermal`); None is 20.
         expansion: coefficients of expansion; None is a block of aluminum, wheels and chain of steel.
+        valves: groups of valves that cams of sprockets and shafts lift.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -152,6 +155,7 @@ class Drive(Part):
     shafts: Annotated[tuple[Shaft, ...], Allowed("must be a list of shafts")] = ()
     gears: Annotated[tuple[Gear, ...], Allowed("must be a list of gear pairs")] = ()
     couplings: Annotated[tuple[Coupling, ...], Allowed("must be a list of couplings")] = ()
+    valves: Annotated[tuple[Valves, ...], Allowed("must be a list of groups of valves")] = ()
     temperature: Temperature | None = None
     expansion: Expansions = None
 
@@ -238,6 +242,11 @@ class Drive(Part):
     def driver_speed(self) -> float:
         """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
         prescribed = with_shafts(self)[self.driver].prescribed
+        if prescribed is None and self.chains:
+            driver = self.driver
+            ring, s = next((r.drive, r.places["sprockets"].index(driver)) for r in rings_of(self)
+                           if driver in r.places["sprockets"])  # fmt: skip
+            return ring.driver_speed * ring.sprockets[ring.driver].teeth / ring.sprockets[s].teeth
         return top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property

@@ -12,9 +12,9 @@ from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
+from warpchain.drive.chain_parts import chain_of
 from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive.guides import guide_profile
-from warpchain.drive.rings import chain_of
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
 from warpchain.drive.sprocket import SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
@@ -135,7 +135,7 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
 
 
 TURNED = ("sprockets", "shafts")
-NAMED = ("chains", *TURNED, "guides", "arms", "tensioners", "gears", "couplings", "probes")
+NAMED = ("chains", *TURNED, "guides", "arms", "tensioners", "gears", "couplings", "valves", "probes")
 PLACES = {
     "sprockets": ("center",),
     "guides": ("start", "end"),

@@ -44,10 +44,12 @@ HEADS = {
     "torque": ("torque", 1.0),
     "pressure": ("pressure", 1.0),
     "pressure_bar": ("pressure", 1e5),
+    "lift": ("lift", 1.0),
+    "lift_mm": ("lift", 1e-3),
 }
 """Heads of a CSV file's columns: the key that they become, and its unit in the column's."""
 
-QUANTITIES = ("speed", "torque", "pressure")
+QUANTITIES = ("speed", "torque", "pressure", "lift")
 """What a second column may hold."""
 
 PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y": ("y", 1.0), "y_mm": ("y", 1e-3)}
@@ -114,7 +116,7 @@ class Table(Part):
                 return
             if len(values) != len(over):
                 yield Problem((cls._quantity,), list(values), f"must have as many elements as {key}, {len(over)}")
-            falling = list(_ascending(key, over))
+            falling = list(ascending(key, over))
             if falling:
                 yield from falling
                 return
@@ -191,7 +193,7 @@ class PlaceTable(Part):
                 return
             if time and time[0] < 0.0:
                 yield Problem(("time", 0), time[0], "must be at least 0, when the run begins")
-            yield from _ascending("time", time)
+            yield from ascending("time", time)
         for axis in ("x", "y"):
             column = elements(node, axis)
             if get(node, axis) is not None and time and len(column) != len(time):
@@ -222,7 +224,7 @@ class PlaceColumn:
         return CubicSpline(self.over, self.values, bc_type=(start, (1, 0.0)))
 
 
-def _ascending(key: str, over: Any) -> Iterator[Problem]:
+def ascending(key: str, over: Any) -> Iterator[Problem]:
     """The first of some numbers that is not above the one before."""
     for i in range(1, len(over)):
         if over[i] <= over[i - 1]:
@@ -332,7 +334,7 @@ def read_csv(path: Path, places: bool = False) -> dict[str, list[float]]:
     elif [key for key, _ in known] not in map(list, product(("time", "angle", "speed"), QUANTITIES)):
         raise DriveError(
             f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle, "
-            f"angle_deg, speed or speed_rpm, the second speed, speed_rpm, torque or pressure"
+            f"angle_deg, speed or speed_rpm, the second speed, speed_rpm, torque, pressure, pressure_bar, lift, lift_mm"
         )
     columns: dict[str, list[float]] = {key: [] for key, _ in known}
     for number, row in rows[1:]:

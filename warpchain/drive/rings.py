@@ -14,46 +14,13 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.arms import Arm
-from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.schema import elements, get, valid
+from warpchain.drive.chain_parts import PARTS, TRAIN_PARTS, Ring, by_own_angle, places_of, shaft_of
+from warpchain.drive.geared import geared_rings, is_geared
+from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Shaft
-from warpchain.drive.sprocket import ArmMount, Led, Load, Prescribed, Sprocket
+from warpchain.drive.sprocket import Led, Load, Prescribed, Sprocket
+from warpchain.drive.trains import speed_ratio
 from warpchain.drive.turned import turned_on
-
-PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
-"""Lists of a drive whose parts are of one chain each."""
-
-
-@dataclass(frozen=True)
-class Ring:
-    """One chain of a drive, with what it runs over.
-
-    Attributes:
-        name: of the chain, "" where it is the only one.
-        drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
-            that another chain turns counts as prescribed (`warpchain.drive.sprocket.Led`).
-        places: by list, `PARTS`, the places of its parts in the whole drive.
-    """
-
-    name: str
-    drive: Any
-    places: dict[str, tuple[int, ...]]
-
-
-def chain_of(drive: Any, part: Any) -> Chain | None:
-    """The chain of a sprocket, guide or probe; None where it is not sound. Drives may be mappings, as for rules."""
-    chains = elements(drive, "chains")
-    if not chains:
-        return valid(Chain, get(drive, "chain"))
-    own = next((chain for chain in chains if get(chain, "name") == get(part, "chain")), None)
-    return None if own is None else valid(NamedChain, own)
-
-
-def shaft_of(sprocket: Any) -> str:
-    """The shaft that a sprocket turns with: by name, or of its own (by a text that no name is)."""
-    shaft = get(sprocket, "shaft")
-    return shaft if shaft is not None else f"{get(sprocket, 'name')}="
 
 
 def with_shafts(drive: Any) -> list[Any]:
@@ -163,7 +130,9 @@ def _next(sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]
 def rings_of(drive: Any) -> tuple[Ring, ...]:
     """The chains of a drive, or of a stack of drives, each as a drive of its own; of one chain, the drive itself."""
     if not drive.chains:
-        return (Ring("", drive, {kind: tuple(range(len(getattr(drive, kind)))) for kind in PARTS}),)
+        return (Ring("", drive, {kind: tuple(range(len(getattr(drive, kind)))) for kind in (*PARTS, *TRAIN_PARTS)}),)
+    if is_geared(drive):
+        return geared_rings(drive)
     drive = shafts_given(drive)
     transmission = transmission_of(drive.sprockets)
     first = next(s for s in drive.sprockets if s.prescribed is not None)
@@ -183,7 +152,7 @@ def rings_of(drive: Any) -> tuple[Ring, ...]:
 
 def _ring(drive: Any, name: str, leader: int, transmission: Transmission, begins: dict[str, float]) -> Ring:
     """A chain that a sprocket leads; `begins` are speeds of shafts at the start over the driver's."""
-    places = _places(drive, name)
+    places = places_of(drive, name)
     names = {drive.sprockets[s].name for s in places["sprockets"]}
     leads, first = drive.sprockets[leader], next(s for s in drive.sprockets if s.prescribed is not None)
     turned, run = float(transmission.speeds[shaft_of(leads)]), drive.run
@@ -202,16 +171,27 @@ def _ring(drive: Any, name: str, leader: int, transmission: Transmission, begins
     parts["sprockets"] = tuple(sprockets)
     chain = next(chain for chain in drive.chains if chain.name == name)
     changes = {"chain": chain, "chains": (), "shafts": (), "run": run, **parts}
-    return Ring(name, drive.model_copy(update=changes), places)
+    return Ring(name, drive.model_copy(update=changes), places | {kind: () for kind in TRAIN_PARTS})
 
 
 def driver_ratios(drive: Any) -> list[float]:
     """Speed of the sprocket that drives each chain, over that of the drive's driver."""
     if not drive.chains:
         return [1.0]
+    drivers = [ring.places["sprockets"][ring.drive.driver] for ring in rings_of(drive)]
+    if is_geared(drive):
+        return [speed_ratio(drive, driver, drive.driver) for driver in drivers]
     speeds = transmission_of(with_shafts(drive)).speeds
-    drivers = [drive.sprockets[ring.places["sprockets"][ring.drive.driver]] for ring in rings_of(drive)]
-    return [float(speeds[shaft_of(driver)]) for driver in drivers]
+    return [float(speeds[shaft_of(drive.sprockets[driver])]) for driver in drivers]
+
+
+def shaft_ratios(drive: Any) -> dict[str, float]:
+    """Speeds of the shafts over that of the driver, by name."""
+    if is_geared(drive):
+        count = len(drive.sprockets)
+        return {shaft.name: speed_ratio(drive, b, drive.driver) for b, shaft in enumerate(drive.shafts, count)}
+    speeds = transmission_of(with_shafts(drive)).speeds
+    return {shaft.name: float(speeds[shaft.name]) for shaft in drive.shafts}
 
 
 def loaded_rings(drive: Any) -> tuple[Ring, ...]:
@@ -219,6 +199,8 @@ def loaded_rings(drive: Any) -> tuple[Ring, ...]:
 
     A chain that is led takes its loads times the ratios of teeth, and what else is on its shaft. Before a run only.
     """
+    if is_geared(drive):
+        return geared_rings(drive, loaded=True)
     rings, drive = rings_of(drive), shafts_given(drive)
     if len(rings) == 1:
         return rings
@@ -260,27 +242,6 @@ def _with_load(ring: Ring, s: int, moment: float) -> Ring:
     return replace(ring, drive=ring.drive.model_copy(update={"sprockets": tuple(sprockets)}))
 
 
-def _places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
-    """Places of a chain's parts; an arm is of the chain of what it carries, else of the first, a tensioner of its
-    body's.
-    """
-    naming = ("sprockets", "guides", "probes")
-    own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
-    own["arms"] = {a for a, arm in enumerate(drive.arms) if arm_chain(drive, arm) == name}
-    bodies = {drive.sprockets[s].name for s in own["sprockets"]} | {drive.arms[a].name for a in own["arms"]}
-    own["tensioners"] = {t for t, tensioner in enumerate(drive.tensioners) if tensioner.on in bodies}
-    return {kind: tuple(sorted(own[kind])) for kind in PARTS}
-
-
-def arm_chain(drive: Any, arm: Arm) -> str | None:
-    """Name of the chain that an arm is of, with those that it carries or that carry it."""
-    first = arm.arm or arm.name
-    row = {first} | {other.name for other in drive.arms if other.arm == first}
-    guides = [guide.chain for guide in drive.guides if guide.arm in row]
-    carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm in row]
-    return next(iter(guides + carried), drive.chains[0].name)
-
-
 def companions(drive: Any, sprocket: Sprocket) -> list[Sprocket]:
     """The sprockets that turn with one, it among them, in order."""
     if sprocket.shaft is None:
@@ -306,19 +267,10 @@ def _sprocket(drive: Any, sprocket: Sprocket, names: set[str], transmission: Tra
 
 
 def _by_own_angle(motion: Any, drive: Any, sprocket: Sprocket, names: set[str], transmission: Transmission) -> Any:
-    """A motion or load whose harmonics and tables go by shafts of its own chain, or by its own."""
+    """`by_own_angle` of a sprocket's motion or load."""
 
     def ratio(shaft: str) -> float:
         turns = next((shaft_of(s) for s in drive.sprockets if s.name == shaft), shaft)
         return float(transmission.speeds[turns] / transmission.speeds[shaft_of(sprocket)])
 
-    def own(h: Any) -> Any:
-        if h.shaft is None or h.shaft in names:
-            return h
-        return h.model_copy(update={"order": h.order * ratio(h.shaft), "shaft": None})
-
-    table = motion.table
-    if table is not None and table.shaft is not None and table.shaft not in names:
-        angle = tuple(x / ratio(table.shaft) for x in table.angle)
-        table = table.model_copy(update={"angle": angle, "shaft": None})
-    return motion.model_copy(update={"harmonics": tuple(map(own, motion.harmonics)), "table": table})
+    return by_own_angle(motion, names, ratio)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
+from warpchain.drive.geared import DRIVING, is_geared
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
@@ -20,17 +21,18 @@ SAME = 1e-6
 
 def train_rules(drive: Any) -> Iterator[Problem]:
     """Everything that ties shafts says the same, and something turns them."""
-    if elements(drive, "chains"):
+    several = bool(elements(drive, "chains"))
+    if several and not is_geared(drive):
         return  # `chain_rules`
     if not has_trains(drive) and all(get(of, "shaft") is None for of in elements(drive, "sprockets")):
         return
     names = names_of(drive)
     yield from _known(drive, [name for name in names if is_name(name)])
-    for h, shaft in enumerate(elements(drive, "shafts")):
+    for h, shaft in enumerate(elements(drive, "shafts") if not several else ()):
         if get(shaft, "inertia") is None and get(shaft, "prescribed") is None:
             text = f"missing; {allowed(Shaft, 'inertia')}; needed unless the shaft is prescribed"
             yield Problem(("shafts", h, "inertia"), None, text, BARE)
-    yield from _on_shafts(drive)
+    yield from _on_shafts(drive, several)
     found = ties(drive)
     if len(names) > MOST_BODIES:
         text = f"with sprockets must be at most {MOST_BODIES}; there are {len(names)}"
@@ -41,6 +43,7 @@ def train_rules(drive: Any) -> Iterator[Problem]:
     wrong = list(_gearboxes(drive, names)) or list(_contradictions(drive, names))
     yield from wrong
     if not wrong:
+        yield from _inertias(drive, names) if several else ()
         yield from _driven(drive, names, found)
         yield from _carried(drive, names)
 
@@ -48,7 +51,8 @@ def train_rules(drive: Any) -> Iterator[Problem]:
 def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Shafts that others name are there."""
     shafts = [name for name in (get(part, "name") for part in elements(drive, "shafts")) if is_name(name)]
-    for s, sprocket in enumerate(elements(drive, "sprockets")):
+    several = elements(drive, "chains")  # `chain_rules.shaft_group_rules`
+    for s, sprocket in enumerate(elements(drive, "sprockets") if not several else ()):
         shaft = get(sprocket, "shaft")
         if isinstance(shaft, str) and shaft not in shafts:
             hint = nearest(shaft, shafts) if shafts else "there are none"
@@ -61,15 +65,29 @@ def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
                     yield Problem((kind, i, "between", k), name, text)
 
 
-def _on_shafts(drive: Any) -> Iterator[Problem]:
-    """Sprockets on shafts have no motion of their own, and one center and mount a shaft."""
+def _inertias(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
+    """Something of each train has an inertia, of drives with several chains, unless it is prescribed."""
+    tied, parts = rigid(drive), [*elements(drive, "sprockets"), *elements(drive, "shafts")]
+    sound = {tied.root[b] for b, of in enumerate(parts) if get(of, "inertia") or get(of, "prescribed")}
+    count = len(elements(drive, "sprockets"))
+    for b, root in enumerate(tied.root):
+        if root == b and root not in sound:
+            place = ("sprockets", b, "inertia") if b < count else ("shafts", b - count, "inertia")
+            text = f'missing; {allowed(Shaft, "inertia")}; needed as nothing prescribes "{names[b]}"'
+            yield Problem(place, None, text, BARE)
+
+
+def _on_shafts(drive: Any, several: bool) -> Iterator[Problem]:
+    """Sprockets on shafts have no motion of their own, and one center and mount a shaft; of `several` chains the first
+    sprocket may have the motion, and `chain_rules` has the rest.
+    """
     rigidly = {tie.b for tie in ties(drive) if tie.kind == "shaft"}
     first: dict[str, Any] = {}
     for s, sprocket in enumerate(elements(drive, "sprockets")):
         shaft = get(sprocket, "shaft")
         if not isinstance(shaft, str):
             continue
-        for key in ("prescribed", "load"):
+        for key in ("prescribed", "load") if not several else ():
             if get(sprocket, key) is not None:
                 text = f'not on a sprocket with a shaft; give shafts."{shaft}".{key} instead'
                 yield Problem(("sprockets", s, key), None, text, BARE)
@@ -77,7 +95,7 @@ def _on_shafts(drive: Any) -> Iterator[Problem]:
             text = f"missing; {allowed(Sprocket, 'inertia')}; needed where a coupling holds the sprocket on its shaft"
             yield Problem(("sprockets", s, "inertia"), None, text, BARE)
         other = first.setdefault(shaft, sprocket)
-        for key in ("center", "mount"):
+        for key in ("center", "mount") if not several else ():
             if _plain(get(other, key)) != _plain(get(sprocket, key)):
                 text = f'must be that of "{get(other, "name")}", which is on the same shaft: {_plain(get(other, key))}'
                 yield Problem(("sprockets", s, key), _plain(get(sprocket, key)), text)
@@ -191,7 +209,14 @@ def _driven(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> Iterator[
     all_of, _ = with_chain(drive)
     keys = ("prescribed", "load", "motor", "initial_speed")
     moved = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in keys)}
-    moved.add(all_of.root[-1])
+    chains = elements(drive, "chains")
+    if not chains:
+        moved.add(all_of.root[-1])
+    turned = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in DRIVING)}
+    for c, chain in enumerate(chains):
+        if all_of.root[len(parts) + c] not in turned:
+            text = "is turned by nothing: neither a sprocket of it, nor what that turns with, is prescribed or driven"
+            yield Problem(("chains", c, "name"), get(chain, "name"), text)
     for b in range(count, len(parts)):
         if all_of.root[b] not in moved:
             text = "nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from warpchain.drive.batch_math import largest, many, power, where
+from warpchain.drive.shafts import Beside
 from warpchain.drive.trains import (
     driving_body,
     driving_sprocket,
@@ -38,7 +39,10 @@ def top_speed(drive: Any) -> Any:
     inertia = drive.chain.links * drive.chain.mass * power(drive.pitch_radius(driver), 2)
     inertia = inertia + sum(power(beside[o], 2) * own_inertia(drive, o) for o in bodies if is_free(drive, o))
     drives = [(beside[o], motor) for o, motor in motors]
-    resists = [(beside[o], load) for o, load in loads_of(drive)]
+    others = [(o, of) for o, of in enumerate(drive.shafts, len(drive.sprockets)) if isinstance(of, Beside)]
+    inertia = inertia + sum(power(beside[o], 2) * of.beyond for o, of in others)
+    resists = [(beside[o], load) for o, load in loads_of(drive) if o not in dict(others)]
+    resists += [(beside[o], of.asks) for o, of in others if of.asks is not None]
 
     def moment(speed: Any) -> Any:
         pushing = sum(r * motor.at(r * speed) for r, motor in drives)

@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.schema import elements, get, numbers
+from warpchain.drive.shafts import Beside
 from warpchain.drive.sprocket import Led, Load
 
 PRESSURE_ANGLE = 20.0
@@ -80,10 +81,14 @@ def ties(drive: Any) -> list[Tie]:
     """
     names, found = names_of(drive), []
     pairs = [set(map(str, elements(part, "between"))) for part in elements(drive, "couplings")]
-    for s, sprocket in enumerate(elements(drive, "sprockets")):
-        shaft = get(sprocket, "shaft")
-        if shaft in names and {str(get(sprocket, "name")), str(shaft)} not in pairs:
-            found.append(Tie(names.index(shaft), s, Fraction(1), "shaft", ("sprockets", s, "shaft")))
+    count = len(elements(drive, "sprockets"))
+    on_shafts = list(enumerate(elements(drive, "sprockets")))
+    on_shafts += [(b, of) for b, of in enumerate(elements(drive, "shafts"), count) if isinstance(of, Beside)]
+    for b, part in on_shafts:
+        shaft = get(part, "shaft")
+        if shaft in names and {str(get(part, "name")), str(shaft)} not in pairs:
+            path = ("sprockets", b, "shaft") if b < count else ("shafts", b - count, "shaft")
+            found.append(Tie(names.index(shaft), b, Fraction(1), "shaft", path))
     for kind in ("gears", "couplings"):
         for i, part in enumerate(elements(drive, kind)):
             between, teeth = elements(part, "between"), elements(part, "teeth")
@@ -115,18 +120,20 @@ def rigid(drive: Any) -> Ratios:
 def with_chain(
     drive: Any, couplings: bool = True, without: Tie | None = None
 ) -> tuple[Ratios, list[tuple[Tie, Fraction]]]:
-    """All bodies, the chain after them as one more, of which a sprocket of z teeth has 1/z; and contradicting ties.
+    """All bodies, the chains after them as more, of which a sprocket of z teeth has 1/z; and contradicting ties.
 
     Args:
         couplings: whether what couplings couple turns alike.
         without: a tie that is left out.
     """
     count, wrong = len(names_of(drive)), []
-    found = Ratios(count + 1)
+    chains = [get(chain, "name") for chain in elements(drive, "chains")] or [None]
+    found = Ratios(count + len(chains))
     for s, sprocket in enumerate(elements(drive, "sprockets")):
-        teeth = get(sprocket, "teeth")
-        if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0:
-            found.tie(count, s, Fraction(-1 if get(sprocket, "wrap") == "cw" else 1, teeth))
+        teeth, chain = get(sprocket, "teeth"), get(sprocket, "chain") if chains[0] is not None else None
+        if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0 and chain in chains:
+            turns = Fraction(-1 if get(sprocket, "wrap") == "cw" else 1, teeth)
+            found.tie(count + chains.index(chain), s, turns)
     for tie in ties(drive):
         if tie != without and (couplings or tie.kind != "couplings"):
             known = found.tie(tie.a, tie.b, tie.ratio)
@@ -205,6 +212,9 @@ def turning_sign(drive: Any, b: int) -> int:
 def speed_ratio(drive: Any, b: int, other: int) -> float:
     """Forward speed of body b over that of another, as the chain, shafts, gears and couplings tie them."""
     count = len(drive.sprockets)
+    if drive.chains:
+        found, _ = with_chain(drive)
+        return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
     if b < count and other < count:
         return drive.sprockets[other].teeth / drive.sprockets[b].teeth
     turns = signed_turns(drive)

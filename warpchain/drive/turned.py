@@ -14,6 +14,18 @@ from warpchain.drive.trains import signed_turns
 Motion = TypeVar("Motion", Prescribed, Load, Motor)
 
 
+def turned_by(drive: Any, name: str) -> Any:
+    """Forward angle [rad] by which a sprocket or shaft of a name has turned on where the drive begins."""
+    phase = drive.run.phase
+    if phase is None or not some(phase):
+        return 0.0
+    teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
+    if drive.shafts and not drive.chains:
+        turns = signed_turns(drive)[len(drive.sprockets) :]
+        teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
+    return phase * 2.0 * math.pi / teeth[name]
+
+
 def turned_on(drive: Any, turned: Sprocket | Shaft, motion: Motion) -> Motion:
     """A sprocket's or a shaft's motion, load or motor as it goes on where the drive has turned on by `run.phase` teeth.
 
@@ -23,13 +35,9 @@ def turned_on(drive: Any, turned: Sprocket | Shaft, motion: Motion) -> Motion:
     phase = drive.run.phase
     if phase is None or not some(phase):
         return motion
-    teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
-    if drive.shafts and not drive.chains:
-        turns = signed_turns(drive)[len(drive.sprockets) :]
-        teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
 
-    def angle(part: Harmonic | Table) -> float:
-        return phase * 2.0 * math.pi / teeth[turned.name if part.shaft is None else part.shaft]
+    def angle(part: Harmonic | Table) -> Any:
+        return turned_by(drive, turned.name if part.shaft is None else part.shaft)
 
     changes: dict[str, Any] = {}
     if not isinstance(motion, Motor):

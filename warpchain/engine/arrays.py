@@ -52,6 +52,7 @@ KINDS = {
     "shaft": Kind(lambda drives: drives["shafts"], "first_shaft"),
     "gear": Kind(lambda drives: drives["gears"], "first_gear"),
     "coupling": Kind(lambda drives: drives["couplings"], "first_coupling"),
+    "valve": Kind(lambda drives: drives["valves"], "first_valve"),
     "partner": Kind(lambda drives: drives["sprockets"] + drives["guides"]),
     "contact": Kind(lambda drives: drives["rollers"] * (drives["sprockets"] + drives["guides"]), "first_contact"),
     "tally": Kind(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
@@ -137,6 +138,7 @@ TABLE = {
         "motors": Array("shaft", packed="motors"),
         "couplings": Array("coupling", packed="couplings"),
         "gears": Array("gear", packed="gears"),
+        "valves": Array("valve", packed="valves"),
         "seats": Array("", packed="seats", made=seat_directions),
     },
     "curves": {
@@ -163,6 +165,7 @@ TABLE = {
         "poses": Array("body", where="cpu"),
         "rates": Array("body", where="cpu"),
         "passed": Array("body", where="cpu"),
+        "cams": Array("body", where="cpu"),
         "extra": Array("roller", where="gpu"),
         "stages": Array(""),
         "rows": Array(""),
@@ -185,6 +188,7 @@ TABLE = {
         "shaft": Array("shaft", kept=True),
         "coupling": Array("coupling", kept=True),
         "gear": Array("gear", kept=True),
+        "valve": Array("valve", kept=True),
     },
     "tallies": {
         "link": Array("tally", kept=True),

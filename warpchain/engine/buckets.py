@@ -132,7 +132,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, fed=0, rings=1)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, fed=0, valves=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
@@ -180,6 +180,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tied": drives["tied"],
         "hubs": drives["hubs"],
         "fed": packed.fed,
+        "valves": drives["valves"] > 0,
         "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),

@@ -1,7 +1,7 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
 A chain is packed, settled and looked at as a drive of its own (`warpchain.drive.rings`). What couples the chains of a
-variant while they are stepped is in `structs.Tie`: bodies of one shaft, of which each has the inertia of all.
+variant while they are stepped is in `structs.Tie`: bodies of one shaft or train, of which each has the inertia of all.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, stacks_of
-from warpchain.drive.rings import Ring, loaded_rings, rings_of, shaft_of, shafts_given
+from warpchain.drive.chain_parts import Ring, shaft_of
+from warpchain.drive.geared import is_geared, joined
+from warpchain.drive.rings import loaded_rings, rings_of, shafts_given
 from warpchain.drive.trains import own_inertia
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
@@ -108,35 +110,81 @@ class Rows:
         """Ties the bodies of variant v, whose rows are `a` to `b` - 1."""
         from warpchain.engine.fill import LIGHT
 
-        drive, rows = shafts_given(self.variants[v]), packed.drives
+        geared = is_geared(self.variants[v])
+        drive, rows = self.variants[v] if geared else shafts_given(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin, end = int(rows["first_body"][a]), int(rows["first_body"][b - 1] + rows["bodies"][b - 1])
-        packed.ties["train"][begin:end], packed.ties["ratio"][begin:end] = np.arange(end - begin), 1.0
-        groups: dict[str, list[tuple[int, int, int]]] = {}
+        _number_trains(packed, range(a, b), begin)
+        members_of: list[tuple[Member, Any]] = []
         for r in range(a, b):
             for k, s in enumerate(self.rings[r].places["sprockets"]):
                 member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
-                groups.setdefault(shaft_of(drive.sprockets[s]), []).append(member)
+                members_of.append((member, drive.sprockets[s]))
+                packed.ties["inertia"][member[1]] = own_inertia(drive, s)
+        if geared:
+            for (one, shaft), (other, k) in joined(drive, self.rings[a:b]):
+                _turn_as(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
+        groups: dict[str, list[Member]] = {}
+        for member, sprocket in members_of:
+            key = str(packed.ties["train"][member[1]]) if geared else shaft_of(sprocket)
+            groups.setdefault(key, []).append(member)
         for members in groups.values():
-            if len(members) > 1:
-                _tie(packed, members, begin)
-        for r in range(a, b):
-            for k, s in enumerate(self.rings[r].places["sprockets"]):
-                packed.ties["inertia"][int(rows["first_body"][r]) + k] = own_inertia(drive, s)
+            if len({row for row, *_ in members}) > 1:
+                if not geared:
+                    _tie(packed, members, begin)
+                _share_contacts(packed, members)
         for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
         rows["light"][a:b] = (packed.motions["following"][begin:end] < LIGHT).any()
 
 
-def _tie(packed: Packed, members: Sequence[tuple[int, int, int]], begin: int) -> None:
-    """Makes bodies one shaft: rows, bodies and sprockets of all; the variant's bodies begin at `begin`.
+Member = tuple[int, int, int]
+"""A sprocket: its row, body and place among all sprockets."""
 
-    What contacts expect of a body, and the mass that friction has to stop, go by all rollers on the shaft: as in
-    `fill.tooth_effective_mass`, with 1/m_e = 1/m + sum of z times the mobility of a point.
+
+def _number_trains(packed: Packed, rows: range, begin: int) -> None:
+    """Numbers the trains of a variant's rows among its bodies, which begin at `begin`; an arm has a negative number."""
+    for row in packed.drives[rows.start : rows.stop]:
+        bodies = int(row["first_body"]) + np.arange(int(row["bodies"]))
+        own, ties = bodies - begin, packed.ties
+        if row["tied"]:
+            trains = ties["train"][bodies]
+            ties["train"][bodies] = np.where(trains < 0, -1 - own, trains + own[0])
+            ties["ratio"][bodies[trains < 0]] = 1.0
+        else:
+            ties["train"][bodies], ties["ratio"][bodies] = own, 1.0
+
+
+OF_A_TRAIN = ("prescribed", "inverse_inertia", "speed", "ramp_time", "drive_harmonics", "drive_table")
+"""What bodies of a train have in common of `structs.Motion`, the sign apart."""
+
+
+def _turn_as(packed: Packed, home: int, body: int) -> None:
+    """Makes a body turn as another chain's, a shaft that stands for it there (`warpchain.drive.geared`)."""
+    ties, motions = packed.ties, packed.motions
+    ties["train"][body], ties["ratio"][body] = ties["train"][home], ties["ratio"][home]
+    ties["apart"][body], ties["inertia"][home] = home - body, 0.0
+    for name in OF_A_TRAIN:
+        motions[name][body] = motions[name][home]
+    if motions["prescribed"][home]:
+        motions["sign"][body] = motions["sign"][home]
+    packed.bodies["speed"][body] = packed.bodies["speed"][home]
+
+
+def _tie(packed: Packed, members: Sequence[Member], begin: int) -> None:
+    """Makes bodies one shaft: rows, bodies and sprockets of all; the variant's bodies begin at `begin`."""
+    bodies = np.array([body for _, body, _ in members])
+    packed.ties["train"][bodies] = bodies[0] - begin
+    packed.ties["apart"][bodies] = bodies[0] - bodies
+    packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
+
+
+def _share_contacts(packed: Packed, members: Sequence[Member]) -> None:
+    """Makes what contacts expect of a body, and the mass that friction has to stop, go by all rollers of the train.
+
+    As in `fill.tooth_effective_mass`, with 1/m_e = 1/m + sum of z times the mobility of a point.
     """
     rows, bodies, sprockets = (np.array(of) for of in zip(*members, strict=True))
-    packed.ties["train"][bodies] = bodies[0] - begin
-    packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
     mass, alone = packed.chains["mass"][rows], packed.motions["following"][bodies]
     yields = ((1.0 / alone - 1.0) / mass).sum()
     together = 1.0 / (1.0 + mass * yields)

@@ -152,7 +152,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
     """
     tensioner, body = drive.tensioners[t], drive.tensioner_body(t)
     row["body"] = body
-    arm = body - len(drive.sprockets)
+    arm = body - drive.first_arm_body
     if arm < 0:
         row["home"] = joined(drive.sprockets[body].center)
     else:

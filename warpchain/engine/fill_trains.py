@@ -1,4 +1,4 @@
-"""Rows of the kernels' structs for shafts: how bodies turn in trains, motors, couplings and gears."""
+"""Rows of the kernels' structs for shafts: how bodies turn in trains, motors, couplings, gears and valves."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 from warpchain.assembly import Assembly
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
+from warpchain.drive.batch_math import radians
 from warpchain.drive.trains import (
     PRESSURE_ANGLE,
     gear_side,
@@ -16,16 +17,23 @@ from warpchain.drive.trains import (
     own_inertia,
     speed_ratio,
     train_of,
+    turning_sign,
     untwisted,
 )
-from warpchain.drive.turned import turned_on
+from warpchain.drive.turned import turned_by, turned_on
 from warpchain.kernels.physics.train import OVER_SPEED
 
 
 def fill_counts(row: Any, drive: Drive) -> None:
     """Fills how many of these a `kernels.structs.Drive` has."""
     row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
-    row["tied"] = has_trains(drive)
+    row["valves"] = len(drive.valves)
+    row["tied"] = is_tied(drive)
+
+
+def is_tied(drive: Drive) -> bool:
+    """Whether kernels gather the moments on bodies before they turn any."""
+    return has_trains(drive) or bool(drive.valves)
 
 
 def fill_tie(row: Any, drive: Drive, b: int) -> None:
@@ -81,6 +89,19 @@ def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
     ratios = drive.couplings[c].ratios
     row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
     row["rest"] = untwisted(drive, c, row["ratio"], assembly.sprocket_angle)[2]
+
+
+def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
+    """Fills group v of valves."""
+    valves = drive.valves[v]
+    body = names_of(drive).index(valves.on)
+    phases = [math.radians(phase) for phase in valves.phases]
+    row["body"], row["phases"], row["first_phase"] = body, len(phases), tables.add_rows((tuple(phases),))
+    row["sign"], row["count"] = turning_sign(drive, body), valves.number
+    row["turned"] = radians(valves.phase) - turned_by(drive, valves.on)
+    row["height"], row["mass"] = valves.height, valves.mass
+    row["preload"], row["stiffness"] = valves.spring.preload, valves.spring.stiffness
+    tables.add(row["lift"], valves.curve, 1.0)
 
 
 def fill_gear(row: Any, drive: Drive, g: int) -> None:

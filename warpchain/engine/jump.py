@@ -14,6 +14,7 @@ from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.geared import is_geared
 from warpchain.drive.reversing import reverse
 from warpchain.drive.rings import loaded_rings, rings_of, with_shafts
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
@@ -139,7 +140,7 @@ def _even(low: float, high: float, count: int) -> list[float]:
 
 def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
     """Name of what carries the load, its own torque, and the one that the chain breaks at [N m]."""
-    bodies = [*with_shafts(drive), *(() if drive.chains else drive.shafts)]
+    bodies = [*(drive.sprockets if is_geared(drive) else with_shafts(drive)), *drive.shafts]
     loads = {bodies[b].name: (b, load) for b, load in loads_of(drive)}
     if on is not None and on not in loads:
         raise DriveError(f"{on}: has no load; allowed is one of {', '.join(loads) or 'none, as the drive has no load'}")
@@ -161,6 +162,8 @@ def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
 def _ratio(drive: Drive, b: int) -> float:
     """Speed of a body over the driver's, by the teeth of chains."""
     s = nearest_sprocket(drive, b)
+    if is_geared(drive):
+        return speed_ratio(drive, b, drive.driver)
     if drive.chains or s is None:
         return 1.0
     beside = 1.0 if b == s else speed_ratio(drive, b, s)

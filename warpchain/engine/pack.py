@@ -23,7 +23,6 @@ from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
-from warpchain.drive.trains import has_trains
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     LIGHT,
@@ -52,7 +51,16 @@ from warpchain.engine.fill_bodies import (
     piece_count,
     profiled,
 )
-from warpchain.engine.fill_trains import fill_coupling, fill_engaged, fill_gear, fill_motor, fill_shaft, fill_tie
+from warpchain.engine.fill_trains import (
+    fill_coupling,
+    fill_engaged,
+    fill_gear,
+    fill_motor,
+    fill_shaft,
+    fill_tie,
+    fill_valve,
+    is_tied,
+)
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
@@ -179,8 +187,8 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
 def _pack_trains(
     packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: Gathered
 ) -> None:
-    """Fills the rows of shafts, gears and couplings, where a stack has any."""
-    if not has_trains(drive):
+    """Fills the rows of shafts, gears, couplings and valves, where a stack has any."""
+    if not is_tied(drive):
         return
     for b in range(drive.first_arm_body + len(drive.arms)):
         with _rows(packed.ties, at["first_body"] + b) as row:
@@ -201,6 +209,9 @@ def _pack_trains(
     for g in range(len(drive.gears)):
         with _rows(packed.gears, at["first_gear"] + g) as row:
             fill_gear(row, drive, g)
+    for v in range(len(drive.valves)):
+        with _rows(packed.valves, at["first_valve"] + v) as row:
+            fill_valve(row, drive, v, gathered.tables)
 
 
 def _pack_sprocket(

@@ -102,12 +102,12 @@ class Probe:
         return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None], oil[None])
 
     def body(self, b: int, angle: float) -> BodyRow:
-        """The free directions of body `b` and its inertia at an angle [rad]."""
+        """The free directions of body `b` and its inertia at an angle [rad], with that of valves."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
             inverse = float(motion["inverse_inertia"])
-            return BodyRow(turns, np.diag([0.0, 0.0, 1.0 / inverse if inverse else 0.0]))
+            return BodyRow(turns, np.diag([0.0, 0.0, 1.0 / inverse + self._valves(b) if inverse else 0.0]))
         share, along = np.linalg.eigh(mount["inverse_mass"])
         slides = np.zeros((3, int((share > 0.0).sum())))
         slides[:2] = along[:, share > 0.0]
@@ -118,6 +118,15 @@ class Probe:
         inertia = np.diag([mount["mass"], mount["mass"], mount["inertia"]])
         inertia[:2, 2] = inertia[2, :2] = q
         return BodyRow(np.hstack([slides, turns]), inertia)
+
+    def _valves(self, b: int) -> float:
+        """Inertia of valves that turns with body `b`, as it sees it where the drive stands [kg m^2]."""
+        if not self.base.drives["valves"][0]:
+            return 0.0
+        self._evaluate(self.start())
+        ties, cams = self.base.ties[: self.body_count], self._engine.state.cams.numpy()[: self.body_count]
+        beside = np.where(ties["train"] == ties["train"][b], ties["ratio"] / ties["ratio"][b], 0.0)
+        return float((beside**2 * cams["inertia"]).sum())
 
     def train(self, b: int) -> Array:
         """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""

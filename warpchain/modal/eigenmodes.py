@@ -28,6 +28,7 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.arguments import Count, Index, NonNegativeNumber, Workers, checked
 from warpchain.drive import Drive
+from warpchain.drive.geared import is_geared
 from warpchain.drive.rings import rings_of
 from warpchain.engine.processes import each
 from warpchain.engine.simulation import available_cores
@@ -346,13 +347,15 @@ def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
         shape, turned = part.at.split(own.T)
         _carry(part, turned)
         shapes.append(shape)
-        at = [*ring.places["sprockets"], *(drive.first_arm_body + a for a in ring.places["arms"])]
-        if not drive.chains:
-            at = list(range(len(placed)))
-        bodies[:, at], placed[at] = turned, part.state.bodies[0]
+        at = [*ring.places["sprockets"], *(len(drive.sprockets) + h for h in ring.places["shafts"])]
+        at += [drive.first_arm_body + a for a in ring.places["arms"]]
+        mine = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
+        mine += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
+        bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
             values[:, list(ring.places["tensioners"])] = getattr(plunger, name)
-    for b, shaft in enumerate(drive.shafts if drive.chains else (), len(drive.sprockets)):
+    several = drive.chains and not is_geared(drive)
+    for b, shaft in enumerate(drive.shafts if several else (), len(drive.sprockets)):
         on = next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.shaft == shaft.name)
         bodies[:, b], placed[b] = bodies[:, on], placed[on]
     return {"shape": np.concatenate(shapes, axis=1), "bodies": bodies, "placed": placed, **pushed}
@@ -377,12 +380,17 @@ def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[
     """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
     named: list[dict[int, str]] = [{} for _ in found.rings]
     for r, s in (first for first, *_ in common_shafts(found.rings, found.drive)):
-        named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
-    parts, shares, off, roller = [], [], np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
+        if s < len(found.rings[r].drive.sprockets):
+            named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
+    parts, shares = list[str](), list[Array]()
+    off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_each(found, vector)):
         energy = (own.conj() * (part.mass @ own)).real.T
         before = f"{found.rings[r].name}." if found.drive.chains else ""
         for name, share in _shares(part, energy, plunger.kinetic, before, named[r]):
+            if name in parts:  # a sprocket that is a shaft beside another chain
+                shares[parts.index(name)] = shares[parts.index(name)] + share
+                continue
             parts.append(name)
             shares.append(share)
         place, count = part.state.position[0], part.at.rollers

@@ -20,8 +20,10 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
+from warpchain.drive.chain_parts import Ring, shaft_of
+from warpchain.drive.geared import is_geared, joined
 from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.drive.rings import Ring, driver_ratios, rings_of, shaft_of
+from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
@@ -155,7 +157,11 @@ class Whole:
 
 
 def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Sprockets of the chains, as (chain, sprocket), that turn as one; in order, without those that turn alone."""
+    """Sprockets of the chains, and shafts that stand for them, as (chain, body), that turn as one; in order, without
+    those that turn alone.
+    """
+    if is_geared(drive):
+        return [list(pair) for pair in joined(drive, rings)]
     groups: dict[str, list[tuple[int, int]]] = {}
     for r, ring in enumerate(rings if drive.chains else ()):
         for k, s in enumerate(ring.places["sprockets"]):
@@ -169,8 +175,9 @@ def standing(
     """Each chain of a drive in static equilibrium under the means of all loads, the speed of its driver [rad/s], as it
     stands in float64, and the tensions of its links (N,) [N].
 
-    Prescribed motions stand, loads have their mean, nothing rubs, couplings have taken up their lash and do not slip,
-    motors are how their moments fall with the speed, and tensioners are at rest. Links are those of
+    Prescribed motions stand, loads have their mean, valves no springs, whose torque has the mean 0, nothing rubs,
+    couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners
+    are at rest. Links are those of
     `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
     the sprockets too.
 
@@ -227,6 +234,7 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     for name in ("speed", "ramp_time", "load_ramp_time", "drive_harmonics", "load_harmonics"):
         still.motions[name] = np.zeros((), dtype=still.motions[name].dtype)
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
+    still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
     for b, load in loads_of(drive):
         turning = speed * speed_ratio(drive, b, drive.driver)

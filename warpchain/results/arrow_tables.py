@@ -72,6 +72,7 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
         "tensioner": [tensioner.name for tensioner in drive.tensioners],
         "shaft": [shaft.name for shaft in drive.shafts],
         "coupling": [coupling.name for coupling in drive.couplings],
+        "valve": [valves.name for valves in drive.valves],
         "axis": list(AXES),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}

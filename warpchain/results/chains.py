@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.rings import Ring, rings_of
+from warpchain.drive.chain_parts import Ring
+from warpchain.drive.rings import rings_of
+from warpchain.drive.shafts import Beside
 from warpchain.results.channels import CHANNEL, Kind
 from warpchain.results.run import Trajectory
 
@@ -33,7 +35,7 @@ def of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
         whole = np.zeros((len(like), sum(map(len, places)), *like.shape[2:]), dtype=like.dtype)
         for at, values in zip(places, held, strict=True):
             if values is not None:
-                whole[:, at] = values
+                whole[:, at] = values[:, : len(at)]  # without shafts that are other chains' sprockets
         channels[name] = whole
     return Trajectory(drive, parts[0].time, **channels)
 
@@ -48,8 +50,22 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
     for k, ring in enumerate(rings):
         held = {name: values[:, _places(drive, rings, CHANNEL[name].per)[k]]
                 for name, values in trajectory.channels().items()}  # fmt: skip
+        held |= _other_sprockets(trajectory, ring, held)
         held = {name: values for name, values in held.items() if values.shape[1]}
         found[ring.name] = Trajectory(ring.drive, trajectory.time, **held)
+    return found
+
+
+def _other_sprockets(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]) -> dict[str, Any]:
+    """Channels of the shafts of a chain, with those that are other chains' sprockets."""
+    names = [sprocket.name for sprocket in trajectory.drive.sprockets]
+    others = [names.index(shaft.name) for shaft in ring.drive.shafts if isinstance(shaft, Beside)]
+    angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
+    found = {}
+    if others and angle is not None and "shaft_angle" in held:
+        found["shaft_angle"] = np.concatenate([held["shaft_angle"], angle[:, others] - angle[:1, others]], axis=1)
+    if others and speed is not None and "shaft_speed" in held:
+        found["shaft_speed"] = np.concatenate([held["shaft_speed"], speed[:, others]], axis=1)
     return found
 
 

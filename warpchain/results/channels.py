@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import NDArray
 
+from warpchain.drive.geared import is_geared
+
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-Kind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling"]
+Kind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve"]
 """Kinds of things that channels are of."""
 
 
@@ -31,12 +33,16 @@ class Sizes:
     tensioners: int = 0
     shafts: int = 0
     couplings: int = 0
+    valves: int = 0
 
     @classmethod
     def of(cls, drive: Drive) -> Sizes:
-        """Those of a drive; shafts of several chains have their sprockets' channels only."""
-        shafts = () if drive.chains else drive.shafts
-        return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, shafts, drive.couplings)))
+        """Those of a drive; shafts of several chains without gears, couplings and motors have their sprockets' channels
+        only.
+        """
+        shafts = () if drive.chains and not is_geared(drive) else drive.shafts
+        turned = shafts, drive.couplings, drive.valves
+        return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
 
     def count(self, kind: Kind) -> int:
         """Number of things of a kind."""
@@ -107,6 +113,8 @@ CHANNELS = (
     Channel("coupling_twist", "rad", "coupling", "angle of its first shaft less its ratio times that of its second"),
     Channel("coupling_torque", "N m", "coupling", "moment that it takes from its first shaft, counter-clockwise"),
     Channel("hub_force", "N", "sprocket", "force of the chain, friction and all", ("x", "y"), on_request=True),
+    Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
+    Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
@@ -119,7 +127,7 @@ CHANNEL = {channel.name: channel for channel in CHANNELS}
 OF_ROLLERS = tuple(channel for channel in CHANNELS if channel.of_rollers)
 """The channels of rollers and of links."""
 OF_BODIES = tuple(channel for channel in CHANNELS if not channel.of_rollers)
-"""The channels of sprockets, arms, tensioners, shafts and couplings."""
+"""The channels of sprockets, arms, tensioners, shafts, couplings and valves."""
 UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
 """Unit of a trajectory's time and of each channel."""
 AXES = ("x", "y")
@@ -131,7 +139,7 @@ class FrameLayout:
     """Layout of one frame's values in a row of memory.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
-    after the other, those of the arms, the tensioners, the shafts and the couplings likewise. With N rollers and S
+    after the other, those of the arms, tensioners, shafts, couplings and valves likewise. With N rollers and S
     sprockets, component k of a channel is at
 
         (place + k) N + i                                         of roller or link i
@@ -188,7 +196,7 @@ class FrameLayout:
         return found
 
 
-BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling")
+BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
 """The kinds whose values stand together in a frame, in order; those of links with those of rollers."""
 
 

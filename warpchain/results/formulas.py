@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpchain.drive.geared import own_shafts
 from warpchain.results.batch_means import counted_below, drift, quantile, share_below, standard_error, steady
 
 if TYPE_CHECKING:
@@ -52,9 +53,10 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
     "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
     "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
-    "shaft": lambda drive: [f"{shaft.name}." for shaft in drive.shafts],
+    "shaft": lambda drive: [f"{shaft.name}." for shaft in own_shafts(drive)],
     "coupling": lambda drive: [f"{coupling.name}." for coupling in drive.couplings],
     "gear": lambda drive: [f"{gear.name}." for gear in drive.gears],
+    "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
 """The things of a drive that columns are of, by what stands before their names."""

@@ -46,6 +46,7 @@ class Limits(Part):
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
         engaged: least number of rollers on a sprocket at the end, over those of the wrap it was assembled with.
+        valve_float: share of time for which a valve's follower would lift off its cam.
         layout: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
     """
 
@@ -59,6 +60,7 @@ class Limits(Part):
     slips: Limit = 0.0
     missed: Limit = 0.0
     engaged: Share = 0.5
+    valve_float: Limit = 0.0
     layout: Limit = 0.0
 
     @classmethod
@@ -226,6 +228,14 @@ RULES = (
         "take more preload (warpchain fit), less load, or a longer ramp_time",
         least=True,
         of="SPROCKET",
+    ),
+    Rule(
+        "valve_float",
+        "valve_float",
+        "of the time",
+        lambda of, value: f"{of}: followers would lift off their cams for {100.0 * value:.2g} % of the time",
+        "take more spring.preload or stiffness, less mass, a profile with longer flanks, or less speed",
+        of="VALVES",
     ),
 )
 """Rules on metrics, in the order of reasons."""

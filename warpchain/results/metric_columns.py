@@ -333,6 +333,17 @@ GEAR = Group(
     ),
     source="gear",
 )
+VALVE = Group(
+    "valve",
+    (
+        Column("cam_torque_min", "N m", "smallest moment against forward rotation", total("torque_min")),
+        Column("cam_torque_mean", "N m", "mean moment against forward rotation", mean("torque")),
+        Column("cam_torque_max", "N m", "largest moment against forward rotation", total("torque_max")),
+        Column("cam_force_min", "N", "smallest force of a cam on its follower", total("force_min")),
+        Column("valve_float", "1", "share of time for which a follower would lift off its cam", mean("afloat")),
+    ),
+    source="valve",
+)
 JOINTS = Group(
     "chain",
     (Column("joints.friction", "J", "energy dissipated by friction in the joints", total("friction")),),
@@ -516,6 +527,7 @@ MEASURED = (
     (SHAFT, MOTOR),
     (COUPLING, SLIPPING),
     (GEAR,),
+    (VALVE,),
     (JOINTS,),
 )
 """Columns formed of the window's sums. Groups in one tuple go thing by thing: all of one, then all of the next."""
@@ -567,7 +579,7 @@ def _kind(drive: Drive) -> Hashable:
         return tuple((ring.name, _kind(ring.drive)) for ring in rings_of(drive))
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
     sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
-    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears) for part in parts)
+    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
     return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains, None, *has)
 

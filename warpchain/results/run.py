@@ -109,6 +109,8 @@ class Trajectory:
         coupling_twist: (F, C) twists of the couplings since the start [rad]; None without couplings.
         coupling_torque: (F, C) moments that they pass on to their second shafts [N m].
         hub_force: (F, S, 2) forces of the chain on the sprockets, friction and all [N]. On request.
+        valve_torque: (F, V) torques of the groups of valves against forward rotation [N m]; None without valves.
+        valve_force: (F, V) least force of a cam of each group on its follower [N].
     """
 
     drive: Drive
@@ -134,6 +136,8 @@ class Trajectory:
     coupling_twist: NDArray[np.floating] | None = None
     coupling_torque: NDArray[np.floating] | None = None
     hub_force: NDArray[np.floating] | None = None
+    valve_torque: NDArray[np.floating] | None = None
+    valve_force: NDArray[np.floating] | None = None
 
     def __repr__(self) -> str:
         """One line: frames, time, channels."""

@@ -129,7 +129,7 @@ def wear_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-BODIES = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings"}
+BODIES = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
 """Parts with channels of their own beside rollers, links and sprockets, with the drive's list of them."""
 
 

@@ -190,7 +190,7 @@ def wear(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def bodies(found: HandedIn, row: Row) -> Iterator[str]:
-    """Arms, tensioners, shafts, couplings: every channel that is recorded of them, and how it moves in the window."""
+    """Arms, tensioners, shafts, couplings, valves: every channel recorded of them, and how it moves in the window."""
     for kind, of in load.BODIES.items():
         channels = load.channels_of(found.part, kind)
         for k, part in enumerate(getattr(found.drive, of)):

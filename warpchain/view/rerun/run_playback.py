@@ -114,6 +114,8 @@ def blueprint(
     tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
     if any(one.trajectory.coupling_torque is not None for one in shown):
         tabs.append(rrb.Vertical(*curves("coupling", "twist"), name="couplings"))
+    if any(one.trajectory.valve_torque is not None for one in shown):
+        tabs.append(rrb.Vertical(*curves("valves"), name="valves"))
     if spectra:
         tabs.append(rrb.Vertical(*(chart.view(f"spectrum of {chart.path[-1]}") for chart in spectra), name="spectrum"))
     charts, columns = ensemble

@@ -44,6 +44,7 @@ GROUPS = {
     "friction": "friction power of all joints [W]",
     "coupling": "torque of the couplings [N m]",
     "twist": "twist of the couplings [deg]",
+    "valves": "torque of the valves against rotation [N m]",
 }
 """Groups of curves, each a view, with their titles."""
 DISPLAYED_IN = {"error": DEGREES, "displacement": 1e3, "twist": DEGREES}
@@ -85,6 +86,9 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
             yield "coupling", coupling.name, trajectory.coupling_torque[:, c]
         if trajectory.coupling_twist is not None:
             yield "twist", coupling.name, DEGREES * trajectory.coupling_twist[:, c]
+    for v, valves in enumerate(drive.valves):
+        if trajectory.valve_torque is not None:
+            yield "valves", valves.name, trajectory.valve_torque[:, v]
 
 
 def log_curves(

@@ -1,0 +1,102 @@
+r"""Valve trains: cams on a body that lift followers of mass m against springs F_0 + k l.
+
+Each valve has the lift l(phi), phi the forward angle of its body since the start less the valve's phase. With
+J_e = J + sum m l'^2, w the speed of the body and M all other moments,
+
+    d/dt (J_e w) = J_e' w^2 / 2 - sum (F_0 + k l) l' + M,                                                 (a)
+
+so that m (l' w)^2 / 2 and F_0 l + k l^2 / 2 are its energies. Cam and follower press on each other with
+
+    N = F_0 + k l + m (l'' w^2 + l' w'),    sum N l' the torque against forward rotation,                  (b)
+
+and below 0 the follower would lift off. Over a leapfrog step from w_- to w_+ (a) has w_- w_+ for w^2,
+
+    J_e (w_+ - w_-) = h (M - sum (F_0 + k l) l') - h (J_e' / 2) w_- w_+,                                  (c)
+
+which is linear in w_+, of second order and reversible in time, so that energy does not drift.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..number import add, leading, mul, number_of, rounded, sub  # noqa: F401
+from .motion import track_at
+
+
+@wp.func
+def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
+    """Forward angle of a body less a valve's phase [rad], a number."""
+    return valve.sign * (angle - motion.start_angle) - valve.turned - phase
+
+
+@wp.func
+def lift_at(angle: Any, phase: Any, valve: Any, motion: Any, tables: Any):
+    """Lift [m] of a valve and its first and second derivative by the forward angle [m], rounded."""
+    lift, slope, bend = track_at(cam_angle(angle, phase, valve, motion), valve.lift, tables)
+    return valve.height * leading(lift), valve.height * slope, valve.height * bend
+
+
+@wp.func
+def with_valves(cam: Any, angle: Any, valve: Any, motion: Any, tables: Any):
+    """What valves do to their body at its angle, with those of one group more."""
+    half = type(valve.mass)(0.5)
+    for i in range(valve.first_phase, valve.first_phase + valve.phases):
+        lift, slope, bend = lift_at(angle, tables[i], valve, motion, tables)
+        cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
+        cam.growth = cam.growth + valve.sign * valve.count * valve.mass * slope * bend
+        cam.moment = cam.moment - valve.sign * valve.count * (valve.preload + valve.stiffness * lift) * slope
+        cam.energy = cam.energy + valve.count * (valve.preload + half * valve.stiffness * lift) * lift
+    return cam
+
+
+@wp.func
+def geared(total: Any, cam: Any, ratio: Any):
+    """What valves do to a body, with those on another one that turns `ratio` times as fast."""
+    total.inertia = total.inertia + ratio * ratio * cam.inertia
+    total.growth = total.growth + ratio * ratio * ratio * cam.growth
+    total.moment = total.moment + ratio * cam.moment
+    return total
+
+
+@wp.func
+def constant_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
+    """The moment [N m] that would turn a body of the inertia without valves as `moment` does with them (c).
+
+    Args:
+        moment: of all else [N m].
+        speed: of the body, with leapfrog that of half a step before [rad/s].
+        kick: step of leapfrog, 0 where the speed is that of the instant [s].
+        cam: what the valves of its train do to it.
+        motion: with 1 / J.
+    """
+    if motion.prescribed == 1:
+        return moment
+    share = motion.inverse_inertia * (cam.inertia + kick * cam.growth * speed)
+    return (moment + cam.moment - cam.growth * speed * speed) / (type(share)(1.0) + share)
+
+
+@wp.func
+def cam_energy(speed: Any, cam: Any, motion: Any):
+    """Energy [J] of the valves on a body; 0 where it is led, as what leads it does their work."""
+    energy = cam.energy + type(speed)(0.5) * cam.inertia * speed * speed
+    return wp.where(motion.prescribed == 1, type(speed)(0.0), energy)
+
+
+@wp.func
+def valve_load(angle: Any, speed: Any, angular: Any, valve: Any, motion: Any, tables: Any):
+    """Torque [N m] of a group of valves against forward rotation and the least force [N] on a follower (b).
+
+    Args:
+        angle: of the body, a number.
+        speed, angular: its angular velocity and acceleration at that instant.
+    """
+    torque = type(valve.mass)(0.0)
+    least = type(valve.mass)(wp.inf)
+    for i in range(valve.first_phase, valve.first_phase + valve.phases):
+        lift, slope, bend = lift_at(angle, tables[i], valve, motion, tables)
+        force = valve.preload + valve.stiffness * lift
+        force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)
+        torque = torque + valve.count * force * slope
+        least = wp.min(least, force)
+    return torque, least

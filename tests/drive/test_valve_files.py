@@ -1,0 +1,114 @@
+"""Valves in drive files: lifts from tables and profiles, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from drives import AT_REST, two_sprockets
+
+from warpchain import dumps_drive, load_drive, loads_drive
+from warpchain.assembly.table_cells import cells_of
+from warpchain.errors import DriveError
+
+TEXT = (
+    dumps_drive(two_sprockets(**AT_REST))
+    + """
+[[valves]]
+name = "inlets"
+on = "driven"
+mass = 0.1
+spring = { preload = 100.0, stiffness = 2e4 }
+"""
+)
+PROFILE = "profile = { lift = 0.01, rise = 60.0, dwell = 10.0, fall = 50.0 }\n"
+ANGLES = np.linspace(0.0, 360.0, 37)
+
+
+def csv(folder, lifts, angles=ANGLES, head="angle_deg,lift_mm"):
+    rows = (f"{angle!r},{lift!r}" for angle, lift in zip(angles.tolist(), lifts.tolist(), strict=True))
+    (folder / "lift.csv").write_text("\n".join([head, *rows]))
+    (folder / "drive.toml").write_text(TEXT + 'table = { file = "lift.csv", factor = 1.1 }\n')
+    return folder / "drive.toml"
+
+
+def smooth(angles):
+    """A lift of 9 mm over 180 degrees [mm]."""
+    lift = np.where(angles < 180.0, 9.0 * np.sin(np.radians(np.minimum(angles, 180.0))) ** 4, 0.0)
+    lift[-1] = lift[0]
+    return lift
+
+
+def test_a_table_of_a_file(tmp_path):
+    drive = load_drive(csv(tmp_path, smooth(ANGLES)))
+    valves = drive.valves[0]
+    assert valves.curve.over == pytest.approx(np.radians(ANGLES), rel=1e-12)
+    assert valves.curve.values == pytest.approx(1e-3 * smooth(ANGLES), rel=1e-12)
+    assert valves.height == 1.1
+    assert loads_drive(dumps_drive(drive)) == drive
+    # cells meet the spline, and slope and bend of neighboring ones agree
+    cells = cells_of(valves.curve, 1.0)
+    c = cells.coefficients
+    assert (cells.over_angle, cells.repeats) == (True, True)
+    assert np.roll(c[:, 0], -1) == pytest.approx(c.sum(axis=1), abs=1e-12)
+    assert np.roll(c[:, 2], -1) == pytest.approx(c[:, 2] + 3.0 * c[:, 3], abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["polynomial", "cycloid", "cosine"])
+def test_profiles(shape):
+    drive = loads_drive(TEXT + PROFILE.replace("{ lift", f'{{ shape = "{shape}", lift'))
+    lift, slope, bend = drive.valves[0].lifts()
+    degrees = np.arange(720) / 2.0
+    assert lift[(degrees >= 60.0) & (degrees <= 70.0)] == pytest.approx(0.01, rel=1e-9)
+    assert lift[degrees >= 120.0] == pytest.approx(0.0, abs=1e-12)
+    assert lift[degrees == 30.0] == lift[degrees == 95.0] == pytest.approx(0.005, rel=1e-9)
+    # in the middle of a flank the slope is the lift over its angle times 35/16, 2, pi/2
+    steep = {"polynomial": 35.0 / 16.0, "cycloid": 2.0, "cosine": 0.5 * math.pi}[shape]
+    assert slope[degrees == 30.0] == pytest.approx(0.01 * steep / math.radians(60.0), rel=1e-4)
+    assert np.sum(bend) == pytest.approx(0.0, abs=1e-9)
+
+
+JUMP = smooth(ANGLES)
+JUMP[5:20] = 9.0
+OPEN = smooth(ANGLES)
+OPEN[-1] = 0.5
+
+
+@pytest.mark.parametrize(
+    ("lifts", "angles", "text"),
+    [
+        (JUMP, ANGLES, ": jumps from 0.00153643; must change by at most 0.00225 from row to row"),
+        (OPEN, ANGLES, "table.lift.36 = 0.0005: must repeat the first element, 0, where the next period"),
+        (
+            smooth(ANGLES),
+            ANGLES / 360.0 * 350.0,
+            ": must be a revolution, or 1/2, 1/3 ... of one, after the first, 0 rad; it is 0.9722 after it",
+        ),
+        (0.0 * ANGLES, ANGLES, "valves.inlets.table.lift: must not be the same throughout"),
+    ],
+)
+def test_lifts_that_are_refused(tmp_path, lifts, angles, text):
+    with pytest.raises(DriveError) as caught:
+        load_drive(csv(tmp_path, lifts, angles))
+    (line,) = caught.value.errors
+    assert "valves.inlets.table." in line and text in line
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        ("", "valves.inlets.profile: missing; must be a table, or give table instead"),
+        (PROFILE.replace("60.0", "320.0"), "with dwell and fall must be at most 360 degrees; it is 380"),
+        (PROFILE.replace("60.0", "1.0"), "valves.inlets.profile.rise = 1.0: must be at least 4 degrees"),
+        (PROFILE + "phases = []\n", "valves.inlets.phases = []: must be a list of 1 to 64 finite numbers"),
+        (PROFILE + "table = { angle = [0.0, 1.0], lift = [0.0, 1.0] }\n", "not together with profile"),
+    ],
+)
+def test_valves_that_are_refused(part, text):
+    with pytest.raises(DriveError) as caught:
+        loads_drive(TEXT + part)
+    assert any(text in line for line in caught.value.errors)
+
+
+def test_valves_are_on_something_that_turns():
+    with pytest.raises(DriveError, match=r'valves.inlets.on = "drivn": must be the name of a sprocket or a shaft; did'):
+        loads_drive(TEXT.replace('on = "driven"', 'on = "drivn"') + PROFILE)

@@ -1,0 +1,90 @@
+"""Parts of each chain of a drive, and the chain as a drive of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Set
+from dataclasses import dataclass
+from typing import Any
+
+from warpchain.drive.arms import Arm
+from warpchain.drive.chain import Chain, NamedChain
+from warpchain.drive.schema import elements, get, valid
+from warpchain.drive.sprocket import ArmMount
+
+PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
+"""Lists of a drive whose parts are of one chain each."""
+TRAIN_PARTS = ("shafts", "gears", "couplings")
+"""Those that turn what is on them, too."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One chain of a drive, with what it runs over.
+
+    Attributes:
+        name: of the chain, "" where it is the only one.
+        drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
+            that another chain turns counts as prescribed (`warpchain.drive.sprocket.Led`).
+        places: by list, `PARTS` and `TRAIN_PARTS`, the places of its parts in the whole drive.
+    """
+
+    name: str
+    drive: Any
+    places: dict[str, tuple[int, ...]]
+
+
+def chain_of(drive: Any, part: Any) -> Chain | None:
+    """The chain of a sprocket, guide or probe; None where it is not sound. Drives may be mappings, as for rules."""
+    chains = elements(drive, "chains")
+    if not chains:
+        return valid(Chain, get(drive, "chain"))
+    own = next((chain for chain in chains if get(chain, "name") == get(part, "chain")), None)
+    return None if own is None else valid(NamedChain, own)
+
+
+def shaft_of(sprocket: Any) -> str:
+    """The shaft that a sprocket turns with: by name, or of its own (by a text that no name is)."""
+    shaft = get(sprocket, "shaft")
+    return shaft if shaft is not None else f"{get(sprocket, 'name')}="
+
+
+def places_of(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
+    """Places of a chain's parts; an arm is of the chain of what it carries, else of the first, a tensioner of its
+    body's.
+    """
+    naming = ("sprockets", "guides", "probes")
+    own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
+    own["arms"] = {a for a, arm in enumerate(drive.arms) if arm_chain(drive, arm) == name}
+    bodies = {drive.sprockets[s].name for s in own["sprockets"]} | {drive.arms[a].name for a in own["arms"]}
+    own["tensioners"] = {t for t, tensioner in enumerate(drive.tensioners) if tensioner.on in bodies}
+    return {kind: tuple(sorted(own[kind])) for kind in PARTS}
+
+
+def arm_chain(drive: Any, arm: Arm) -> str | None:
+    """Name of the chain that an arm is of, with those that it carries or that carry it."""
+    first = arm.arm or arm.name
+    row = {first} | {other.name for other in drive.arms if other.arm == first}
+    guides = [guide.chain for guide in drive.guides if guide.arm in row]
+    carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm in row]
+    return next(iter(guides + carried), drive.chains[0].name)
+
+
+def by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
+    """A motion, load or motor whose harmonics and tables go by shafts of its own chain, or by its own.
+
+    Args:
+        names: of the shafts of its own chain.
+        ratio: speed of a shaft over its own.
+    """
+    changes: dict[str, Any] = {}
+    if getattr(motion, "harmonics", ()):
+        changes["harmonics"] = tuple(
+            h if h.shaft is None or h.shaft in names
+            else h.model_copy(update={"order": h.order * ratio(h.shaft), "shaft": None})
+            for h in motion.harmonics
+        )  # fmt: skip
+    table = motion.table
+    if table is not None and table.shaft is not None and table.shaft not in names:
+        angle = tuple(x / ratio(table.shaft) for x in table.angle)
+        changes["table"] = table.model_copy(update={"angle": angle, "shaft": None})
+    return motion.model_copy(update=changes) if changes else motion

@@ -1,0 +1,314 @@
+"""Valve trains: groups of like valves that the cams of a sprocket or a shaft lift.
+
+A valve's lift l(phi) is periodic over the forward angle of its shaft since the start, less its phase: a table, or a
+profile of a rise, a dwell and a fall. A flank of the profile from 0 to 1 over s from 0 to 1 is
+
+    polynomial  35 s^4 - 84 s^5 + 70 s^6 - 20 s^7    (4-5-6-7: no acceleration, no jerk at its ends)
+    cycloid     s - sin(2 pi s) / (2 pi)             (no acceleration at its ends)
+    cosine      (1 - cos(pi s)) / 2                  (its acceleration jumps at its ends)
+
+Rows are joined by a periodic cubic spline, so that the acceleration of a follower does not jump between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending
+from warpchain.drive.schema import (
+    BARE,
+    Column,
+    Finite,
+    Name,
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Value,
+    elements,
+    get,
+    is_name,
+    nearest,
+    numbers,
+    plain_sequence,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from scipy.interpolate import CubicSpline
+
+    Array = NDArray[np.float64]
+
+MOST_VALVES = 64
+"""Most valves at a place, and places, of a group."""
+STEEPEST = 0.25
+"""Part of a table's largest rise that the lift may change by from row to row: more is a jump."""
+ROWS = 720
+"""Rows of a turn of a profile."""
+
+Phases = Annotated[
+    tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...],
+    Field(strict=True, min_length=1, max_length=MOST_VALVES),
+    BeforeValidator(plain_sequence),
+    Value(f"must be a list of 1 to {MOST_VALVES} finite numbers"),
+]
+Count = Annotated[int, Field(strict=True, ge=1, le=MOST_VALVES), Value(f"must be an integer from 1 to {MOST_VALVES}")]
+Shape = Annotated[
+    Literal["polynomial", "cycloid", "cosine"], Value('must be "polynomial" (4-5-6-7), "cycloid" or "cosine"')
+]
+
+
+@dataclass(frozen=True)
+class LiftCurve:
+    """A periodic lift as a table, before what it is multiplied by.
+
+    Attributes:
+        over: angles [rad], ascending over the period.
+        values: lifts [m], the last as the first.
+    """
+
+    over: tuple[float, ...]
+    values: tuple[float, ...]
+
+    @property
+    def angle(self) -> tuple[float, ...]:
+        """The angles, as of a table over angle."""
+        return self.over
+
+    @property
+    def revolutions(self) -> float:
+        """The period in revolutions, one or an equal part of it."""
+        return 1.0 / round(2.0 * math.pi / (self.over[-1] - self.over[0]))
+
+    @cached_property
+    def spline(self) -> CubicSpline:
+        """The spline through the rows."""
+        from scipy.interpolate import CubicSpline  # here, since it takes a quarter of a second
+
+        return CubicSpline(self.over, self.values, bc_type="periodic")
+
+    @cached_property
+    def steepest(self) -> tuple[float, float]:
+        """Largest magnitudes of the first and the second derivative."""
+        _, slope, bend = self.around()
+        return float(abs(slope).max()), float(abs(bend).max())
+
+    def around(self) -> tuple[Array, Array, Array]:
+        """Lift and its first and second derivative by the angle over a turn from angle 0 on, (`ROWS`,) each."""
+        import numpy as np  # here, since drives are read without it
+
+        turn = np.linspace(0.0, 2.0 * np.pi, ROWS, endpoint=False)
+        return self.spline(turn), self.spline(turn, 1), self.spline(turn, 2)
+
+
+class LiftTable(Part):
+    """Lift over the forward angle of the shaft, row by row, once around or an equal part of that.
+
+    Attributes:
+        angle: forward angle [rad], ascending over one revolution or 1/2, 1/3 ... of one, after which it begins anew.
+        lift: lift [m]; the last row repeats the first, and from row to row it changes by a quarter of the largest rise
+            at most.
+        factor: lifts are multiplied by it.
+    """
+
+    angle: Column
+    lift: Column
+    factor: Positive = 1.0
+
+    @cached_property
+    def curve(self) -> LiftCurve:
+        """The lift before the factor."""
+        return LiftCurve(self.angle, self.lift)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "file") is not None:
+            yield Problem(("file",), get(node, "file"), "is read by load_drive alone; give angle and lift")
+            return
+        angle, lift = elements(node, "angle"), elements(node, "lift")
+        if not numbers(*angle, *lift) or min(len(angle), len(lift)) < 2:
+            return
+        if len(angle) > MOST_ROWS:
+            yield Problem(("angle",), None, f"has {len(angle)} elements; must have at most {MOST_ROWS}", BARE)
+        elif len(angle) != len(lift):
+            yield Problem(("lift",), list(lift), f"must have as many elements as angle, {len(angle)}")
+        else:
+            yield from list(ascending("angle", angle)) or _periodic(angle, lift)
+
+
+def _periodic(angle: Any, lift: Any) -> Iterator[Problem]:
+    """A lift that closes over its period, and does not jump."""
+    turn, last = angle[-1] - angle[0], len(angle) - 1
+    parts = round(2.0 * math.pi / turn)
+    if parts < 1 or abs(turn * parts / (2.0 * math.pi) - 1.0) > TURN_TOLERANCE:
+        text = f"must be a revolution, or 1/2, 1/3 ... of one, after the first, {angle[0]:g} rad"
+        yield Problem(("angle", last), angle[last], f"{text}; it is {turn / (2.0 * math.pi):.4g} after it")
+        return
+    if lift[last] != lift[0]:
+        text = f"must repeat the first element, {lift[0]:g}, where the next period begins"
+        yield Problem(("lift", last), lift[last], text)
+        return
+    rise = max(lift) - min(lift)
+    if rise <= 0.0:
+        yield Problem(("lift",), None, "must not be the same throughout", BARE)
+        return
+    for i in range(1, len(lift)):
+        if abs(lift[i] - lift[i - 1]) > STEEPEST * rise:
+            text = f"jumps from {lift[i - 1]:g}; must change by at most {STEEPEST * rise:g} from row to row"
+            yield Problem(("lift", i), lift[i], text)
+            return
+
+
+class LiftProfile(Part):
+    """A lift that rises from 0 where the cam begins, dwells, falls back to 0, and stays there until the next turn.
+
+    Attributes:
+        shape: of both flanks: "polynomial" (4-5-6-7), "cycloid" or "cosine".
+        lift: the largest [m].
+        rise: angle of the shaft over which it rises [degrees].
+        dwell: angle over which it stays [degrees].
+        fall: angle over which it falls [degrees].
+    """
+
+    shape: Shape = "polynomial"
+    lift: Positive
+    rise: Positive
+    dwell: NonNegative = 0.0
+    fall: Positive
+
+    @property
+    def curve(self) -> LiftCurve:
+        """The lift over its largest [-]."""
+        return profile_curve(self.shape, self.rise, self.dwell, self.fall)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        parts = [get(node, key) for key in ("rise", "fall")]
+        dwell = 0.0 if get(node, "dwell") is None else get(node, "dwell")
+        if not numbers(*parts, dwell):
+            return
+        whole = sum(parts) + dwell
+        if whole > 360.0:
+            yield Problem(("rise",), parts[0], f"with dwell and fall must be at most 360 degrees; it is {whole:g}")
+        for key, part in zip(("rise", "fall"), parts, strict=True):
+            if 0.0 < part < 8.0 * 360.0 / ROWS:
+                yield Problem((key,), part, f"must be at least {8.0 * 360.0 / ROWS:g} degrees")
+
+
+FLANKS = {
+    "polynomial": lambda s: s**4 * (35.0 - s * (84.0 - s * (70.0 - 20.0 * s))),
+    "cycloid": lambda s: s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi),
+    "cosine": lambda s: 0.5 * (1.0 - math.cos(math.pi * s)),
+}
+"""A flank from 0 to 1 over s from 0 to 1."""
+
+
+@cache
+def profile_curve(shape: str, rise: float, dwell: float, fall: float) -> LiftCurve:
+    """The lift of a profile over its largest; angles in degrees."""
+    degrees = [360.0 * row / ROWS for row in range(ROWS)]
+    parts = (min(angle / rise, (rise + dwell + fall - angle) / fall, 1.0) for angle in degrees)
+    lift = [FLANKS[shape](max(part, 0.0)) for part in parts]
+    return LiftCurve((*map(math.radians, degrees), 2.0 * math.pi), (*lift, lift[0]))
+
+
+class ValveSpring(Part):
+    """The spring that presses a follower on its cam.
+
+    Attributes:
+        preload: its force at lift 0 [N].
+        stiffness: its stiffness [N/m].
+    """
+
+    preload: NonNegative
+    stiffness: NonNegative = 0.0
+
+
+class Valves(Part):
+    """A group of like valves on a sprocket or a shaft.
+
+    Attributes:
+        name: unique among all parts.
+        on: the sprocket or shaft whose cams lift them.
+        number: how many valves each phase has.
+        phases: forward angles of the shaft at which a cam's table or profile begins [degrees].
+        phase: angle by which all begin later [degrees].
+        mass: that moves with a valve, at the valve [kg].
+        spring: of a valve.
+        profile: its lift as a profile; this or a table.
+        table: its lift as a table.
+    """
+
+    name: Name
+    on: Name
+    number: Count = 1
+    phases: Phases = (0.0,)
+    phase: Finite = 0.0
+    mass: NonNegative
+    spring: ValveSpring
+    profile: LiftProfile | None = None
+    table: LiftTable | None = None
+
+    @property
+    def curve(self) -> LiftCurve:
+        """The lift before `height`."""
+        of = self.profile or self.table
+        assert of is not None  # the rule below
+        return of.curve
+
+    @property
+    def height(self) -> float:
+        """What the curve is multiplied by."""
+        return self.table.factor if self.profile is None else self.profile.lift  # type: ignore[union-attr]
+
+    def lifts(self) -> tuple[Array, Array, Array]:
+        """Lift and its derivatives by the angle over a turn, (`ROWS`,) each [m]."""
+        lift, slope, bend = (self.height * of for of in self.curve.around())
+        return lift, slope, bend
+
+    @property
+    def float_speed(self) -> float:
+        """Speed of the shaft above which a follower would lift off [rad/s], while it turns evenly; inf without any.
+
+        The least sqrt((F_0 + k l) / (-m l'')).
+        """
+        lift, _, bend = self.lifts()
+        pressed, thrown = self.spring.preload + self.spring.stiffness * lift, -self.mass * bend
+        over = thrown > 0.0
+        return math.sqrt(max(0.0, float((pressed[over] / thrown[over]).min(initial=math.inf))))
+
+    @property
+    def torsional_stiffness(self) -> Any:
+        """What sum k l'^2 + (F_0 + k l) l'' does not exceed [N m/rad]."""
+        steepest, most = self.curve.steepest
+        springs = self.spring.stiffness * self.height * steepest**2
+        springs = springs + (self.spring.preload + self.spring.stiffness * self.height * max(self.curve.values)) * most
+        return self.number * len(self.phases) * self.height * springs
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        profile, table = get(node, "profile"), get(node, "table")
+        if profile is None and table is None:
+            yield Problem(("profile",), None, "missing; must be a table, or give table instead", BARE)
+        if profile is not None and table is not None:
+            yield Problem(("table",), None, "not together with profile; give one of the two", BARE)
+
+
+def valve_rules(drive: Any) -> Iterator[Problem]:
+    """Valves are on a sprocket or a shaft, without a balance wheel."""
+    parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
+    names = [str(get(part, "name")) for part in parts if is_name(get(part, "name"))]
+    wheels = [get(part, "name") for part in parts if get(part, "balance_wheel") is not None]
+    for v, valves in enumerate(elements(drive, "valves")):
+        on = get(valves, "on")
+        if is_name(on) and on not in names:
+            yield Problem(("valves", v, "on"), on, f"must be the name of a sprocket or a shaft; {nearest(on, names)}")
+        elif is_name(on) and on in wheels:
+            yield Problem(("valves", v, "on"), on, "must not have a balance wheel")
