@@ -304,6 +304,7 @@ class Tensioner:
     ambient: wp.float64  # P_0 [Pa]
     vapor: wp.float64  # P_v [Pa]
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
+    drained: wp.float64  # share of the chamber that is air at the start
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
     air: wp.float64  # share a of air at P_0
     check: Valve  # from the supply to the chamber
@@ -326,6 +327,7 @@ class TensionerState:
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
+    unfilled: wp.int32  # 1: drained, until oil has filled the chamber
 
 
 @wp.struct
@@ -667,6 +669,8 @@ class TensionerFlows:
     valve_loss: wp.float64  # in the check valve [J]
     supply_work: wp.float64  # [J]
     lift: wp.float64  # y of the valve at the step's end [m]
+    filling: wp.float64  # time from the run's beginning until oil has filled the chamber [s]
+    unfilled: wp.int32  # 1: it has not, at the step's end
 
 
 @wp.struct
@@ -972,7 +976,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
     made[Curves] = at_float32(Curves, made, pairs=("tables",), harmonics=wp.array[wp.vec4f])
-    flowed = [name for name in TensionerFlows.vars if name != "lift"]
+    flowed = [name for name in TensionerFlows.vars if name not in ("lift", "unfilled")]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))

@@ -381,8 +381,8 @@ def fed():
     """Arms whose tensioners have relief valve and vent, their supply over a camshaft's speed, and over time."""
     outlets = {
         "tensioners.0.relief": {"pressure": 3e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4},
-        "tensioners.0.vent": {"diameter": 2e-4},
-    }
+        "tensioners.0.vent": {"diameter": 2e-4}, "tensioners.0.chamber.drained": 0.01,
+    }  # fmt: skip
     over_speed = {"speed": [0.0, 210.0], "pressure": [1e5, 9e5], "shaft": "intake cam"}
     over_time = {"time": [0.0, 4e-4], "pressure": [2e5, 6e5]}
     tables = [{"tensioners.0.oil.supply_table": table} for table in (over_speed, over_time)]

@@ -26,7 +26,7 @@ DIAMETER, GAP, LENGTH, ECCENTRICITY = 16e-3, 50e-6, 7e-3, 0.9
 HOLE, DENSITY, VISCOSITY = 1.4e-3, 800.0, 8e-5
 COLUMNS = (
     "x", "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "lift", "mass",
-    "relieved", "vented",
+    "relieved", "vented", "filling", "unfilled",
 )  # fmt: skip
 
 BLOCK = """
@@ -125,6 +125,8 @@ def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64
     out[i, 9] = flows.lift
     out[i, 11] = flows.relieved
     out[i, 12] = flows.vented
+    out[i, 13] = flows.filling
+    out[i, 14] = wp.float64(flows.unfilled)
     return state
 
 

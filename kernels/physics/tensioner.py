@@ -37,6 +37,9 @@ h takes them at its end, after the body has moved. With mass conserved, that is 
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
+**Drained start.** Until oil has filled a chamber that starts with air, the air goes out and comes in freely, at P_0:
+P_0 takes the place of P_v, and what is not oil is air. Oil comes in through the check valve, and none goes out.
+
 **Energy.** Oil at P has a volume exp(-phi) a unit of M, and
 
     u = int (p - P_0) exp(-phi) dphi from P_0 to P,    H = u + (P - P_0) exp(-phi)              (10)
@@ -94,6 +97,9 @@ LARGEST = 8.0
 
 SMALL = 0.03
 """Up to here exp and ln(1 + x) are polynomials, to 1e-16."""
+
+DREGS = 1e-6
+"""Least share of oil in a drained chamber."""
 
 DEGREES = (12, 4, 2, 1, 0, 0, 0)
 """Of eq. (10a) in b, for each power of q: where oil is pressed, air hardly counts, as q b = (a / E_0) P_0 z^2."""
@@ -364,6 +370,24 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, tensioner: 
 
 
 @wp.func
+def lowest(state: Any, tensioner: Any):
+    """Pressure below which none falls [Pa]: P_0 while there is air in a drained chamber, then P_v."""
+    pressure = tensioner.vapor
+    if state.unfilled == 1:
+        pressure = tensioner.ambient
+    return pressure
+
+
+@wp.func
+def root_before(state: Any, tensioner: Any):
+    """z at the last step's end, or of the pressure at rest where that is not known."""
+    z = state.root
+    if z <= type(z)(0.0):
+        z = root_of(tensioner.rest, tensioner)
+    return z
+
+
+@wp.func
 def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
     """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring.
 
@@ -377,10 +401,10 @@ def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
     if tensioner.hydraulic == 1:
         z = state.root
         if not kept or z <= type(z)(0.0):
-            if z <= type(z)(0.0):
-                z = root_of(tensioner.rest, tensioner)
+            tensioner.vapor = lowest(state, tensioner)
             volume, content = filling(x, state, tensioner)
-            z = solved_root(content, type(z)(0.0), type(z)(0.0), z, tensioner)
+            zero = type(z)(0.0)
+            z = solved_root(content, zero, zero, root_before(state, tensioner), tensioner)
         pressure = pressure_at(z, tensioner)
     return pressure
 
@@ -548,6 +572,10 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
         state.root = root_of(tensioner.rest, tensioner)
         phi, slope = compression(state.root, tensioner)
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
+        if tensioner.drained > wp.float64(0.0):
+            state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(DREGS))))
+            state.unfilled = 1
+            state.root = wp.float64(0.0)
     return state
 
 
@@ -595,7 +623,10 @@ def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 @wp.func
 def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
     """The oil after a step, and what flowed, eq. (9); with energies where it is metered."""
-    before = state.root
+    before = root_before(state, tensioner)
+    tensioner.vapor = lowest(state, tensioner)
+    if state.unfilled == 1:
+        tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
     per_volume = h / volume
     z = solved_root(content, per_volume, rate, before, tensioner)
@@ -613,6 +644,10 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     state.root = z
     if metered:
         flows = flow_energies(flows, before, z, tensioner)
+    if state.unfilled == 1:
+        flows.filling = h
+        state.unfilled = wp.where(pressure > tensioner.ambient, 0, 1)
+    flows.unfilled = state.unfilled
     return state, flows
 
 

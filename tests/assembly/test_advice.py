@@ -44,6 +44,8 @@ VENTED = {"relief": {"pressure": 4e5, "diameter": 2e-3, "stiffness": 2e4, "lift"
         ({}, None),
         ({"oil.supply_table": {"time": [0.0, 1.0], "pressure": [3e5, 6e5]}}, None),
         ({"oil.supply_table": {"speed": [0.0, 1.0], "pressure": [1e5, 6e5]}}, None),
+        ({"chamber.drained": 1.0, "oil.supply": 4e5}, None),
+        ({"chamber.drained": 1.0, "oil.supply": 1.4e5}, "chamber.drained: oil does not carry the plunger within the r"),
         ({"relief.pressure": 2e5}, "relief: stands open at rest and lets out "),
         ({"vent.diameter": 2e-3}, "vent: lets out "),
         (

@@ -312,6 +312,7 @@ OUTLET_RULES = wrong(
     (f"{TENSIONER}/relief/pressure", [1e5, 20.0], "must be above the ambient pressure, 100000 Pa; pressures are absol"),
     (f"{TENSIONER}/relief/discharge", [1.5], "must be a number above 0, at most 1"),
     (f"{TENSIONER}/relief", [3], "must be a table"),
+    (f"{TENSIONER}/chamber/drained", [-0.1, 1.1], "must be a number from 0 to 1"),
     (f"{TENSIONER}/vent/diameter", [None, -1.0], POSITIVE),
     (f"{TENSIONER}/vent", ["open"], "must be a table"),
     (f"{SUPPLY}/pressure/1", [9e4, 4.0], "must be at least the ambient pressure, 100000 Pa; pressures are absolute"),

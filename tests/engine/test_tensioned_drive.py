@@ -72,6 +72,23 @@ def test_the_chamber_follows_its_supply(precision):
         assert run[v].chamber_pressure[:, 0] == pytest.approx(np.array(wanted), rel=2e-3)
 
 
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_drained_start(precision):
+    """On its spring alone until oil has filled it; the metric is that time, None where it has not."""
+    base = engine().with_values(BARE | {"tensioners": [engine().tensioners[0]]})
+    shares = [{"tensioners.0.chamber.drained": share} for share in (0.02, 1.0)]
+    drives = [base.with_values(share | {"run.settle": False}) for share in shares]
+    record = Record(rate=2e4, channels=("chamber_pressure", "tensioner_extension"))
+    run = simulate(drives, duration=0.02, window=(0.01, 0.02), record=record, device="cpu", precision=precision)
+    soon, late = run.metrics.to_pylist()
+    assert late["element.filling_time"] is None and 0.0 < soon["element.filling_time"] < 0.02
+    pressure, time = run[0].chamber_pressure[:, 0], run[0].time
+    assert pressure[time < soon["element.filling_time"] - 1e-4] == pytest.approx(1e5, rel=1e-6)
+    assert pressure[np.searchsorted(time, soon["element.filling_time"])] > 1e5
+    assert run[1].chamber_pressure == pytest.approx(1e5, rel=1e-6)
+    assert "element.filling_time" not in simulate([base], duration=1e-4, device="cpu").metrics.column_names
+
+
 def test_relief_valve_and_vent_leave_the_energy_balance_as_good():
     relief = {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
     outlets = {"relief": relief, "vent": {"diameter": 2e-4}}

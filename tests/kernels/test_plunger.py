@@ -24,6 +24,8 @@ COLUMNS = (
     "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content", "relieved",
     "vented",
 )  # fmt: skip
+CASES = [(0.0, {}), (0.01, {}), (0.06, {}), (0.01, RELIEF | VENT), (0.01, {"drained": 0.2, "rest": 1e5})]
+"""Air, and what is unlike the published tensioner: its outlets, and a drained start."""
 FLOWING = {"leaked", "supplied", "leak_loss", "valve_loss", "work", "relieved", "vented"}
 
 
@@ -50,6 +52,7 @@ def lead(
     state.content = pair_of(rest.content)
     state.root = wp.float32(rest.root)
     state.farthest = wp.float32(rest.farthest)
+    state.unfilled = rest.unfilled
     meter = BLOCKS.TensionerFlows()
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
@@ -73,7 +76,7 @@ def lead(
             out[row, 10] = whole(meter.vented)
 
 
-@pytest.mark.parametrize(("air", "outlets"), [(0.0, {}), (0.01, {}), (0.06, {}), (0.01, RELIEF | VENT)])
+@pytest.mark.parametrize(("air", "outlets"), CASES)
 def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air, outlets):
     # five turns of a shaker in a hundred thousand steps: the valve opens, oil leaks, the chamber is pressed to 30 bar
     t, steps, every = tensioner(air=air, ratchet_pitch=1e-3, backlash=2e-4, **outlets), 100_000, 100
@@ -86,7 +89,7 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air, outlets):
     for key in FLOWING:
         wanted[key] = np.cumsum(exact[key])[every::every]
     assert wanted["pressure"].max() > 5e5 and wanted["supplied"][-1] > 0.0
-    assert all(wanted[key][-1] > 0.0 for key in ("relieved", "vented") if outlets)
+    assert all(wanted[key][-1] > 0.0 for key in ("relieved", "vented") if "vent.preload" in outlets)
     # the root is found to 1e-8 and held to 6e-8; P = z^7, and forces lose P_0 A; what flows hangs on both and adds up
     for key, values in wanted.items():
         scale = np.abs(values).max()

@@ -228,6 +228,58 @@ def test_a_vent_passes_its_jet_and_nothing_in():
     assert out["pressure"][-1] < 1e5 and out["vented"][-1] == 0.0
 
 
+DRY = {"drained": 1.0, "rest": 1e5}
+"""A chamber full of air, at the pressure of the air around."""
+
+
+def filling_flow(t):
+    """Q_cv into air [m^3/s]: the ball lifted by its drop of P_s - P_0, or all the way, and the hole in series."""
+    drop = t.supply - t.ambient
+    lift = min((drop * t.check.hole_area - t.check.preload) / t.check.stiffness, t.check.lift_max)
+    curtain = 0.2 * math.pi * lift * (6e-3 + lift * math.sqrt(2.0))
+    return math.sqrt(2.0 * drop / t.density / (1.0 / curtain**2 + 1.0 / t.check.hole_area**2))
+
+
+@pytest.mark.parametrize("drained", [1.0, 0.5])
+def test_a_drained_chamber_fills_at_the_flow_of_its_valve(drained):
+    """A still plunger: P_0 until drained V_0 / Q_cv(P_0), and the pressure at rest soon after."""
+    t = tensioner(**DRY | {"drained": drained})
+    time, h = drained * 1e-6 / filling_flow(t), 1e-6
+    got = moved(t, np.zeros(200_001), h)
+    assert time < 0.12
+    found = got["filling"].sum()
+    # the step in which it fills counts whole; at its end P is above P_0
+    assert found == pytest.approx(time, abs=2.0 * h + 1e-6 * time * (drained == 1.0))
+    empty = got["unfilled"] > 0.0
+    assert (got["pressure"][empty] == 1e5).all() and (got["leaked"][empty] == 0.0).all()
+    assert (np.diff(empty[1:].astype(int)) <= 0).all() and not empty[-1]
+    assert got["pressure"][-1] == pytest.approx(250824.87602763646, rel=1e-6)
+
+
+def test_a_drained_tensioner_is_its_spring():
+    """Air passes freely in and out, and takes no energy: the force is the spring's, to the bit, while it fills."""
+    places, h = sine(2e-4, 100.0, 1, 2000)
+    got = moved(tensioner(**DRY), places, h)
+    empty = np.flatnonzero(got["unfilled"])
+    assert len(empty) > 100
+    assert got["force"][empty] == pytest.approx(90.0 - 3500.0 * places[empty], rel=1e-14)
+    assert got["valve_loss"][empty] == pytest.approx(got["work"][empty])
+
+
+def test_oil_that_fills_a_drained_chamber_is_conserved_and_balanced():
+    t = tensioner(**DRY)
+    places, h = sine(2e-4, 100.0, 20, 2000)
+    got = moved(t, places, h)
+    assert got["unfilled"][1] == 1.0 and got["unfilled"][-1] == 0.0 and got["pressure"].max() > 2e6
+    density = np.exp(phi(got["pressure"], t))
+    gained = np.cumsum(density * (got["supplied"] - got["leaked"]))
+    assert got["mass"] - got["mass"][0] == pytest.approx(gained, abs=1e-12 * got["mass"][-1])
+    work = -np.sum(0.5 * (got["force"][1:] + got["force"][:-1]) * np.diff(places))
+    left = work + got["work"].sum() - (got["energy"][-1] - got["energy"][0])
+    # of the second order in the step, but for the one step in which it fills
+    assert abs(left - got["leak_loss"].sum() - got["valve_loss"].sum()) < 1e-4 * work
+
+
 def test_at_rest_it_stays():
     got = moved(tensioner(), np.zeros(1001), 1e-4)
     assert got["pressure"] == pytest.approx(got["pressure"][0], rel=1e-10)

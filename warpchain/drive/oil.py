@@ -91,7 +91,7 @@ def _jet(area: float, drop: float, oil: Oil) -> float:
 
 def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, as much coming in as going out, to round-off; the ambient one where the check
-    valve stays closed.
+    valve stays closed, and in a chamber that is drained.
     """
     from warpchain.drive.batch import arrays_of, picked
 
@@ -111,6 +111,8 @@ def _at_rest(tensioner: Tensioner) -> float:
     """`static_pressure` of one tensioner."""
     oil = tensioner.oil
     assert oil is not None
+    if tensioner.drained:
+        return oil.ambient
     low, high = oil.ambient, oil.supply
     while low < (middle := 0.5 * (low + high)) < high:
         out = tensioner.leak_conductance * (middle - oil.ambient) + sum(outlet_flows(tensioner, middle))
@@ -119,6 +121,23 @@ def _at_rest(tensioner: Tensioner) -> float:
         else:
             high = middle
     return low
+
+
+def filled(tensioner: Tensioner) -> Tensioner:
+    """A tensioner whose chamber is full of oil."""
+    if tensioner.chamber is None:
+        return tensioner
+    return tensioner.model_copy(update={"chamber": tensioner.chamber.model_copy(update={"drained": 0.0})})
+
+
+def filling_time(tensioner: Tensioner) -> float:
+    """Time [s] in which oil fills a drained chamber, its plunger as drawn; of a tabulated supply at its most."""
+    oil, chamber = tensioner.oil, tensioner.chamber
+    assert oil is not None and chamber is not None
+    most = oil.supply if oil.supply_table is None else max(oil.supply_table.values)
+    fed = tensioner.model_copy(update={"oil": oil.model_copy(update={"supply": most})})
+    flow = valve_flow(fed, oil.ambient)
+    return chamber.drained * chamber.volume / flow if flow > 0.0 else math.inf
 
 
 def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from warpchain.drive.batch_math import hypot, power, radians
+from warpchain.drive.batch_math import hypot, power, radians, some
 from warpchain.drive.motion_table import SupplyTable
 from warpchain.drive.schema import (
     BARE,
@@ -41,6 +41,7 @@ from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
 Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
+Drained = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 Share = Annotated[float, Field(strict=True, ge=0.0, lt=1.0), Value("must be a number of at least 0 and below 1")]
 Discharge = Annotated[float, Field(strict=True, gt=0.0, le=1.0), Value("must be a number above 0, at most 1")]
 Viscosity = Annotated[
@@ -108,9 +109,11 @@ class Chamber(Part):
 
     Attributes:
         volume: volume of oil as drawn, at extension 0, V_0 [m^3].
+        drained: share of it that is air, not oil, as the run begins; 0 is full.
     """
 
     volume: Positive
+    drained: Drained = 0.0
 
 
 class Valve(Part):
@@ -365,6 +368,11 @@ class Tensioner(Part):
     def hydraulic(self) -> bool:
         """Whether there is oil."""
         return self.kind == "hydraulic"
+
+    @property
+    def drained(self) -> bool:
+        """Whether its chamber is not full of oil as the run begins."""
+        return self.chamber is not None and bool(some(self.chamber.drained))
 
     @property
     def unit_direction(self) -> tuple[float, float]:

@@ -188,7 +188,7 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     row["area"], row["volume"] = tensioner.area, chamber.volume
     row["leak"], row["drag"] = tensioner.leak_conductance, tensioner.drag_flow
     row["supply"], row["ambient"], row["vapor"] = oil.supply, oil.ambient, VAPOR_PRESSURE
-    row["rest"] = static_pressure(tensioner)
+    row["rest"], row["drained"] = static_pressure(tensioner), chamber.drained
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
     row["laminar_limit"] = LAMINAR_DROP
     check = row["check"]

@@ -65,6 +65,7 @@ from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.physics.mount import CARRIED
+from warpchain.kernels.physics.tensioner import DREGS
 from warpchain.results.schedule import Schedule, schedule_columns
 
 
@@ -277,6 +278,9 @@ def lay_to_rest(packed: Packed) -> None:
     oil["root"][wet] = (of["rest"][wet] / of["ambient"][wet]) ** (1.0 / 7.0)
     volume = 1.0 + of["area"][wet] * np.maximum(x, of["bottom"])[wet] / of["volume"][wet]
     oil["content"][wet] = compression(of["rest"][wet], of[wet]) + np.log(volume)
+    oil["unfilled"] = of["drained"] > 0.0
+    oil["root"][of["drained"] > 0.0] = 0.0  # found from the content
+    oil["content"] += np.log(np.maximum(1.0 - of["drained"], DREGS))
 
 
 def springs(tensioners: NDArray[Any]) -> NDArray[Any]:

@@ -250,7 +250,7 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
 
 
 def system(drive: Drive, speed: float = 0.0, start: Whole | None = None, valve: str = "shut") -> Whole:
-    """Small motion of a drive at a speed of its driver [rad/s].
+    """Small motion of a drive at a speed of its driver [rad/s], its tensioners filled.
 
     Args:
         start: that of the drive at a speed nearby.
@@ -261,6 +261,8 @@ def system(drive: Drive, speed: float = 0.0, start: Whole | None = None, valve: 
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
     begun = None if start is None else [part.packed for part in start.parts]
+    drained = [t.name for t in drive.tensioners if t.drained]
+    drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
     found = standing(drive, speed, begun)
     parts = [_system(ring.drive, own, packed, tension, valve) for ring, own, packed, tension in found]
     shafts = common_shafts([ring for ring, *_ in found], drive)

@@ -95,6 +95,12 @@ def flowed(*fields: str) -> Callable[[Summed], Values]:
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
+def filling_time(of: Summed) -> Values:
+    """Time until oil had filled a tensioner's chamber, from the run's beginning; none where it has not."""
+    flows = of.sums["flows"]
+    return where(flows["unfilled"] == 0, flows["filling"])
+
+
 def mean(field: str, component: int | None = None) -> Callable[[Summed], Values]:
     """A sum over its weight."""
     if component is not None:

@@ -27,6 +27,7 @@ from warpchain.results.formulas import (
     deviation,
     displacement_std,
     error_of,
+    filling_time,
     flowed,
     friction_power,
     impact_impulse,
@@ -275,6 +276,12 @@ RELIEF = Group(
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].relief is not None,
 )
+DRAINED = Group(
+    "tensioner",
+    (Column("filling_time", "s", "time until oil had filled its chamber; none where it has not", filling_time),),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].drained,
+)
 VENT = Group(
     "tensioner",
     (Column("vented", "m^3", "oil that went out through its vent", flowed("vented")),),
@@ -516,7 +523,7 @@ MEASURED = (
     (SPROCKET, MOUNT, BEARING, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (ARM, PIVOT),
-    (TENSIONER, OIL, RELIEF, VENT),
+    (TENSIONER, OIL, RELIEF, VENT, DRAINED),
     (SHAFT, MOTOR),
     (COUPLING, SLIPPING),
     (GEAR,),
