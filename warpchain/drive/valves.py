@@ -170,7 +170,7 @@ class LiftProfile(Part):
     """A lift that rises from 0 where the cam begins, dwells, falls back to 0, and stays there until the next turn.
 
     Attributes:
-        shape: of both flanks: "polynomial" (4-5-6-7), "cycloid" or "cosine".
+        shape: law of both flanks: "polynomial" (4-5-6-7), "cycloid" or "cosine".
         lift: the largest [m].
         rise: angle of the shaft over which it rises [degrees].
         dwell: angle over which it stays [degrees].
@@ -240,8 +240,8 @@ class Valves(Part):
         number: how many valves each phase has.
         phases: forward angles of the shaft at which a cam's table or profile begins [degrees].
         phase: angle by which all begin later [degrees].
-        mass: that moves with a valve, at the valve [kg].
-        spring: of a valve.
+        mass: mass that moves with a valve, at the valve [kg].
+        spring: spring that closes a valve.
         profile: its lift as a profile; this or a table.
         table: its lift as a table.
     """
