@@ -84,4 +84,4 @@ def test_words_that_a_script_does_not_know_are_refused(capsys):
         with pytest.raises(SystemExit) as left:
             load_script(name).parser().parse_args(words)
         assert left.value.code == 2
-    assert "'tables': allowed are table, joints, rollers, runs, headline" in capsys.readouterr().err
+    assert "'tables': allowed are table, joints, rollers, car, runs, headline" in capsys.readouterr().err

@@ -183,7 +183,7 @@ EVEN, BY_SPEED = 1, 2
 
 @dataclass(frozen=True)
 class Friction:
-    """How rollers rub on teeth and guides, and in the joints: 0 (not at all), `EVEN` or `BY_SPEED`."""
+    """Friction of rollers on teeth and guides, and in the joints: 0 (not at all), `EVEN` or `BY_SPEED`."""
 
     contacts: int = 0
     joints: int = 0

@@ -163,7 +163,7 @@ def in_frame(q: Any, body: Any):
 
 @wp.func
 def near_frame(arm: Any, body: Any):
-    """As `in_frame`, at float32 of rounded numbers, which tell whether a roller is near."""
+    """As `in_frame`, at float32 of rounded numbers, which suffice to see whether a roller is near."""
     cosine, sine = leading(body.cosine), leading(body.sine)
     return type(arm)(arm[0] * cosine + arm[1] * sine, arm[1] * cosine - arm[0] * sine)
 

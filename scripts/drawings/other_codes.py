@@ -40,7 +40,7 @@ STEP = 5e-5
 
 
 class Result(NamedTuple):
-    """What a code gives.
+    """Results of a code.
 
     Attributes:
         tension: (F, 2) of the links in the middle of both strands [N].
@@ -56,7 +56,7 @@ class Result(NamedTuple):
 
 
 class Frames:
-    """What is seen of a run in the latter part of it, frame by frame."""
+    """Frames of the latter part of a run."""
 
     def __init__(self, drive: Drive, step: float) -> None:
         self.drive, self.step, self.begun = drive, step, time.process_time()

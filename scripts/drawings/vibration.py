@@ -132,13 +132,17 @@ def critical_speed(axis: Any) -> Row:
     tensions = [float(np.nanmean(strand_tension(run, 0))) for run in runs.values()]
     strings = [string(one, tension) for one, tension in zip(drives, tensions, strict=True)]
 
-    def meets(frequencies: Any) -> float:
+    def coincidence(frequencies: Any) -> float:
         """Where the tooth frequency crosses these."""
         return float(np.interp(0.0, teeth - np.asarray(frequencies), NEAR))
 
     top = int(np.argmax(sizes))
     curve = np.polynomial.Polynomial.fit(NEAR[top - 2 : top + 3], sizes[top - 2 : top + 3], 2)
-    found, exact, shown = float(curve.deriv().roots()[0]), meets(strings), meets(first_modes(drive, NEAR)[0])
+    found, exact, shown = (
+        float(curve.deriv().roots()[0]),
+        coincidence(strings),
+        coincidence(first_modes(drive, NEAR)[0]),
+    )
     axis.plot(NEAR, 1e3 * np.array(sizes), "o-", color="C0", ms=4, lw=0.8, label="run, at the tooth frequency")
     axis.axvline(exact, color="black", lw=1.0, label="moving string")
     axis.axvline(shown, color="C1", lw=1.0, ls="--", label="modes")

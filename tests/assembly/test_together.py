@@ -43,7 +43,7 @@ def scattered(name, count, seed=1):
     return found
 
 
-@pytest.mark.parametrize("name", [name for name in example_names() if name not in ("car", "v6")])
+@pytest.mark.parametrize("name", [name for name in example_names() if name not in ("car", "v6", "balance_shafts")])
 def test_each_is_assembled_as_if_alone(name):
     drives = scattered(name, 40)
     stacks = stacks_of(drives)

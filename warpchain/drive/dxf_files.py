@@ -146,7 +146,7 @@ def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
 
 
 def _open(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
-    """Raises the error on the narrowest gap of an open contour, among the first ends that meet no other."""
+    """Raises the error on the narrowest gap of an open contour, among the first ends that touch no other."""
     loose = loose[:MOST_LOOSE]
     gaps = np.hypot(*np.moveaxis(ends[loose][:, None] - ends[loose][None], -1, 0))
     np.fill_diagonal(gaps, np.inf)

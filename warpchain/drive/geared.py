@@ -14,7 +14,6 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.chain_parts import PARTS, Ring, by_own_angle, places_of
-from warpchain.drive.mounts import wheel_inertia
 from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Beside
 from warpchain.drive.sprocket import Led, Load, Prescribed, Sprocket
@@ -195,6 +194,8 @@ def _beside_own(plan: _Plan, b: int) -> Any:
 
 def _apart(plan: _Plan, s: int, names: set[str]) -> Sprocket:
     """Sprocket s in a chain that is not its home: with the inertia and the motion of its train."""
+    from warpchain.drive.mounts import wheel_inertia  # here, since it takes numpy
+
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     led_by, first = leader_of(drive, s), train_of(drive, s).bodies[0]
     changes = _motions(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}

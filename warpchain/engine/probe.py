@@ -125,8 +125,10 @@ class Probe:
             return 0.0
         self._evaluate(self.start())
         ties, cams = self.base.ties[: self.body_count], self._engine.state.cams.numpy()[: self.body_count]
-        beside = np.where(ties["train"] == ties["train"][b], ties["ratio"] / ties["ratio"][b], 0.0)
-        return float((beside**2 * cams["inertia"]).sum())
+        train = ties["train"] == ties["train"][b]
+        if ties["train"][b] < 0:  # turns alone
+            return float(cams["inertia"][b])
+        return float(((ties["ratio"][train] / ties["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train(self, b: int) -> Array:
         """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
