@@ -23,6 +23,7 @@ GROUPS = {
     "Your drive": ("drive-file", "check", "fit", "catalogue", "examples", "glossary"),
     "Parts of a drive": (
         "shafts",
+        "valve-trains",
         "several-chains",
         "moving-sprockets",
         "guides-and-tensioners",
