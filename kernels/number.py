@@ -608,3 +608,18 @@ def log_of_sum(u: wp.float32):
     if kept != 0.0:
         value = wp.log(w) * (u / kept)
     return value
+
+
+@wp.func
+def log_of_sum(u: wp.float64):
+    """The same at float64, where u is small by a series to 1e-16."""
+    value = u
+    if wp.abs(u) < wp.float64(0.03):
+        s = u / (wp.float64(2.0) + u)
+        rest = wp.float64(wp.static(1.0 / 9.0))
+        for k in range(4):
+            rest = rest * s * s + wp.float64(wp.static(1.0 / (7 - 2 * k)))
+        value = wp.float64(2.0) * s * rest
+    else:
+        value = wp.log(wp.float64(1.0) + u)
+    return value

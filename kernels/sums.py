@@ -375,7 +375,7 @@ def following(Real: type) -> wp.Function:
         found = strand.middle
         nearest = wp.float64(wp.inf)
         i = int(0)
-        while i < n:
+        while i < n and nearest > wp.float64(0.0):
             j = after(i, n)
             if reach(rollers, x, y, i, strand) <= limit and reach(rollers, x, y, j, strand) > limit:
                 apart = aside(rollers, x, y, i, strand) + aside(rollers, x, y, j, strand)

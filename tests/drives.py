@@ -6,12 +6,14 @@ import tomllib
 import numpy as np
 import pytest
 
-from warpchain import Limits, Record, dumps_drive, loads_drive, simulate
+from warpchain import Limits, Record, dumps_drive, load_drive, loads_drive, simulate
 from warpchain.drive import Drive
-from warpchain.drive.examples import FOLDER
+from warpchain.drive.examples import FOLDER, drive_path, example_names
 from warpchain.errors import DriveError
 
 MARINE = FOLDER / "marine.toml"
+ONE_CHAIN = [name for name in example_names() if not load_drive(drive_path(name)).chains]
+"""Names of the example drives of one chain."""
 STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3}
 POSITIVE = "must be a positive number"
 NOT_NEGATIVE = "must be a number of at least 0"

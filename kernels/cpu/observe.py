@@ -22,7 +22,7 @@ from ..physics.body import (
     pose_of,
 )
 from ..physics.hub import against
-from ..physics.motion import load_moment_at_speed, prescribed_acceleration
+from ..physics.motion import load_moment_at_speed
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
@@ -108,10 +108,7 @@ def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
         gear = ensemble.gears[g]
         at = drive.first_body + gear.body
         mine = ensemble.ties[at]
-        motion, angular = ensemble.motions[at], state.rates[at][2]
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(now.time, motion, ensemble.curves)
-        moment = gear.inertia * angular
+        moment = gear.inertia * bodies.angular_now(ensemble, state, at, now.time)
         for b in range(drive.sprockets + drive.shafts):
             if on_side(gear, b):
                 other = drive.first_body + b

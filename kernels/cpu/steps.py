@@ -364,15 +364,20 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         return twist, rate, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
+    def angular_now(ensemble: Ensemble, state: State, b: int, time: wp.float64):
+        """Angular acceleration of body `b` of all at `time` [rad/s^2], once rates are found."""
+        angular = state.rates[b][2]
+        if ensemble.motions[b].prescribed == 1:
+            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble.curves)
+        return angular
+
+    @wp.func
     def lifted(ensemble: Ensemble, state: State, drive: Drive, v: int, time: wp.float64, lag: wp.float64):
         """Torque [N m] of group `v` of all valves against forward rotation, and the least force [N] on a follower."""
         valve = ensemble.valves[v]
         b = drive.first_body + valve.body
-        motion, angular = ensemble.motions[b], state.rates[b][2]
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(time, motion, ensemble.curves)
-        body = body_now(ensemble, state, b, time, lag)
-        return valve_load(body.angle, body.speed, angular, valve, motion, ensemble.curves.tables)
+        body, angular = body_now(ensemble, state, b, time, lag), angular_now(ensemble, state, b, time)
+        return valve_load(body.angle, body.speed, angular, valve, ensemble.motions[b], ensemble.curves.tables)
 
     @wp.func
     def bodies_sound(state: State, drive: Drive):

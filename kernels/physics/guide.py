@@ -68,6 +68,12 @@ def line_coordinates(p: PairVector, t: PairVector):
 
 
 @wp.func
+def line_coordinates(p: wp.vec2f, t: wp.vec2f):
+    """The same of rounded numbers."""
+    return p[0] * t[0] + p[1] * t[1], p[1] * t[0] - p[0] * t[1]
+
+
+@wp.func
 def near_coordinates(p: wp.vec2d, bar: Any):
     """Where `p` is along a bar, or a profile's chord, and across it [m]."""
     return line_coordinates(p - bar.start, bar.direction)
@@ -76,17 +82,13 @@ def near_coordinates(p: wp.vec2d, bar: Any):
 @wp.func
 def near_coordinates(p: PairVector, bar: Any):
     """The same by float32 alone, which is off by less than the bar's `slack`."""
-    q = (p.high - bar.start.high) + (p.low - bar.start.low)
-    t = leading(bar.direction)
-    return q[0] * t[0] + q[1] * t[1], q[1] * t[0] - q[0] * t[1]
+    return line_coordinates((p.high - bar.start.high) + (p.low - bar.start.low), leading(bar.direction))
 
 
 @wp.func
 def near_coordinates(p: wp.vec2f, bar: Any):
     """The same of a place that is rounded already."""
-    q = p - leading(bar.start)
-    t = leading(bar.direction)
-    return q[0] * t[0] + q[1] * t[1], q[1] * t[0] - q[0] * t[1]
+    return line_coordinates(p - leading(bar.start), leading(bar.direction))
 
 
 @wp.func

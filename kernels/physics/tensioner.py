@@ -96,7 +96,7 @@ LARGEST = 8.0
 """z above any pressure: 8^7 is two million times the ambient one."""
 
 SMALL = 0.03
-"""Up to here exp and ln(1 + x) are polynomials, to 1e-16."""
+"""Up to here exp is a polynomial, to 1e-16."""
 
 DREGS = 1e-6
 """Least share of oil in a drained chamber."""
@@ -264,28 +264,6 @@ def filling(x: Pair, state: Any, tensioner: Any):
 
 
 @wp.func
-def logarithm_of_sum(u: wp.float64):
-    """ln(1 + u), quick where u is small."""
-    one = wp.float64(1.0)
-    value = one
-    if wp.abs(u) < wp.float64(wp.static(SMALL)):
-        s = u / (wp.float64(2.0) + u)
-        rest = wp.float64(wp.static(1.0 / 9.0))
-        for k in range(4):
-            rest = rest * s * s + wp.float64(wp.static(1.0 / (7 - 2 * k)))
-        value = wp.float64(2.0) * s * rest
-    else:
-        value = wp.log(one + u)
-    return value
-
-
-@wp.func
-def logarithm_of_sum(u: wp.float32):
-    """The same at float32."""
-    return log_of_sum(u)
-
-
-@wp.func
 def exponential(x: Any):
     """exp(x), quick where x is small."""
     one = type(x)(1.0)
@@ -315,7 +293,7 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
         pressure = pressure_at(z, t)
         supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
         part = wp.max(per_volume * (leaked + relieved + vented - supplied), type(z)(-0.99))
-        rest += logarithm_of_sum(part)
+        rest += log_of_sum(part)
         slope -= per_volume * flow_slope * type(z)(7.0) * pressure / (z * (type(z)(1.0) + part))
     return rest, slope
 
@@ -592,18 +570,6 @@ def no_flows(h: wp.float32):
 
 
 @wp.func
-def raised(content: wp.float64, gain: wp.float64):
-    """A logarithm after what it is of has grown by a small part."""
-    return content + logarithm_of_sum(gain)
-
-
-@wp.func
-def raised(content: Pair, gain: wp.float32):
-    """The same at float32."""
-    return trimmed(content + logarithm_of_sum(gain))
-
-
-@wp.func
 def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
     """Adds to the flows of a step their energies; `before` and `z` are its ends'.
 
@@ -640,7 +606,7 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     flows.lift = valve_lift(tensioner.supply - pressure, tensioner.check)
     phi, slope = compression(z, tensioner)
     gain = per_volume * (supplied - (leaked + relieved + vented))
-    state.content = raised(state.content, exponential(phi - content) * gain)
+    state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
     if metered:
         flows = flow_energies(flows, before, z, tensioner)

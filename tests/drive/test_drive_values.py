@@ -4,7 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, MARINE, POSITIVE, STEEL, numbers, put
+from drives import BLADE, MARINE, ONE_CHAIN, POSITIVE, STEEL, numbers, put
 
 from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, load_drive, loads_drive
 from warpchain.drive.drive import NUMBER_RULES
@@ -247,9 +247,7 @@ class Read(dict):
         return value
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in example_names() if name not in ("v6", "balance_shafts")]
-)  # of one chain
+@pytest.mark.parametrize("name", ONE_CHAIN)  # of one chain
 def test_rules_read_no_more_than_they_say(name):
     for rule, keys in NUMBER_RULES.items():
         notes = set()

@@ -3,12 +3,12 @@
 import contextlib
 
 import pytest
-from drives import numbers, two_sprockets
+from drives import ONE_CHAIN, numbers, two_sprockets
 
 from warpchain import Record, load_drive
 from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.examples import drive_path
 from warpchain.drive.replace import Changes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
@@ -29,7 +29,7 @@ def mixed():
         torque.append(marine.with_values({"sprockets.camshaft.load.table": table}))
     worn = marine.with_values({"chain.elongation": 0.002})
     stiff = marine.with_values({"sprockets.camshaft.inertia": 9.0})
-    others = [load_drive(drive_path(name)) for name in example_names() if name not in ("v6", "balance_shafts")]
+    others = [load_drive(drive_path(name)) for name in ONE_CHAIN]
     own = [[{"link": 3 + v, "elongation": 1e-3 * v}, {"link": 9, "elongation": 2e-3}] for v in range(3)]
     unlike = [
         marine.with_values({"chain.worn_links": own[v], "chain.play": 1e-4 * (1.0 + v), "chain.outer": outer})
@@ -106,9 +106,7 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
     assert links["outer_damping"].tolist() == [0.0, damping]
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in example_names() if name not in ("v6", "balance_shafts")]
-)  # of one chain
+@pytest.mark.parametrize("name", ONE_CHAIN)  # of one chain
 @pytest.mark.filterwarnings("ignore")
 def test_every_number_of_an_example_may_vary_in_a_batch(name):
     base = load_drive(drive_path(name))

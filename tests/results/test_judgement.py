@@ -155,12 +155,20 @@ def test_the_least_force_that_counts_is_that_of_settling():
 
 @pytest.mark.parametrize("torque", [1e25, 1e29])
 def test_a_load_beyond_all_bounds_is_not_ok_whatever_the_limits(torque):
-    """1e25 N m turn a camshaft of 1e-3 kg m^2 at 1e24 rad/s in 1e-4 s: J omega^2 / 2 is 1e45 J, and differences of such
-    energies need not be numbers."""
-    drive = load_drive(MARINE.with_name("car.toml")).with_values({"sprockets.intake cam.load.torque": torque})
+    """1e25 N m turn a camshaft of 1e-3 kg m^2 at 1e24 rad/s in 1e-4 s: J omega^2 / 2 is 1e45 J, and the rollers that it
+    meets have energies whose differences are not numbers at 1e29 N m."""
+    beats = {
+        f"sprockets.{cam} cam.load.harmonics": [
+            {"order": 4, "amplitude": 7.56, "phase": phases[0]}, {"order": 8, "amplitude": 0.96, "phase": phases[1]}
+        ]
+        for cam, phases in (("intake", (1.5708, -1.5708)), ("exhaust", (2.9671, 1.2217)))
+    }  # fmt: skip
+    values = beats | {"sprockets.intake cam.load.torque": torque, "valves": []}
+    drive = load_drive(MARINE.with_name("car.toml")).with_values(values)
     (row,) = simulate(drive, duration=1e-4, record=Record("none")).metrics.to_pylist()
     assert row["status"] == "suspect"
     limits = Limits(**{key: OFF.get(key, math.inf) for key in Limits.model_fields})
     (row,) = simulate(drive, duration=1e-4, record=Record("none"), limits=limits).metrics.to_pylist()
     finite = math.isfinite(row["energy_residual"])
     assert (row["status"] == "ok") == finite and (finite or "is not finite" in row["reason"])
+    assert finite == (torque < 1e29)

@@ -40,8 +40,7 @@ from warpchain.drive.schema import (
 from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
-Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
-Drained = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
+Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 Share = Annotated[float, Field(strict=True, ge=0.0, lt=1.0), Value("must be a number of at least 0 and below 1")]
 Discharge = Annotated[float, Field(strict=True, gt=0.0, le=1.0), Value("must be a number above 0, at most 1")]
 Viscosity = Annotated[
@@ -95,7 +94,7 @@ class Plunger(Part):
     mass: NonNegative = 0.0
     gap: Positive | None = None
     length: Positive | None = None
-    eccentricity: Eccentricity = 0.9
+    eccentricity: Fraction = 0.9
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -113,7 +112,7 @@ class Chamber(Part):
     """
 
     volume: Positive
-    drained: Drained = 0.0
+    drained: Fraction = 0.0
 
 
 class Valve(Part):

@@ -10,6 +10,8 @@ given state.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,12 +121,17 @@ class Probe:
         inertia[:2, 2] = inertia[2, :2] = q
         return BodyRow(np.hstack([slides, turns]), inertia)
 
+    @cached_property
+    def _cams(self) -> NDArray[Any]:
+        """Inertia and moment of valves on each body where the drive stands."""
+        self._evaluate(self.start())
+        return np.array(self._engine.state.cams.numpy()[: self.body_count])
+
     def _valves(self, b: int) -> float:
         """Inertia of valves that turns with body `b`, as it sees it where the drive stands [kg m^2]."""
         if not self.base.drives["valves"][0]:
             return 0.0
-        self._evaluate(self.start())
-        ties, cams = self.base.ties[: self.body_count], self._engine.state.cams.numpy()[: self.body_count]
+        ties, cams = self.base.ties[: self.body_count], self._cams
         train = ties["train"] == ties["train"][b]
         if ties["train"][b] < 0:  # turns alone
             return float(cams["inertia"][b])
