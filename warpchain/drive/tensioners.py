@@ -108,7 +108,7 @@ class Chamber(Part):
 
     Attributes:
         volume: volume of oil as drawn, at extension 0, V_0 [m^3].
-        drained: share of it that is air, not oil, as the run begins; 0 is full.
+        drained: share of it that is air, not oil, as the run begins [-]; 0 is full.
     """
 
     volume: Positive
