@@ -183,8 +183,8 @@ def running_strand(axes: Any) -> Iterator[Line]:
             f"{fast.string:.3f} Hz; as a chain of masses (below) {slow.masses:.3f} to {fast.masses:.3f} Hz",
             drive="40 and 40 teeth, strands of 40 links, seven speeds; the spectrum of mid-strand's displacement",
             gives=f"{slow.found[0]:.3f} to {fast.found[0]:.3f} Hz; `modes` {shown[0]:.3f} to {shown[-1]:.3f} Hz",
-            differs=f"from the masses: up to v/c = {row[-3].share:.2f} {spread(off[0])}; at {fast.share:.2f} "
-            f"{spread(off[1])}, second peaks {spread(late)}, with links damped more {spread(off[2])}; `modes` at their "
+            differs=f"from the masses: up to v/c = {row[-3].share:.2f} {spread(off[0])}. At {fast.share:.2f} "
+            f"{spread(off[1])}, second peaks {spread(late)}, with links damped more {spread(off[2])}. `modes` at their "
             f"own tension {spread(own[masses])}, from the string {spread(own[string])}",
             verdict="agrees up to 0.72; at 0.78 lines split, as links ring (below)",
         )
