@@ -1,6 +1,7 @@
 """A contact by itself, and one mass that flies into it and out again, for the tests of contact laws."""
 
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.physics.contact import respond
 from warpchain.kernels.structs import types
@@ -8,7 +9,7 @@ from warpchain.kernels.structs import types
 KINDS = types(wp.float64)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def bounce(
     law: KINDS.ContactLaw,
     mass: wp.float64,
@@ -42,7 +43,7 @@ def bounce(
     out[2] = peak
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def leap(
     law: KINDS.ContactLaw,
     mass: wp.float64,
@@ -73,7 +74,7 @@ def leap(
         out[i] = wp.vec2d(penetration, v)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def response(
     law: KINDS.ContactLaw,
     penetration: wp.float64,

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import warp as wp
+from own_kernels import kernel
 
 from warpchain import loads_drive
 from warpchain.drive.examples import FOLDER
@@ -130,7 +131,7 @@ def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64
     return state
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def move(places: wp.array[wp.float64], h: wp.float64, t: Tensioner, out: wp.array2d[wp.float64]):
     """A plunger that is led from place to place."""
     state = resting_state(places[0], t)
@@ -142,7 +143,7 @@ def move(places: wp.array[wp.float64], h: wp.float64, t: Tensioner, out: wp.arra
         noted(places[i], rate, state, t, out, i)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def load(x: wp.float64, mass: wp.float64, loads: wp.array[wp.float64], h: wp.float64, t: Tensioner,
          out: wp.array2d[wp.float64]):  # fmt: skip
     """A mass that is pressed inwards, by leapfrog from rest at x."""
@@ -156,7 +157,7 @@ def load(x: wp.float64, mass: wp.float64, loads: wp.array[wp.float64], h: wp.flo
         state = flowed(state, x, rate, h, t, out, i)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tensioner, out: wp.array2d[wp.float64]):
     """Functions of the pressure, and the pressure again from the content at x = 0, from other ones to begin at."""
     i = wp.tid()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from drives import errors_of, marine_values, put, two_sprockets
+from own_kernels import kernel
 from scipy.interpolate import PchipInterpolator
 
 from warpchain import Record, load_drive, loads_drive, simulate
@@ -16,7 +17,7 @@ from warpchain.kernels.physics.motion import integral_at, slope_at
 TURN = 2 * np.pi
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def look(
     x: wp.array[wp.float64],
     table: structs.Tabulated,

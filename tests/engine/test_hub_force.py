@@ -7,7 +7,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.results.channels import DEFAULT
+from warpchain.results.channels import NAMES
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.shaft_signals import hub_forces
 
@@ -47,7 +47,7 @@ def test_recorded_every_step_the_channel_is_what_the_kernel_adds_up():
     drive = two_sprockets(speed=20.0, duration=0.002).with_values(
         {"contact.sprocket.friction": 0.2, "chain.elongation": -1e-3}
     )
-    record = Record(rate=1e9, channels=(*DEFAULT, "hub_force"))
+    record = Record(rate=1e9, channels=NAMES)
     run = simulate(drive, device="cpu", window=(0.001, 0.002), record=record)
     row, trajectory = run.metrics.to_pylist()[0], run[0]
     within = trajectory.time > 0.001 - 1e-9

@@ -7,6 +7,7 @@ import pytest
 from drives import errors_of, marine_values, put, row, two_sprockets
 
 from warpchain import Record, read_archive, simulate
+from warpchain.results.channels import NAMES
 from warpchain.results.losses import losses
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
@@ -64,13 +65,13 @@ def test_the_pin_term_of_spicer():
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
 
 
-@pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
-def test_powers_of_the_joints_add_up_to_their_loss(integrator, tmp_path):
+@pytest.mark.parametrize(("integrator", "channels"), [("leapfrog", ["joint_friction_power"]), ("rk4", NAMES)])
+def test_powers_of_the_joints_add_up_to_their_loss(integrator, channels, tmp_path):
     # sampled at every step, the joints' powers under the window's trapezoids are the metric's sum in another order
     drive = two_sprockets(duration=0.01, integrator=integrator).with_values({"chain.joint": JOINT})
     run = simulate(
         drive, device="cpu", window=(0.0, 0.01), archive=tmp_path / "run.mcap",
-        record=Record(rate=1e9, channels=["joint_friction_power"]),
+        record=Record(rate=1e9, channels=channels),
     )  # fmt: skip
     power = read_archive(tmp_path / "run.mcap")[0].joint_friction_power
     assert power.shape == (2001, 60)

@@ -38,7 +38,7 @@ FOREVER = 10**8
 
 USUAL = [
     (marine, False, "float64"),
-    (rubbing, True, "float32"),
+    (rubbing, True, "float64"),
     (equal_sprockets, True, "float32"),
     (light_wheels, True, "float32"),
 ]

@@ -33,15 +33,15 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-USUAL = [(v6, True, "float64"), (stages_rk4, True, "float32")]
+USUAL = [(geared_stages, True, "float64"), (cushed_stages, False, "float32")]
 LONG = [
+    (v6, True, "float64"),
+    (stages_rk4, True, "float32"),
     (stages_of_two_chains, True, "float32"),
     (light_stages, False, "float64"),
     (unjoined, False, "float64"),
     (unjoined_light, True, "float32"),
     (v6_fed, True, "float64"),
-    (geared_stages, True, "float64"),
-    (cushed_stages, False, "float32"),
 ]
 
 
@@ -72,9 +72,9 @@ def ensemble(drives, precision):
 
 
 SOME = some_of(
-    [*product([v6, stages_of_two_chains], ["float64", "float32"])],
-    [(v6, "float64")],
-    [(stages_of_two_chains, "float32")],
+    [*product([v6, stages_of_two_chains, geared_stages], ["float64", "float32"])],
+    [(geared_stages, "float64")],
+    [(v6, "float64"), (stages_of_two_chains, "float32")],
 )
 
 

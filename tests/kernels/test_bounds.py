@@ -5,6 +5,7 @@ import pytest
 import warp as wp
 from blocks import equal_sprockets, run_blocks
 from drives import two_sprockets
+from own_kernels import kernel
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
@@ -18,13 +19,13 @@ from warpchain.results.schedule import Schedule
 ODD = [np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0.0]
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def seats(points: wp.array[wp.vec2d], heading: wp.vec2d, teeth: int, out: wp.array[int]):
     i = wp.tid()
     out[i] = nearest_seat(points[i], heading[0], heading[1], teeth)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def cells(at: wp.array[wp.float64], table: Tabulated, values: wp.array[wp.float64], out: wp.array[wp.float64]):
     value, integral = integral_at(at[wp.tid()], table, values)
     out[wp.tid()] = value

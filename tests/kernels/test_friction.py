@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.physics.friction import DAMPER, SPRING, coefficient, held_back
 from warpchain.kernels.structs import types
@@ -10,7 +11,7 @@ from warpchain.kernels.structs import types
 KINDS = types(wp.float64)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def slide(law: KINDS.Friction, pull: wp.float64, speed: wp.float64, h: wp.float64, out: wp.array[wp.vec3d]):
     """A block of 1 kg pressed on a plane by 10 N, by leapfrog: place, speed, friction's work after each step."""
     x = wp.float64(0.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.physics.guide import guide_gap
 from warpchain.kernels.physics.tooth import nearest_seat, seat_step, straight_flank_gap, tooth_gap
@@ -11,40 +12,40 @@ from warpchain.kernels.structs import types
 KINDS, SINGLE = types(wp.float64), types(wp.float32)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp.vec3d]):
     i = wp.tid()
     penetration, radial, lateral = tooth_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec3d(penetration, radial, lateral)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def single_gap(xi: wp.float32, lateral: wp.float32, gap: SINGLE.Sprocket, out: wp.array[wp.float32]):
     penetration, radial, along = tooth_gap(xi, lateral, gap)
     out[0] = penetration
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def usual_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp.vec4d]):
     i = wp.tid()
     penetration, radial, lateral, usual = straight_flank_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec4d(penetration, radial, lateral, wp.float64(usual))
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def guide_gaps(points: wp.array[wp.vec2d], bar: KINDS.Guide, out: wp.array[wp.vec3d]):
     i = wp.tid()
     penetration, along, across = guide_gap(points[i][0], points[i][1], bar)
     out[i] = wp.vec3d(penetration, along, across)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def seats(points: wp.array[wp.vec2d], angle: wp.float64, teeth: int, out: wp.array[int]):
     i = wp.tid()
     out[i] = nearest_seat(points[i], wp.cos(angle), wp.sin(angle), teeth)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def moves(points: wp.array[wp.vec2d], tangent: wp.float64, out: wp.array[int]):
     i = wp.tid()
     out[i] = seat_step(points[i][0], points[i][1], tangent)

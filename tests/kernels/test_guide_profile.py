@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import raw
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.physics.guide import piece_height
 from warpchain.results.channels import FRAME
@@ -11,7 +12,7 @@ from warpchain.results.channels import FRAME
 ROLLER_RADIUS = 0.004
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def heights(u: wp.array[wp.float64], w: wp.array[wp.float64], curvature: wp.float64, found: wp.array2d[wp.float64]):
     i = wp.tid()
     height, along, across = piece_height(u[i], w[i], curvature)

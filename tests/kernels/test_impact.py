@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from bouncing import KINDS, bounce, leap, response
+from own_kernels import kernel
 from scipy.optimize import brentq
 
 from warpchain.kernels.physics.impact import contact_force
@@ -132,7 +133,7 @@ def test_a_coarse_step_keeps_the_restitution(steps, exact):
     assert np.mean(phases) == pytest.approx(0.68422, abs=exact)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def squeeze(law: KINDS.ContactLaw, mass: wp.float64, depth: wp.float64, begin: wp.float64, h: wp.float64,
             out: wp.array[wp.float64]):  # fmt: skip
     """Places of a mass between two contacts, which press on it from both sides: the second sees the first."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from blocks import some_of
+from own_kernels import kernel
 from pairs import BLOCKS, both, given, launched
 from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
 
@@ -61,7 +62,7 @@ def blocks_pose(body: BodyState, radius: wp.float64):
     return aligned(posed(pose, state))
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def arithmetic(a: wp.array[wp.float64], b: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
     x = pair_of(a[i])
@@ -107,7 +108,7 @@ def test_pairs_have_48_bits():
     assert np.abs(found[:, 11] - (y - 2.0 * x)).max() <= 12 * bit * 6
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def with_literals(a: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     x = a[0]
     out[0, 0] = 0.5 * x - x * 0.25
@@ -122,7 +123,7 @@ def test_literals_beside_float64_are_float64():
     assert found.tolist() == [0.5 * x - x * 0.25, 1.5 - x / 3.0, 2.0 + x]
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def logarithms(values: wp.array[wp.float64], small: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
     out[i, 0] = whole(logarithm(pair_of(values[i])))
@@ -141,7 +142,7 @@ def test_logarithms_of_pairs():
     assert (np.abs(found[:, 1] - exact) <= 4 * EPS * np.abs(exact)).all()
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def headings(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
     s, c = sine_cosine(pair_of(angle[i]))
@@ -168,7 +169,7 @@ def gap():
     return {"teeth": TEETH, "exact_radius": R, "pitch_radius": R, "clearance": CLEARANCE, "tip_reach": R + 0.05} | seat
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def gaps(
     points: wp.array[wp.vec2d],
     angles: wp.array[wp.float64],
@@ -222,7 +223,7 @@ def test_tooth_gaps_in_pairs_are_those_of_float64():
     assert found[:, 4:].max() <= 8 * EPS * 7.0 * (R + 0.01)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def bars(points: wp.array[wp.vec2d], exact: wp.array[Guide], bar: wp.array[BLOCKS.Guide], out: wp.array2d[wp.float64]):
     i = wp.tid()
     x, y = pair_of(points[i][0]), pair_of(points[i][1])
@@ -255,7 +256,7 @@ def test_guide_bars_in_pairs_are_those_of_float64():
     assert found[:, 1:].max() <= 16 * EPS * (1 + 3.2 / 0.25)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def faces(
     points: wp.array[wp.vec2d],
     body: BodyState,
@@ -312,7 +313,7 @@ def test_profiles_in_pairs_are_those_of_float64():
     assert found[:, 3:].max() <= 16 * EPS
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def led(
     motions: wp.array[Motion],
     ours: wp.array[BLOCKS.Motion],
@@ -352,7 +353,7 @@ def test_prescribed_angles_in_pairs(ramp):
     assert found[:, 2].max() <= 8 * EPS * 14_800  # all parts of the moment at once
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def tabled(
     points: wp.array[wp.float64],
     table: wp.array[Tabulated],
@@ -393,7 +394,7 @@ def test_tables_in_pairs_are_those_of_float64(repeats):
     assert found[inside, 2].max() <= 64 * bit * np.abs(each).sum() * 2.5
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def turning(moment: wp.float64, inverse_inertia: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
     pose = blocks_pose(BodyState(), wp.float64(0.4))
     motion = BLOCKS.Motion()
@@ -429,7 +430,7 @@ def test_a_body_that_turns_freely_keeps_its_phase(steps):
     assert np.abs(off[2:]).max() <= 2.0**-36 * 0.4
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: wp.array2d[wp.float64]):
     sums = BLOCKS.SprocketSums()
     for k in range(speed.shape[0]):

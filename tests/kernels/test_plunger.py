@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 from pairs import BLOCKS, both, given, launched
 from tensioner_rig import RELIEF, VENT, moved, tensioner
 
@@ -37,7 +38,7 @@ def at_both(t):
     return both(Tensioner, **{name: tuple(v) if isinstance(v, wp.vec2d) else v for name, v in values.items()})
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def lead(
     places: wp.array[wp.float64],
     h: wp.float64,
@@ -96,7 +97,7 @@ def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air, outlets):
         np.testing.assert_allclose(found[key], values, rtol=0, atol=2e-5 * scale, err_msg=key)
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def touch(
     angles: wp.array[wp.float64],
     exact: wp.array[Tensioner],

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.number import Pair, PairVector, RecentSum
@@ -72,7 +73,7 @@ def test_blocks_keep_every_sum_by_its_name():
         assert all(made.vars[name].type in (Pair, RecentSum) for name in added)
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@kernel
 def gathering(sums: wp.array[BLOCKS.SprocketSums]):
     sums[1] = gathered_powers(sums[0])
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.native import LANES, accessors, whole_lanes
 
@@ -11,12 +12,12 @@ def asking(Real):
     """Kernels that tell of every count which values are unlike one, and rounded up to whole lanes."""
     unlike, whole = accessors(Real).unlike, whole_lanes(Real if Real in LANES else wp.float64)
 
-    @wp.kernel(enable_backward=False)
+    @kernel
     def ask(values: wp.array[Real], first: int, value: Real, bits: wp.array[wp.uint64]):
         count = wp.tid()
         bits[count] = unlike(values, first, count, value)
 
-    @wp.kernel(enable_backward=False)
+    @kernel
     def lanes(rounded: wp.array[int]):
         rounded[wp.tid()] = whole(wp.tid())
 

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.engine.outcomes import batch_durations
 from warpchain.kernels.statistics import NOTES, follow_slip, notes_due
 from warpchain.kernels.structs import Drive, SlipSums
 
 
-@wp.kernel
+@kernel
 def look(slip: wp.array[SlipSums], roller: wp.array[int], seat: wp.array[int], teeth: int, sign: wp.float64, n: int):
     for k in range(roller.shape[0]):
         slip[0] = follow_slip(slip[0], roller[k], seat[k], teeth, sign, n)
@@ -49,7 +50,7 @@ def test_only_jumps_count(sign, teeth, way):
     assert slips(chain, chain, **of, missing=steps) == 0
 
 
-@wp.kernel
+@kernel
 def due(drive: wp.array[Drive], steps: wp.array[int], notes: wp.array2d[int]):
     k = wp.tid()
     first, end = notes_due(drive[0], steps[k])

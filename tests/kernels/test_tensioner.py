@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 from scipy.integrate import quad
 from tensioner_rig import RELIEF, VENT, loaded, looked, moved, still, tensioner
 
@@ -378,7 +379,7 @@ def test_without_a_ratchet_it_stands_on_the_bottom_of_its_chamber():
     assert np.abs(np.diff(got["x"][-1000:])).max() < 1e-9
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
     body = Pose()
     body.center = wp.vec2d(wp.float64(1.0), wp.float64(2.0))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
+from own_kernels import kernel
 
 from warpchain.kernels.number import sine_cosine
 from warpchain.kernels.physics.body import faced, swung
@@ -14,7 +15,7 @@ from warpchain.kernels.structs import Pose
 KERNELS = sorted((Path(__file__).resolve().parents[2] / "kernels").rglob("*.py"))
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.array[wp.float64]):
     i = wp.tid()
     s, c = sine_cosine(angle[i])
@@ -22,7 +23,7 @@ def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.arr
     cosine[i] = c
 
 
-@wp.kernel(enable_backward=False)
+@kernel
 def turn(start: wp.float64, angle: wp.array[wp.float64], out: wp.array[wp.vec2d]):
     i = wp.tid()
     turned = swung(faced(Pose(), wp.cos(start), wp.sin(start)), angle[i])
