@@ -11,9 +11,6 @@ from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
-STRAIN = 2e-4
-"""Of both chains of `two_stages`, on pitch circles; rollers in seats of a clearance leave 1e-4 of a center."""
-
 
 def strains(drive):
     return [assemble(ring.drive).strain for ring in rings_of(drive)]

@@ -11,8 +11,6 @@ from warpchain.drive.trains import is_free
 from warpchain.drive.transmission import transmission_of
 from warpchain.errors import DriveError
 
-MID = '[[shafts]]\nname = "mid"\n'
-
 
 def test_a_drive_of_two_chains_reads_back_equal():
     drive = chains.two_stages()

@@ -21,7 +21,6 @@ from warpchain.errors import LayoutWarning, SuspectWarning
 from warpchain.results.objectives import add_objectives
 
 NONE = Record("none")
-COARSE = {"run.step": 4e-5, "contact.sprocket.stiffness": 5e8, "chain.damping": 0.0}
 
 
 def run_of(drives, **settings):
