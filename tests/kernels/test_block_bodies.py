@@ -7,6 +7,8 @@ from blocks import (
     assert_steps_of_the_cpu,
     bending_rk4,
     fed,
+    folded,
+    folded_light,
     gear_changes,
     gear_changes_rk4,
     led,
@@ -18,6 +20,8 @@ from blocks import (
     rk4,
     rubbing_on_moving_sprockets,
     rubbing_rk4,
+    segments,
+    segments_rk4,
     swung,
     swung_light,
     swung_rk4,
@@ -50,6 +54,10 @@ KINDS = (
     valves_rk4,
     *TRAINS,
     fed,
+    segments,
+    segments_rk4,
+    folded,
+    folded_light,
 )
 USUAL = [
     (moving_sprockets, False, "float64"),
@@ -68,6 +76,8 @@ USUAL = [
     (fed, True, "float32"),
     (valves, True, "float64"),
     (valves, False, "float32"),
+    (segments, True, "float64"),
+    (folded_light, False, "float32"),
 ]
 
 
