@@ -235,11 +235,10 @@ class Potential:
         found = [Carried(pivot[a], p, pivot[a], False) for a, p in self.hung]
         on = dict(self.hung)
         for s in range(self.sprockets):
-            a, center = self.drive.carrier(s), 2 * (self.rollers + s)
-            if a is not None:
+            if (a := self.drive.carrier(s)) is not None:
+                center = 2 * (self.rollers + s)
                 found.append(Carried(center, a, center, False))
-            if a in on:
-                found.append(Carried(center, on[a], pivot[a], True))
+                found += [Carried(center, on[a], pivot[a], True)] if a in on else []
         return found
 
     def pivots(self, x: Array) -> Array:
@@ -259,13 +258,12 @@ class Potential:
     def carry(self, x: Array) -> None:
         """Puts pivots of arms on arms, and the centers of sprockets on arms, where these have them."""
         arms, centers = self.drive.arms, self.split(x)[1]
-        for k, (a, p) in enumerate(self.hung):
-            place = turned_about(arms[p].pivot, arms[a].pivot, float(x[self.first_arm + p]))
+        for k, (own, p) in enumerate(self.hung):
+            place = turned_about(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
             x[self.first_pivot + 2 * k :][:2] = place
         pivots, hung = self.pivots(x), dict(self.hung)
         for s, sprocket in enumerate(self.drive.sprockets):
-            a = self.drive.carrier(s)
-            if a is not None:
+            if (a := self.drive.carrier(s)) is not None:
                 centers[s] = turned_about(arms[a].pivot, sprocket.center, float(x[self.first_arm + a]))
                 centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
