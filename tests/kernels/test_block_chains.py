@@ -18,6 +18,7 @@ from blocks import (
     stages_of_two_chains,
     stages_rk4,
     unjoined,
+    unjoined_folded,
     unjoined_light,
     v6,
     v6_fed,
@@ -41,6 +42,7 @@ LONG = [
     (light_stages, False, "float64"),
     (unjoined, False, "float64"),
     (unjoined_light, True, "float32"),
+    (unjoined_folded, True, "float64"),
     (v6_fed, True, "float64"),
 ]
 
