@@ -19,7 +19,6 @@ from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.analysis.surface import TRUSTED
-from warpchain.study.optimize.bench import ROUND
 from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
@@ -33,7 +32,7 @@ from warpchain.study.report.decisions import (
 )
 from warpchain.study.report.drive_files import can_write, write_drives
 from warpchain.study.report.search_history import search_section
-from warpchain.study.results import STATUSES, Results, read_results
+from warpchain.study.results import ROUND, STATUSES, Results, read_results
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Objective
 from warpchain.study.store import write_text
