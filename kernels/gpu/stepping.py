@@ -12,6 +12,7 @@ from .bodies import block_bearings, block_tensioners, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
+from .jointed import block_jointed
 from .kind import ENDS, EVENT, EXTRA, FRAME, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
@@ -35,7 +36,8 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     of_each, forces, barrier = wp.types.vector(rollers_per_thread, Real), contact_forces(kind), sync(kind).barrier
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
-    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
+    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_jointed(kind)
+    hang, add_friction = joints.hang, block_joints(kind).add_friction
     observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
     bearings, carry = block_bearings(kind), body_access(kind).carry
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
@@ -83,10 +85,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
-            if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.tied > 0):
                 trains.pass_on(ensemble, state, shared, mine, now, wrench)
+            if wp.static(kind.parts.tensioners > 0):
+                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.rings > 1):
                 shared.passed[wp.static(kind.parts.bodies) + mine.body] = wrench.yielding
         if wp.static(kind.parts.tied > 0):
@@ -99,6 +101,12 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
+
+    @wp.func
+    def lift(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Shares the lifts of valves, before a barrier; all threads together."""
+        if wp.static(kind.parts.valves > 0):
+            trains.share_lifts(ensemble, shared, mine)
 
     @wp.func
     def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
@@ -145,7 +153,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     led = observe.leading_power(ensemble, shared, mine, now, before, seen, whole)
-                    observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment, led)
+                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, wrench.moment, led)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):
@@ -153,8 +161,13 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.parts.hubs > 0):
             shared.turning[mine.body] = seen.speed
         sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0], vec2(acting[1], acting[2]))
+
+    @wp.func
+    def flow(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
+        """Takes the oil of the thread's body along with its step of `now`; no other thread waits for that."""
         if wp.static(kind.parts.tensioners > 0):
-            tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
+            if mine.body >= 0:
+                tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 
     @wp.func
     def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: kinds.Wrench):
@@ -180,12 +193,17 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if mine.body >= 0 and now.stage == 0:
                 tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
             barrier()
-        acting = chain_on(state, shared, mine, now)
+        acting = hang(ensemble, shared, mine, chain_on(state, shared, mine, now))
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):
             tie(ensemble, state, out, shared, mine, now, wrench)
+        if wp.static(kind.parts.jointed):
+            joints.couple(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
             advance_body(ensemble, state, out, shared, mine, now, acting, wrench)
+        if wp.static(kind.parts.jointed):
+            barrier()
+            joints.carry(ensemble, shared, mine, now.going)
         bearings.go_along(shared, mine, now)
 
     @wp.func
@@ -213,7 +231,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
         if wp.static(kind.friction.joints and measuring) and now.measured != 0:
-            joints.add_friction(shared, mine, now)
+            add_friction(shared, mine, now)
 
     return SimpleNamespace(**locals())
 
@@ -260,7 +278,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.summed = now.driven
         return plain(now)
 
-    @wp.func
+    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
     def step_of_a_warp(
         ensemble: Ensemble,
         state: State,
@@ -277,11 +295,13 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        do.lift(ensemble, shared, mine)
         do.predict(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)
         advance_bodies(ensemble, state, out, shared, mine, now)
+        do.flow(ensemble, state, shared, mine, now)
         return touch
 
     @wp.func
@@ -290,7 +310,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
-    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
+    @wp.func(inline=True)  # as that
     def to_event(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
     ):

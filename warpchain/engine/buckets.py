@@ -37,6 +37,9 @@ VARIANTS_PER_BLOCK = 4
 COLLECTING = 256
 """Threads of a block that adds up what the others have noted."""
 
+CAMS = 8
+"""A kernel has room for a multiple of so many cams of valves."""
+
 RESERVED = 1024
 """Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
@@ -178,9 +181,9 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
-        "hubs": drives["hubs"],
+        "hubs": drives["hubs"] + drives["jointed"],
         "fed": packed.fed,
-        "valves": drives["valves"] > 0,
+        "valves": CAMS * -(-packed.cams // CAMS),
         "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
