@@ -354,6 +354,15 @@ def cushed_stages():
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
 
 
+def valved_stages():
+    """Two stages with valves on the shaft between them, on a sprocket of the second and on the geared pump; others."""
+    named = (("a", "mid", -15.0), ("b", "out", -40.0), ("c", "pump", -100.0))
+    groups = [CAMS | {"name": f"valves {word}", "on": on, "phase": phase} for word, on, phase in named]
+    light = {"sprockets.mid in.inertia": 0.02, "sprockets.mid out.inertia": 0.02}
+    drive = chains.plus(chains.two_stages(step=2e-6), chains.PUMP).with_values(light | {"valves": groups})
+    return [drive, drive.with_values({"valves.valves b.on": "mid out", "valves.valves c.profile.shape": "cosine"})]
+
+
 def unjoined():
     """Two chains, each with an idler on an arm, that nothing joins."""
     return [chains.twice(drive) for drive in swung()]

@@ -65,10 +65,10 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine, pose: kinds.Pose):
         """Shares what the valves on the thread's body do to it."""
-        cam, drive = kinds.Cam(), ensemble.drives[mine.variant]
+        cam, drive = kinds.Cam(), ensemble.drives[mine.row]
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
-            if valve.body == mine.body:
+            if valve.body == mine.number:
                 cam = with_valves(cam, pose.angle, valve, shared.motions[mine.body], ensemble.curves.tables)
         shared.cams[mine.body] = cam
 
@@ -122,11 +122,13 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def lifted(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, v: int):
-        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
+        """Torque [N m] of group v of all valves, of the chain of the thread's body, against forward rotation, and the
+        least force [N] on a follower."""
         valve = ensemble.valves[v]
-        motion, angle = shared.motions[valve.body], shared.poses[valve.body].angle
-        speed = speed_now(ensemble, shared, mine, now, valve.body)
-        angular = angular_now(ensemble, shared, mine, now, valve.body)
+        b = body_of(ensemble, shared, mine.row, mine.row - mine.variant, valve.body)
+        motion, angle = shared.motions[b], shared.poses[b].angle
+        speed = speed_now(ensemble, shared, mine, now, b)
+        angular = angular_now(ensemble, shared, mine, now, b)
         return valve_load(angle, speed, angular, valve, motion, ensemble.curves.tables)
 
     @wp.func
@@ -134,7 +136,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a group of valves on the thread's body, for the sums of the window and the frame."""
         torque, force = lifted(ensemble, shared, mine, now, v)
         if now.flags & FRAME != 0:
-            drive = ensemble.drives[mine.variant]
+            drive = ensemble.drives[mine.row]
             write_valve(out.frames, frame_at(drive, state, mine, now), drive, v - drive.first_valve, torque, force)
         if wp.static(measuring) and now.measured != 0:
             out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
@@ -192,7 +194,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if number >= 0 and number < drive.bodies:
                 if on_side(gear, number):
                     moment = moment - other.ratio / tie.ratio * shared.passed[b]
-        if wp.static(kind.parts.valves > 0):  # of one chain, so far
+        if wp.static(kind.parts.valves > 0):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
                 if on_side(gear, valve.body):
@@ -213,7 +215,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
         if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
-                if ensemble.valves[v].body == mine.body:
+                if ensemble.valves[v].body == mine.number:
                     observe_valve(ensemble, state, shared, out, mine, now, v)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):

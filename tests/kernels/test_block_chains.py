@@ -19,6 +19,7 @@ from blocks import (
     unjoined_light,
     v6,
     v6_fed,
+    valved_stages,
     ways,
 )
 
@@ -37,10 +38,13 @@ KINDS = (
     v6_fed,
     geared_stages,
     cushed_stages,
+    valved_stages,
 )
 USUAL = [
     (geared_stages, True, "float64"),
     (cushed_stages, False, "float32"),
+    (valved_stages, False, "float64"),
+    (valved_stages, True, "float32"),
     (v6, True, "float64"),
     (light_stages, False, "float64"),
     (stages_rk4, True, "float32"),
