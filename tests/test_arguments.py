@@ -2,14 +2,16 @@
 
 import inspect
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from pydantic import BaseModel
+from typing_extensions import TypeAliasType
 
 import warpchain
-from warpchain import ArchiveOptions, Record, fit, load_drive, modes, simulate
+from warpchain import ArchiveOptions, Record, arguments, fit, load_drive, modes, simulate
 from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
@@ -44,6 +46,15 @@ RIGHT |= {
     "study": Study.model_construct(),
     "folder": type("Folder", (str,), {})("x"),
 }  # a folder of a study, or its path
+
+
+def test_a_type_alias_is_what_it_stands_for():
+    """NumPy's NDArray is one since 2.5, where Python has them."""
+    scalar = TypeVar("scalar", bound=np.generic)
+    array = TypeAliasType("array", np.ndarray[tuple[Any, ...], np.dtype[scalar]], type_params=(scalar,))
+    for note in (array, array[np.float64]):
+        words, test = arguments._kind(note)
+        assert words == "a ndarray" and test(np.zeros(3)) and not test("x")
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__qualname__)

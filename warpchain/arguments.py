@@ -120,6 +120,8 @@ class _Names(dict[str, Any]):
 def _kind(note: Any) -> tuple[str, Test]:
     """Words for the values that an annotation allows, and their test."""
     origin, inner = get_origin(note), get_args(note)
+    if hasattr(origin or note, "__value__"):  # a type alias of Python 3.12, as NumPy's NDArray is since 2.5
+        return _kind((origin or note).__value__)
     if note in _PLAIN:
         words, plain = _PLAIN[note]
         return words, lambda value: isinstance(value, plain) and (plain is bool or not _no_number(value))

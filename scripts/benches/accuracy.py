@@ -1,13 +1,24 @@
-"""float32 beside float64."""
+"""float32 beside float64, and one device beside the other."""
 
 import argparse
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from common.cases import Line, case, option
+from common.drives import example
+from numpy.typing import NDArray
 
 from benches.drives import named
-from warpchain import Record, simulate
+from warpchain import Drive, Record, simulate
+from warpchain.drive.batch import stacks_of
+from warpchain.engine.recorder import Recording
+from warpchain.engine.share import How, Members, Share
+from warpchain.engine.simulation import MEMORY, schedules_of
+from warpchain.progress import Stop
+from warpchain.results.channels import frame_of
+from warpchain.results.metrics import metrics_table
+from warpchain.results.run import RunInfo
 
 SECONDS = {"two": 0.4, "rk4": 0.2, "marine": 0.6, "engine": 0.1, "car": 0.03, "industrial": 0.6, "motorcycle": 0.2}
 """Simulated time [s]; the metrics are of the second half."""
@@ -35,3 +46,38 @@ def accuracy(asked: argparse.Namespace) -> Iterator[Line]:
             means = (f"{np.mean(run.metrics[column].to_pylist()):.6g}" for column in COLUMNS)
             errors = (float(residual.mean()), float(residual.max()))
             yield (name, precision, int(run.ok.sum()), *errors, *means)
+
+
+def _started(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.floating], dict[str, Any]]:
+    """10 ms of a drive whose rollers lie `rounding` of their coordinates elsewhere before settling: where they begin,
+    and the metrics.
+    """
+    record = Record("none")
+    schedules = schedules_of((drive,), 0.01, None, record, (0.0, 0.01))
+    share = Share(Members((drive,), schedules, stacks_of((drive,))), frame_of(()))
+    share.packed.rollers *= 1.0 + rounding * np.random.default_rng(1).standard_normal(len(share.packed.rollers))
+    recorder = share.recorder(RunInfo("", device, "float64"), Recording(record, "float64", MEMORY), 1)
+    outcome = share.run(How((device,), "float64", 1), recorder, lambda *_: None, Stop())
+    recorder.close()
+    return share.packed.rollers, metrics_table(outcome.ended, outcome.blocks()).to_pylist()[0]
+
+
+@case(
+    option("names", metavar="NAME", nargs="*", default=["car", "marine", "engine", "v6", "balance_shafts"]),
+    option("--device", default="cpu", help="that is held against the CPU (default: the CPU after another rounding)"),
+)
+def settled(asked: argparse.Namespace) -> Iterator[Line]:
+    """Settled chains and the largest change of a mean tension over 10 ms, on a device beside the CPU, float64.
+
+    python scripts/bench.py settled
+    python scripts/bench.py settled --device cuda:0
+    """
+    yield ("drive", "steps", "its steps", "apart by [m]", "mean tension")
+    for name in asked.names:
+        drive = example(name)
+        first, row = _started(drive, "cpu", 0.0)
+        second, its_row = _started(drive, asked.device, 1e-16 if asked.device == "cpu" else 0.0)
+        apart = float(np.abs(first - second).max())
+        means = [key for key in row if key.endswith("tension_mean") and "->" not in key]
+        steps = [sum(value for key, value in of.items() if key.endswith("settle_steps")) for of in (row, its_row)]
+        yield (name, *steps, f"{apart:.1e}", f"{max(abs(its_row[key] / row[key] - 1.0) for key in means):.0e}")

@@ -1,8 +1,9 @@
-"""The same simple drive in another code: a row of docs/validation.md, which needs the extra `codes`."""
+"""The same simple drive in other codes: rows of docs/validation.md, which need the extra `codes`."""
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,9 @@ CLEARANCE = 1e-4
 HEAVY = 1e9
 """Inertia of a driver that nothing slows down [kg m^2]."""
 STEP = 5e-5
-"""Of the other code [s]."""
+"""Of the other codes [s]."""
+CONTACT = (2e8, 4000.0)
+"""Of a sphere in Exudyn: stiffness [N/m], two in series having that of the drive's contact, and damping [N s/m]."""
 
 
 class Result(NamedTuple):
@@ -146,6 +149,77 @@ def of_mujoco(drive: Drive) -> Result:
     return frames.result()
 
 
+def of_exudyn(drive: Drive) -> Result:
+    """In Exudyn: point masses, links as springs with dampers, each sprocket a body that turns, with round teeth."""
+    import exudyn
+    from exudyn import itemInterface as items
+
+    assembly, chain, load = assemble(drive), drive.chain, drive.sprockets[1].load
+    assert load is not None
+    system = exudyn.SystemContainer().AddSystem()
+    contact = system.AddGeneralContact()
+    contact.verboseMode = 0
+    contact.SetFrictionPairings(np.zeros((1, 1)))
+    contact.SetSearchTreeCellSize([60, 30, 1])
+    contact.SetSearchTreeBox([-0.3, -0.3, -0.1], [1.4, 0.3, 0.1])
+    markers, turns = [], []
+    for place, velocity in zip(assembly.position, assembly.velocity, strict=True):
+        node = system.AddNode(items.NodePoint2D(referenceCoordinates=place, initialVelocities=velocity))
+        system.AddObject(items.MassPoint2D(nodeNumber=node, mass=chain.roller_mass))
+        markers.append(system.AddMarker(items.MarkerNodePosition(nodeNumber=node)))
+        contact.AddSphereWithMarker(markers[-1], chain.roller_radius, *CONTACT, 0)
+    for ends in zip(markers, markers[1:] + markers[:1], strict=True):
+        spring = {"referenceLength": chain.pitch, "stiffness": chain.stiffness, "damping": chain.damping}
+        system.AddObject(items.ObjectConnectorSpringDamper(markerNumbers=list(ends), **spring))
+    for s, sprocket in enumerate(drive.sprockets):
+        cosine, sine = math.cos(assembly.sprocket_angle[s]), math.sin(assembly.sprocket_angle[s])
+        node = system.AddNode(
+            items.Node1D(
+                referenceCoordinates=[0.0], initialCoordinates=[0.0], initialVelocities=[assembly.sprocket_speed[s]]
+            )
+        )
+        body = system.AddObject(
+            items.ObjectRotationalMass1D(
+                nodeNumber=node,
+                inertia=sprocket.inertia or HEAVY,
+                referencePosition=[*sprocket.center, 0.0],
+                referenceRotation=[[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]],
+            )
+        )
+        for x, y, radius in spheres(drive):
+            marker = system.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[x, y, 0.0]))
+            contact.AddSphereWithMarker(marker, radius, *CONTACT, 0)
+        turns.append(system.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0)))
+    ground = system.AddNode(items.NodePointGround())
+    held = system.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
+    system.AddObject(items.CoordinateSpringDamper(markerNumbers=[held, turns[1]], damping=load.viscous))
+    torque = -load.torque * float(np.sign(assembly.sprocket_speed[1]))
+    system.AddLoad(items.LoadCoordinate(markerNumber=turns[1], load=torque))
+    frames, start = Frames(drive, STEP), assembly.position.ravel()
+
+    def seen(of: Any, *_: Any) -> list[float]:
+        place = start + of.systemData.GetODE2Coordinates()[: 2 * chain.links]
+        frames.add(place.reshape(-1, 2), abs(float(of.systemData.GetODE2Coordinates_t()[-1])))
+        return [0.0]
+
+    system.AddSensor(items.SensorUserFunction(sensorUserFunction=seen, writeToFile=False))
+    system.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(drive.run.duration / STEP)
+    settings.timeIntegration.endTime = drive.run.duration
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = 1.0 / drive.run.sample_rate
+    system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.VelocityVerlet)
+    return frames.result()
+
+
+OTHERS: dict[str, tuple[str, Callable[[Drive], Result]]] = {
+    "MuJoCo": ("mujoco", of_mujoco),
+    "Exudyn": ("exudyn", of_exudyn),
+}
+"""Other codes: their package and the drive in them."""
+
+
 def described(result: Result) -> str:
     """A result in words."""
     tight, slack = result.tension.T
@@ -157,18 +231,21 @@ def described(result: Result) -> str:
 
 
 def other_codes() -> Iterator[Line]:
-    """The same simple drive here and in MuJoCo."""
+    """The same simple drive here and in other codes."""
     drive = pair(VALUES)
-    own, other = of_warpchain(drive), of_mujoco(drive)
-    ours, theirs = own.tension.mean(axis=0), other.tension.mean(axis=0)
-    pulls = [float(pull[0] - pull[1]) for pull in (ours, theirs)]
-    yield Row(
-        name="other codes: MuJoCo",
-        source="MuJoCo 4.0.0, the drive built in `scripts/drawings/other_codes.py`",
-        states=f"tight and slack link: {described(other)}",
-        drive="20 and 20 teeth, 61 links of 1e7 N/m, 150 N m + 15 N m s of load, 10 rad/s; 1 s, its latter half",
-        gives=described(own),
-        differs=f"{ours[0] - theirs[0]:+.0f} and {ours[1] - theirs[1]:+.0f} N, tight less slack "
-        f"{100.0 * (pulls[0] / pulls[1] - 1.0):+.1f} %, ratio {own.ratio.mean() - other.ratio.mean():+.4f}",
-        verdict="agrees but for the preload, which follows from how deep rollers lie in other teeth (below)",
-    )
+    own = of_warpchain(drive)
+    ours = own.tension.mean(axis=0)
+    for name, (package, made) in OTHERS.items():
+        other = made(drive)
+        theirs = other.tension.mean(axis=0)
+        pulls = [float(pull[0] - pull[1]) for pull in (ours, theirs)]
+        yield Row(
+            name=f"other codes: {name}",
+            source=f"{name} {version(package)}, the drive built in `scripts/drawings/other_codes.py`",
+            states=f"tight and slack link: {described(other)}",
+            drive="20 and 20 teeth, 61 links of 1e7 N/m, 150 N m + 15 N m s of load, 10 rad/s; 1 s, its latter half",
+            gives=described(own),
+            differs=f"{ours[0] - theirs[0]:+.0f} and {ours[1] - theirs[1]:+.0f} N, tight less slack "
+            f"{100.0 * (pulls[0] / pulls[1] - 1.0):+.1f} %, ratio {own.ratio.mean() - other.ratio.mean():+.4f}",
+            verdict="agrees but for the preload, which follows from how deep rollers lie in other teeth (below)",
+        )

@@ -1,4 +1,4 @@
-"""The prose of first pages: proselint with rules of the house."""
+"""The prose of the documents: proselint with rules of the house."""
 
 import argparse
 import json
@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.cases import ROOT, Line, case, option
-
-from pages.site import GROUPS
 
 if TYPE_CHECKING:
     from proselint.registry.checks import Check, CheckResult
@@ -40,10 +38,11 @@ OF_PROSELINT = [
 """Proselint's own checks that technical English can keep."""
 
 
-def first_pages() -> list[Path]:
-    """README, the tutorials, and the pages about a drive's file."""
-    tutorials = sorted(path for path in (ROOT / "docs" / "tutorials").iterdir() if path.suffix in (".md", ".ipynb"))
-    return [ROOT / "README.md", *tutorials, *(ROOT / "docs" / f"{name}.md" for name in GROUPS["Your drive"])]
+def pages() -> list[Path]:
+    """README, CONTRIBUTING, the pages of docs/ and the tutorials; docs/notes are a log."""
+    docs = ROOT / "docs"
+    tutorials = [path for path in (docs / "tutorials").iterdir() if path.suffix in (".md", ".ipynb")]
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.glob("*.md")), *sorted(tutorials)]
 
 
 def texts(path: Path) -> Iterator[tuple[str, str]]:
@@ -149,9 +148,9 @@ def faults(path: Path) -> Iterator[str]:
                 yield f"{name}:{line + row}: {result.check_path}: {result.message}"
 
 
-@case(option("pages", nargs="*", type=Path, help="default: README, tutorials, pages about a drive's file"))
+@case(option("pages", nargs="*", type=Path, help="default: all but docs/notes"))
 def lint(asked: argparse.Namespace) -> Iterator[Line]:
-    """Checks the prose of first pages: short sentences, plain words, headings that name things.
+    """Checks the prose of the documents: short sentences, plain words, headings that name things.
 
     python scripts/docs.py lint [PAGE ...]
 
@@ -159,7 +158,7 @@ def lint(asked: argparse.Namespace) -> Iterator[Line]:
     that begins with "What" or "How", no word of `WORDS` in pages/lint.py. A line of output is a fault; status 1 if
     there is any. Needs the extra `dev`.
     """
-    found = [fault for path in asked.pages or first_pages() for fault in faults(path.resolve())]
+    found = [fault for path in asked.pages or pages() for fault in faults(path.resolve())]
     yield from found
     if found:
         raise SystemExit(1)

@@ -32,7 +32,7 @@ def test_sizes_are_sixteenths_of_an_inch():
     """The number of a size is its pitch in sixteenths of an inch; 05B, 8 mm, is the metric exception."""
     assert CHAINS["05B"].pitch == 0.008
     assert all(size == chain.size for size, chain in CHAINS.items())
-    sized = {size: chain for size, chain in CHAINS.items() if chain.standard == "ISO 606" and size != "085"}
+    sized = {size: chain for size, chain in CHAINS.items() if re.match(r"\d\d[ABC]", size)}
     for size, chain in sized.items():
         if not size.startswith("05B"):
             assert chain.pitch == pytest.approx(int(size[:2]) * 25.4e-3 / 16, rel=1e-12)
@@ -59,6 +59,13 @@ def test_a_size_gives_the_pin_radius(values):
     assert drive.with_values({"chain.size": "64B", "chain.stiffness": "estimate"}).chain.pin_radius == 19.7e-3
     assert drive.with_values({"chain.joint.pin_radius": 0.02}).chain.pin_radius == 0.02
     assert "joints: friction 0.1, pins of 22.24 mm radius" in report(derive(drive))
+
+
+def test_pins_of_series_b_are_those_of_a_maker():
+    """Of Galaxy Chain, 08B to 40B, as ISO 606's largest; rounded to 0.01 mm."""
+    pins = (4.45, 5.08, 5.72, 8.28, 10.19, 14.63, 15.90, 17.81, 22.88)
+    sizes = ("08B", "10B", "12B", "16B", "20B", "24B", "28B", "32B", "40B")
+    assert [1e3 * CHAINS[size].pin_diameter for size in sizes] == pytest.approx(pins, abs=0.011)
 
 
 @pytest.mark.parametrize("series", ["A", "B"])
@@ -158,6 +165,36 @@ def test_motorcycles_are_those_of_their_pitch_but_for_the_width():
         assert chain.pitch == pytest.approx(int(size[0]) * 25.4e-3 / 8, rel=1e-9) and chain.standard == "ISO 10190"
         if size != "428":
             assert chain.inner_width == pytest.approx(int(size[1:]) * 25.4e-3 / 80, rel=0.025)
+
+
+PLATES = {"60": 1, "80": 1, "100": 1, "120": 1, "140": 1, "160": 1, "180": 1, "200": 2, "240": 4}
+"""By how many 32nds of an inch the plates of the heavy series are thicker (ASME B29.1)."""
+
+
+def test_the_heavy_series_is_series_a_with_thicker_plates():
+    """A plate is an oblong of the pitch with round ends, in the mean 0.885 p high (0.95 and 0.82 p, ASME B29.1).
+
+    With pins and bushes in its holes its area is 0.885 p^2 + pi (0.885 p)^2 / 4, two of them a pitch. Makers' plates
+    are waisted, or straight at the edges, and their thicknesses round: within a tenth.
+    """
+    for size, more in PLATES.items():
+        heavy, like = CHAINS[f"{size}H"], CHAINS[f"{int(size) // 5:02d}A"]
+        for name in ("pitch", "roller_diameter", "inner_width", "pin_diameter", "breaking_load", "estimate"):
+            assert getattr(heavy, name) == getattr(like, name)
+        area = (0.885 + math.pi / 4 * 0.885**2) * like.pitch**2
+        mass = like.mass_per_length + 7850 * 2 * area * more * 25.4e-3 / 32 / like.pitch
+        assert heavy.mass_per_length == pytest.approx(mass, rel=0.1), size
+        assert CHAINS[f"{size}H-3"].mass_per_length == 3 * heavy.mass_per_length
+
+
+def test_narrow_chains_of_half_an_inch_weigh_with_width_and_plates():
+    """Within a tenth of a second maker's (Donghua: 415B/083, 415H); 084 is 083 with thicker plates, (d)."""
+    for size, second in (("083", 0.45), ("415", 0.55)):
+        assert CHAINS[size].mass_per_length == pytest.approx(second, rel=0.1)
+    thick, thin = CHAINS["084"], CHAINS["083"]
+    mass = thin.mass_per_length * thick.breaking_load / thin.breaking_load
+    assert thick.mass_per_length == pytest.approx(mass, rel=0.01) and "083" in thick.estimate
+    assert CHAINS["081"].mass_per_length < thin.mass_per_length and not CHAINS["081"].estimate + thin.estimate
 
 
 def test_bush_chains_have_one_shape():

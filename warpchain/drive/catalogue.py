@@ -3,11 +3,12 @@
 Pitch, largest roller diameter, least width between inner plates and least tensile strength are those of ISO 606:2015,
 Table 1 (series B, formerly DIN 8187; series A, formerly DIN 8188, with the strengths of ASME B29.1), and of
 ISO 10190:2008 for motorcycles. The standards set no masses: those of simplex chains of ISO 606 are a maker's, others
-are estimates (a) to (c). Sources and checks: docs/catalogue.md.
+are estimates (a) to (d). Sources and checks: docs/catalogue.md.
 
-    several strands:    m' = n m'_1;  series A  F_u = n F_u1                                                     (a)
+    several strands:    m' = n m'_1;  series A and heavy series  F_u = n F_u1                                    (a)
     motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p)                                              (b)
     bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
+    084:                m' = m'_0 F_u / F_u0, index 0 for 083, which differs in the thickness of its plates      (d)
 
 In (b) the chain of index 0 is that of ISO 606 with the same pitch and roller, between whose plates pin, bush and roller
 fill the roller's cylinder of steel.
@@ -114,8 +115,40 @@ size  pitch  roller  width    pin   kg/m  breaking load
 """
 _LIGHT_TABLE = """
 size  pitch  roller  width    pin   kg/m  breaking load
+081    12.7    7.75    3.3   3.66   0.28    8.0
+083    12.7    7.75   4.88   4.09   0.42   11.6
+084    12.7    7.75   4.88   4.09   0.56   15.6
 085    12.7    7.77   6.25   3.60  0.405    6.7
 """
+_ESTIMATED = {
+    "084": "mass: that of 083 times the ratio of the breaking loads",
+    "085": "mass: half a maker's duplex chain's",
+}
+"""Of the chains of that table."""
+_HEAVY_TABLE = """
+size   like   kg/m
+60H     12A   1.87
+80H     16A   3.10
+100H    20A   4.52
+120H    24A   6.60
+140H    28A   8.30
+160H    32A  10.30
+180H    36A  14.83
+200H    40A  19.16
+240H    48A  30.40
+"""
+"""Series A with thicker plates, and all else as there."""
+_KART = CatalogueChain(
+    size="219H",
+    pitch=7.774e-3,
+    roller_diameter=4.59e-3,
+    inner_width=5e-3,
+    pin_diameter=3.01e-3,
+    mass_per_length=0.298,
+    breaking_load=7.35e3,
+    standard="",
+    estimate="mass: 0.87 of that of 06C",
+)
 _MOTORCYCLE_TABLE = """
 size  pitch  roller  width    pin   like  breaking load
 415    12.7    7.77   4.68   3.97    08A   11.8
@@ -194,15 +227,18 @@ def _all() -> Iterator[CatalogueChain]:
     for chain in bushes:
         yield from _with_strands(chain)
     for _, chain in _rows(_LIGHT_TABLE):
-        yield replace(chain, estimate="mass: half a maker's duplex chain's")
+        yield replace(chain, estimate=_ESTIMATED.get(chain.size, ""))
+    for size, like, mass in (line.split() for line in _HEAVY_TABLE.split("\n")[2:-1]):
+        yield from _with_strands(replace(plain[like], size=size, mass_per_length=float(mass)))
     for cells, chain in _rows(_MOTORCYCLE_TABLE):
         yield _motorcycle(chain, plain[cells[5]])
     for pitch in (0.007, 0.008):
         yield _bush_chain(pitch, bushes[0])
+    yield _KART
 
 
 CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _all()}
-"""The chains by size: ISO 606 series B, A, C and 085, each with its duplex and triplex, motorcycles, bush chains."""
+"""The chains by size: ISO 606, all but 081 to 085 with duplex and triplex; ISO 10190; bush chains; 219H."""
 
 
 def listing() -> str:
@@ -220,7 +256,7 @@ def listing() -> str:
         'In a drive file: size = "16B" under [chain] fills pitch, roller_radius and mass_per_length; stiffness =',
         f'"estimate" takes the last column: {100 * ELONGATION_AT_BREAKING_LOAD:g} % elongation at the breaking load, '
         "good to a factor of three. Masses are approximate;",
-        "~ marks estimates: of several strands and motorcycles the mass, of bush-7 and bush-8 all but the pitch. "
+        "~ marks estimates: of bush-7 and bush-8 all but the pitch, of the others the mass. "
         "04C and 06C are the bush chains of 6.35 and 9.525 mm.",
     ]
     return "\n".join(lines)

@@ -215,7 +215,15 @@ FRICTION = Group(
 )
 TOUCHES = Group(
     "partner",
-    (Column("contacts", "1", "rollers that touched for the first time in their pass", total("contacts"), kind=int),),
+    (
+        Column(
+            "contacts",
+            "1",
+            "rollers that came into contact for the first time in their pass",
+            total("contacts"),
+            kind=int,
+        ),
+    ),
     source="contact",
     where=lambda drive, index: index < len(drive.sprockets),
 )
