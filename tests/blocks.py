@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import chains
 import numpy as np
@@ -60,7 +61,8 @@ def equal_sprockets():
 
 def light_wheels():
     """Wheels of the inertia of one roller at their pitch radius: contacts want their accelerations before forces."""
-    return [two_sprockets(inertia=0.026), two_sprockets(teeth=24, links=64, torque=100.0, inertia=0.037)]
+    light = two_sprockets(teeth=24, links=64, torque=100.0, inertia=0.037).with_values(OTHER_TEETH)
+    return [two_sprockets(inertia=0.026), light]
 
 
 def long_chains():
@@ -511,24 +513,16 @@ def assert_steps_of_the_cpu(drives, many, precision):
     assert moved <= (2 if precision == "float64" else 0.05 * mine.sum()), moved
 
 
-EVERY = [(many, precision) for many in (False, True) for precision in ("float64", "float32")]
-"""Few and many variants at both precisions."""
+def ways(usual, long):
+    """Cases of `assert_steps_of_the_cpu`: the usual ones, in long runs each drive, in thorough runs each in all ways.
 
-
-def ways(*drives, usual):
-    """Cases of `assert_steps_of_the_cpu`: the usual ones, in long runs one of each of the drives, in thorough runs all.
-
-    What hangs on numbers hardly hangs on precisions and on drives, and a kernel takes 10 s to compile.
+    Few and many variants, at both precisions, are four kernels of a drive, each of which takes 15 s to compile. What
+    hangs on numbers hardly hangs on precisions and on drives. Ways are such that tests share kernels.
     """
-    cases = [(of, *way) for of in drives for way in EVERY]
-    turns = [(of, *EVERY[TURNS[k % 4]]) for k, of in enumerate(drives)]
+    drives = dict.fromkeys(of for of, *_ in (*usual, *long))
+    cases = [*product(drives, (False, True), ("float64", "float32"))]
     names = [f"{of.__name__}-{'many' if many else 'few'}-{precision}" for of, many, precision in cases]
-    argvalues = some_of(cases, usual, turns)
-    return {"argnames": ("drives", "many", "precision"), "argvalues": argvalues, "ids": names}
-
-
-TURNS = 0, 3, 2, 1
-"""Which of `EVERY`, one drive after the other: numbers change each time, precisions too but once in four."""
+    return {"argnames": ("drives", "many", "precision"), "argvalues": some_of(cases, usual, long), "ids": names}
 
 
 def some_of(cases, usual, long=()):

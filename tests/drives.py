@@ -173,7 +173,7 @@ def with_bar(start, end, end_radius=0.02):
     return two_sprockets().with_values({"contact.guide": contact, "guides": (bar,)})
 
 
-STARTING = Limits(energy_change=math.inf)
+STARTING = Limits(energy_change=math.inf, start=math.inf)
 """Limits of runs that end while their start still dies away."""
 
 

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -108,7 +109,12 @@ def graph(known: dict[str, Path]) -> dict[str, set[str]]:
 
 PACKAGE = modules(ROOT, "warpchain")
 KERNEL_MODULES = modules(KERNELS, "warpchain.kernels")
-ARROWS = graph(PACKAGE | KERNEL_MODULES)
+
+
+@cache
+def package_arrows() -> dict[str, set[str]]:
+    """What each module of the package and of the kernels imports of these."""
+    return graph(PACKAGE | KERNEL_MODULES)
 
 
 def circles(arrows: dict[str, set[str]]) -> list[tuple[str, ...]]:
@@ -138,7 +144,7 @@ def upward(prefix: str, levels: tuple[tuple[str, ...], ...], names: dict[str, Pa
     """Arrows from a module below `prefix` to one of a higher level, or of another folder of its own."""
     found = []
     for name in names:
-        for other in ARROWS[name] & set(names):
+        for other in package_arrows()[name] & set(names):
             mine, theirs = level(name, prefix, levels), level(other, prefix, levels)
             here, there = (n.removeprefix(prefix).lstrip(".").split(".")[0] for n in (name, other))
             if theirs > mine or (theirs == mine and here != there and "" not in (here, there)):
@@ -156,7 +162,7 @@ def test_ten_levels_at_most():
 
 
 def test_no_circles():
-    assert not circles(ARROWS)
+    assert not circles(package_arrows())
 
 
 def test_a_circle_would_be_found():
@@ -180,7 +186,7 @@ def test_arrows_point_down():
 def test_arrows_point_down_among_the_kernels():
     names = {name: path for name, path in KERNEL_MODULES.items() if name != "warpchain.kernels"}
     assert not upward("warpchain.kernels", KERNEL_LEVELS, names)
-    assert not [name for name in KERNEL_MODULES if ARROWS[name] & set(PACKAGE)]
+    assert not [name for name in KERNEL_MODULES if package_arrows()[name] & set(PACKAGE)]
 
 
 def test_arrows_point_down_in_a_study():
@@ -188,7 +194,7 @@ def test_arrows_point_down_in_a_study():
 
 
 def test_only_the_engine_calls_kernels():
-    users = {name.split(".")[1] for name in PACKAGE if ARROWS[name] & set(KERNEL_MODULES)}
+    users = {name.split(".")[1] for name in PACKAGE if package_arrows()[name] & set(KERNEL_MODULES)}
     assert users == {"engine"}
 
 

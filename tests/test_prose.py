@@ -1,5 +1,7 @@
 """The linter of prose finds what it is for, and nothing in formulas, code and names of pages."""
 
+from pathlib import Path
+
 import pytest
 from loading import load_script
 
@@ -20,6 +22,8 @@ def found(path):
     ("text", "faults"),
     [
         (f"{WORDS}, {WORDS},\n{WORDS}.", []),
+        (f"{WORDS}, {WORDS},\n{WORDS}: 1 to 2, 3, 4.5 and 67.", [(1, "house.sentences")]),
+        (f"{WORDS}, {WORDS}\n{WORDS}: 1, 2, 3, 4.5, 67.", []),
         (f"Short.\n\nShort. {WORDS}, {WORDS},\n{WORDS} again.", [(3, "house.sentences")]),
         (f"| a | b |\n|---|---|\n| 1 | {WORDS} {WORDS} {WORDS} again |", [(3, "house.sentences")]),
         ("- one\n- it is told (twice)", [(2, "house.words")]),
@@ -34,6 +38,15 @@ def test_faults_are_found_where_they_are(tmp_path, text, faults):
     page = tmp_path / "page.md"
     page.write_text(text)
     assert list(found(page)) == faults
+
+
+def test_pages_lead_to_the_glossary():
+    """Those on which its words stand; it says each in a line."""
+    docs = Path(__file__).resolve().parent.parent / "docs"
+    for name in ("drive-file", "check", "studies", "analysis", "metrics", "judged-runs", "model", "examples", "report"):
+        assert "](glossary.md" in (docs / f"{name}.md").read_text(), name
+    for name in ("own-drive", "first-study"):
+        assert "](../glossary.md" in (docs / "tutorials" / f"{name}.md").read_text(), name
 
 
 def test_cells_of_notebooks_are_read(tmp_path):

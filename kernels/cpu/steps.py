@@ -202,7 +202,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
 
     @wp.func
     def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
-        """Inertia and moment of the valves of a train, as body `b` of it has them; it is among `count` bodies from `begin`."""
+        """Inertia and moment of a train's valves, as its body `b` has them; it is among `count` bodies from `begin`."""
         cam, mine = Cam(), ensemble.ties[b]
         for other in range(begin, begin + count):
             tie = ensemble.ties[other]

@@ -6,8 +6,9 @@ import chains
 import pytest
 
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.rings import rings_of, transmission_of
+from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import is_free
+from warpchain.drive.transmission import transmission_of
 from warpchain.errors import DriveError
 
 MID = '[[shafts]]\nname = "mid"\n'

@@ -1,6 +1,7 @@
 """The example drives of the package: each loads, fits, and runs; what their comments claim holds."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,6 +44,17 @@ def test_names():
         "v6",
     )
     assert all(is_example(drive_path(name)) for name in NAMES)
+
+
+def test_the_gallery_has_every_example():
+    """Its picture, its file and the command that runs it."""
+    docs = Path(__file__).resolve().parents[2] / "docs"
+    gallery = (docs / "examples.md").read_text().split("## Gallery")[1].split("\n## ")[0]
+    for name in NAMES:
+        picture = f"images/{name.replace('_', '-')}-drive.png"
+        file = f"../warpchain/drive/examples/{name}.toml"
+        assert f"![{name}]({picture})<br>[`{name}`]({file})<br>`warpchain run {name} -o run.mcap`" in gallery
+        assert (docs / picture).exists() and (docs / file).exists()
 
 
 @pytest.mark.parametrize("name", NAMES)

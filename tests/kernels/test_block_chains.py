@@ -1,5 +1,7 @@
 """The block kernel on cooperative fibers: drives of several chains, all on one block."""
 
+from itertools import product
+
 import chains
 import numpy as np
 import pytest
@@ -32,30 +34,21 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-KINDS = (
-    v6,
-    stages_of_two_chains,
-    light_stages,
-    stages_rk4,
-    unjoined,
-    unjoined_light,
-    v6_fed,
-    geared_stages,
-    cushed_stages,
-    valved_stages,
-)
-USUAL = [
+USUAL = [(v6, True, "float64"), (stages_rk4, True, "float32")]
+LONG = [
+    (stages_of_two_chains, True, "float32"),
+    (light_stages, False, "float64"),
+    (unjoined, False, "float64"),
+    (unjoined_light, True, "float32"),
+    (v6_fed, True, "float64"),
     (geared_stages, True, "float64"),
     (cushed_stages, False, "float32"),
     (valved_stages, False, "float64"),
     (valved_stages, True, "float32"),
-    (v6, True, "float64"),
-    (light_stages, False, "float64"),
-    (stages_rk4, True, "float32"),
 ]
 
 
-@pytest.mark.parametrize(**ways(*KINDS, usual=USUAL))
+@pytest.mark.parametrize(**ways(USUAL, LONG))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 
@@ -81,35 +74,41 @@ def ensemble(drives, precision):
     return pack_for(drives, schedules, precision)
 
 
-PRECISIONS = some_of([("float64",), ("float32",)], [("float64",)], [("float32",)])
+SOME = some_of(
+    [*product([v6, stages_of_two_chains], ["float64", "float32"])],
+    [(v6, "float64")],
+    [(stages_of_two_chains, "float32")],
+)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_where_launches_end_does_not_matter(fibers, precision):
-    variants = v6()
+@pytest.mark.parametrize(("drives", "precision"), SOME)
+def test_where_launches_end_does_not_matter(fibers, drives, precision):
+    variants = drives()
     packed = ensemble(variants, precision)
     whole = run(packed, variants, [301], [0, 1])
     assert_same(whole, run(packed, variants, [64, 96, 141], [1, 0]))
     assert np.isfinite(whole["frames"]).all()
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_a_variant_alone_is_the_same_in_a_crowd(fibers, precision):
-    first, second = v6()
+@pytest.mark.parametrize(("drives", "precision"), SOME)
+def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, precision):
+    first, second = drives()
     crowd, alone = (
         run(ensemble(variants, precision), variants, [301], [*range(len(variants))][::-1])
         for variants in ([first, second, first], [second])
     )
     whole = ensemble([first, second, first], precision)
-    middle = whole.part(4, 8)
+    n = len(rings_of(second))
+    middle = whole.part(n, 2 * n)
     for name, kind in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
-        begin, end = (int(starts(of.drives)[kind][-1]) for of in (whole.part(0, 4), whole.part(0, 8)))
+        begin, end = (int(starts(of.drives)[kind][-1]) for of in (whole.part(0, n), whole.part(0, 2 * n)))
         width = len(alone[name]) // int(starts(middle.drives)[kind][-1])
         np.testing.assert_array_equal(crowd[name][width * begin : width * end], alone[name], err_msg=name)
     count = len(alone["frames"])
     np.testing.assert_array_equal(crowd["frames"][count : 2 * count], alone["frames"])
 
 
+@pytest.mark.long
 def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers):
     """To round-off, which contacts amplify: the moments of two chains are added up in another order than one's."""
     one, two = ([chains.side_by_side(count, step=2.5e-6)] for count in (0, 2))

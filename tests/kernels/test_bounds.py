@@ -93,7 +93,7 @@ def test_diverging_variants_stop_and_leave_their_neighbors_alone(precision, inte
 
 
 @pytest.mark.usefixtures("fibers")
-@pytest.mark.parametrize("precision", [pytest.param("float64", marks=pytest.mark.long), "float32"])
+@pytest.mark.parametrize("precision", [pytest.param("float64", marks=pytest.mark.thorough), "float32"])
 def test_diverging_blocks_stop_and_leave_their_neighbors_alone(precision):
     drives, places = between(two_sprockets(settle="false"), mad(12))
     drives.append(equal_sprockets()[1])  # whose kind of kernel all of them then have

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from blocks import equal_sprockets, run_blocks, shape_of
 from raw import stepped
 
@@ -13,6 +14,7 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
+@pytest.mark.long
 def test_blocks_write_the_force_that_the_cpu_writes_without_metrics(fibers):
     variants = [equal_sprockets()[0].with_values({"chain.elongation": -1e-3})]
     schedules = [Schedule(drive.run.step, 200, FOREVER, FOREVER, 20) for drive in variants]

@@ -13,7 +13,9 @@ from warpchain.kernels import relaxation
 from warpchain.results.formulas import Balance
 from warpchain.results.judgement import LEAST_STRETCH, RULES, UNMEASURED, common_reasons, judge, warning_text
 
-SIZED = two_sprockets().with_values({"chain.size": "32B", "chain.stiffness": 5e7})  # breaking load 250 kN
+SIZED = two_sprockets().with_values(  # its breaking load is 250 kN
+    {"chain.size": "32B", "chain.stiffness": 5e7, "sprockets.driver.prescribed.ramp_time": 0.1}
+)
 
 
 def judged(drive=SIZED, limits=None, measured=True, layouts=None, **metrics):
@@ -28,6 +30,7 @@ def judged(drive=SIZED, limits=None, measured=True, layouts=None, **metrics):
 
 
 PULLED = {"tension_min": -1000.0, "tension_max": 10.0}
+AFTER = {"tension_mean": 100.0, "window_start": 0.1}
 BEYOND = {
     "energy_residual": ({"energy_residual_relative": -0.011}, {"energy_residual_relative": -0.009}, "-1.1 %"),
     "energy_change": ({"energy_change_relative": -0.51}, {"energy_change_relative": 0.49}, "-51 % of the losses"),
@@ -44,6 +47,11 @@ BEYOND = {
         "a->b: pushes in the mean, with 0.011 of the largest tension",
     ),
     "resolution": ({"joints__resolution": 44.0}, {"joints__resolution": 46.0}, "joints: only 44 steps in the shortest"),
+    "start": (
+        AFTER | {"tension_drift": -7.1},
+        AFTER | {"tension_drift": 6.9},
+        "the mean tension changes by -7.1 % in the window: the start still swings",
+    ),
     "slips": ({"driver__slips": -2}, {"driver__slips": 0}, "driver: slipped by 2 teeth"),
     "missed": ({"blade__missed": 3}, {"blade__missed": 0}, "blade: missed by 3 rollers"),
     "engaged": ({"driven__engaged": 0.4}, {"driven__engaged": 0.6}, "driven: only 40 %"),
@@ -53,7 +61,7 @@ BEYOND = {
 OFF = {"engaged": 0.0, "resolution": 0.0}
 WIDER = {"energy_residual": 0.02, "energy_change": 0.6, "settle_residual": 2e-2, "breaking_load": 1.5}
 WIDER |= {"slips": 2.0, "missed": 3.0, "engaged": 0.3, "resolution": 43.0, "compression": 1.1, "mean_compression": 0.02}
-WIDER |= {"valve_float": 0.3}
+WIDER |= {"valve_float": 0.3, "start": 0.08}
 
 
 @pytest.mark.parametrize("key", [rule.key for rule in RULES])
@@ -75,6 +83,8 @@ def test_what_is_null_or_has_no_scale_is_not_judged():
     assert judged(driver__slips=None, energy_residual_relative=None) == ("ok", "")
     assert judged(two_sprockets(), tension_max=1e12) == ("ok", "")  # without a size no breaking load
     assert judged(settle_force=1e-12, tension_min=0.0, tension_max=0.0) == ("ok", "")
+    assert judged(**AFTER | {"tension_drift": 90.0, "window_start": 0.09}) == ("ok", "")  # the ramp is not over
+    assert judged(two_sprockets(), **AFTER | {"tension_drift": 90.0}) == ("ok", "")  # without a ramp
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

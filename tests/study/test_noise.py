@@ -360,8 +360,15 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
         assert drive.get_value("sprockets.s1.load.torque") != base.get_value("sprockets.s1.load.torque")
     found = optimize(path, out)
     assert found.designs.factors == ("torque",) and found.results.factors == ("torque", "stiff")
-    assert main(["study", "report", str(out), "-o", str(tmp_path / "r.html")]) == 0
-    assert "which nobody can choose" in (tmp_path / "r.html").read_text()
+    status, lines, _ = run(capsys, "study", "report", out, "-o", tmp_path / "r.html")
+    page, beside = (tmp_path / "r.html").read_text(), sorted(tmp_path.glob("r-?.toml"))
+    assert status == 0 and lines == [str(tmp_path / "r.html"), *map(str, beside)] and len(beside) == 2
+    assert "which nobody can choose" in page
+    for file in beside:  # the page's designs are drives of design factors only, as the search writes them
+        assert f"<code>{file.name}</code>" in page and "torque" in file.read_text().splitlines()[0]
+        assert load_drive(file).chain.stiffness == base.chain.stiffness
+    searched = {load_drive(file).get_value("sprockets.s1.load.torque") for file in out.rglob("design-*.toml")}
+    assert {load_drive(file).get_value("sprockets.s1.load.torque") for file in beside} == searched
     wrong = path.read_text().replace("q90(tension_max)", "q90(tension_mix)")
     path.write_text(wrong)
     status, _, err = run(capsys, "optimize", path, "-o", out)

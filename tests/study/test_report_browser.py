@@ -255,3 +255,49 @@ def test_in_print_it_is_a_report_to_hand_on(page):
         assert (np.asarray(sheet.render(scale=0.5).to_pil().convert("L")) < 200).mean() > 0.002
     page.clear()
     assert page.value("getComputedStyle(document.querySelector('#tip')).display") == "none"
+
+
+LONG = [f"tensioner {part} of the upper blade" for part in ("preload", "stiffness", "indentation", "friction")]
+
+
+def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
+    """200 rows and 12 factors, 390 px wide: no word ends right of the screen, nor in a box that would scroll."""
+    random = np.random.default_rng(5)
+    names = [*LONG, "law", *(f"factor {k}" for k in range(7))]
+    table = {name: random.random(200) for name in names} | {"law": random.choice(["lankarani", "kelvin-voigt"], 200)}
+    status = np.where(np.arange(200) % 20 == 0, "suspect", "ok")
+    reason = np.where(
+        status == "ok", "", "energy_residual 0.2 above 0.05: run.step below 1e-06 s would resolve the contacts"
+    )
+    table |= {"contact_energy_per_revolution": table["factor 1"] + table["factor 2"], "tension_max": table["factor 3"]}
+    table |= {"variant": np.arange(200), "status": status, "reason": reason}
+    objectives = (Objective(metric="tension_max"), Objective(metric="contact_energy_per_revolution"))
+    wanted = Wanted(objectives, (), "out/a-study-with-a-long-name", page="report")
+    file = tmp_path / "phone.html"
+    notes = {"run": "duration = 0.12, window = [0.06, 0.12]"}
+    metrics = ("tension_max", "contact_energy_per_revolution")
+    file.write_text(report_html(read_results(pa.table(table), names), "Phone", metrics, notes=notes, wanted=wanted))
+    words = "p, li, h1, h2, h3, code, td, caption, figcaption, label, button, select, a, b"
+    beside = (
+        f"[...document.querySelectorAll('{words}')].filter((e) => e.getBoundingClientRect().right > innerWidth + 1)"
+        ".map((e) => e.tagName + ' ' + e.textContent.slice(0, 40))"
+    )
+    try:
+        page.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+        page.value("delete window.warpchain")
+        page.browser.open(file.as_uri())
+        wait_for(
+            lambda: page.value("document.title + (window.warpchain ? document.readyState : '')") == "Phonecomplete"
+        )
+        page.settled()
+        assert page.value("document.querySelectorAll('#chosen tr').length") == 16  # a head, and the first 15
+        assert page.value("document.scrollingElement.scrollWidth") == 390
+        assert page.value(beside) == []
+        assert page.value("getComputedStyle(document.querySelector('#front td'), '::before').content") == '"variant"'
+        assert page.value("document.querySelector('#parallel').getBoundingClientRect().width") > 300
+        rules = "const all = document.styleSheets[0], of = (k) => all.cssRules[k].conditionText || '';"
+        phone = "for (let k = all.cssRules.length - 1; k >= 0; k--) if (of(k).includes('max-width')) all.deleteRule(k);"
+        page.value(f"(() => {{ {rules} {phone} }})()")
+        assert page.value(beside) != []  # as on a desk, cells are beside the screen
+    finally:
+        page.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)

@@ -14,8 +14,10 @@ from view.html_page import Page
 from warpchain.errors import StudyError
 from warpchain.study.report import report_html, telling_metrics
 from warpchain.study.report.decisions import Wanted
+from warpchain.study.report.panels import surrogate
 from warpchain.study.results import export_table, read_results
 from warpchain.study.spec.study_tables import Bound, Objective
+from warpchain.study.surrogate import best_surrogate
 from warpchain.view.html import number, table
 
 FACTORS = ("load.torque", "center.x", "law")
@@ -107,9 +109,8 @@ def test_scatter_and_effect_are_one_verdict():
     verdict = re.search(r"y: from .*?\); (no factor.*?)\.(?!\d)", words).group(1)
     assert "stands out of the scatter" not in words
     assert re.fullmatch(
-        r"no factor stands out alone: [ab] explains most, \d %, as chance may with 40 variants, yet scatter between "
-        rf"equal runs makes {share} % of the variance only: the factors act together, or in ways that so few variants "
-        "do not tell",
+        r"no factor stands out alone: [ab] explains most, \d %, as chance may with 40 variants, but a and b act "
+        rf"together: 9\d % of the variance; scatter between equal runs makes {share} % of the variance",
         verdict,
     )
     # where equal runs scatter as much as others, that is the verdict; where a factor acts, it is
@@ -117,6 +118,11 @@ def test_scatter_and_effect_are_one_verdict():
         r"no factor stands out: scatter between equal runs makes \d+ %": rng.standard_normal(40),
         r"a matters most.*; scatter between equal runs makes 2 %": a + 0.15 * rng.standard_normal(40),
     }
+    # of a parity of three no pair shows, and the page does not say that one does
+    c = np.repeat([-1.0, 1.0, 1.0, -1.0], 10)[np.random.default_rng(1).permutation(40)]
+    three = table.set_column(2, "y", pa.array(a * b * c + 0.15 * rng.standard_normal(40))).append_column("c", [c])
+    told = "only, and no pair shows: three or more factors act together, or all in ways that so few variants"
+    assert told in " ".join(Page(report_html(read_results(three, ["a", "b", "c"]))).words)
     for told, y in cases.items():
         page = report_html(read_results(table.set_column(2, "y", pa.array(y)), ["a", "b"]))
         assert re.search(told, " ".join(Page(page).words))
@@ -216,6 +222,22 @@ def test_rows_that_are_not_ok_are_listed_with_their_reasons(html):
     assert "Each of them" in words
     for row in lost[:40]:
         assert re.search(rf">{row['variant']}</td><td>{row['status']}</td><td>why &amp; how<", html)
+
+
+def test_rows_that_are_not_ok_are_drawn_but_not_fitted():
+    """y = a; two suspect rows off the line: one within the picture, one far away. The surrogate stays y = a."""
+    a = np.linspace(0.0, 1.0, 30)
+    y, status = a.copy(), np.full(30, "ok", dtype=object)
+    y[[4, 9]], status[[4, 9]] = [1.2, 1e6], "suspect"
+    results = read_results(pa.table({"a": a, "y": y, "status": status}), ["a"], ["y"])
+    found = best_surrogate(results, "y")
+    assert found.predict({"a": [a[4], a[9]]})[0] == pytest.approx([a[4], a[9]], abs=0.01)
+    cut = surrogate(results, found, found.cross_validated())[0]
+    (dots,) = (series for series in cut["series"] if series.get("label", "").startswith("not ok"))
+    assert dots["label"] == "not ok, not fitted, 1 more beyond the picture"
+    assert (dots["x"], dots["y"]) == (pytest.approx([a[4]], rel=1e-4), [1.2])
+    fitted = next(series for series in cut["series"] if series.get("label") == "variants")
+    assert len(fitted["x"]) == 28 and 1.2 not in fitted["y"]
 
 
 def test_units_are_those_that_engineers_read(html):

@@ -9,7 +9,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.effects import median_effects, median_interval, transformed
 from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.results import read_results
-from warpchain.study.surrogate import fit_surrogate
+from warpchain.study.surrogate import CrossValidation, fit_surrogate
 
 pytest.importorskip("sklearn")
 
@@ -78,6 +78,16 @@ def test_known_errors_take_the_place_of_fitted_noise():
     assert with_errors.noise < 0.1**2  # what is left for v: the errors explain the scatter
     _, sd = fit_surrogate(made(40, errors=True), "y").predict(GRID)
     assert ((sd > 0.005) & (sd < 0.1)).all()
+
+
+def test_rows_that_scatter_less_count_more_in_q2():
+    """Rows of small errors decide: Q2 = 1 - sum w m^2 / sum w (y - y_w)^2, w = 1 / (t^2 + e^2); t = 0 explains m."""
+    y, missed, errors = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.1, -3.0, 0.1, 3.0]), np.array([0.1, 3.0, 0.1, 3.0])
+    checked = CrossValidation(y, y - missed, np.ones(4), errors)
+    weight = errors**-2.0
+    center = (weight @ y) / weight.sum()
+    assert checked.q2 == pytest.approx(1.0 - (weight @ missed**2) / (weight @ (y - center) ** 2), rel=1e-9)
+    assert checked.q2 > 0.95 and CrossValidation(y, y - missed, np.ones(4)).q2 < 0.0
 
 
 def test_words_are_factors_of_a_process():

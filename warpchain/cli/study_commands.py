@@ -283,7 +283,7 @@ def report(arguments: argparse.Namespace) -> int:
         curve = None if arguments.fatigue is None else Woehler(*arguments.fatigue)
         results = with_recorded_objectives(results, path.parent, curve)
     title = arguments.title or notes.pop("name", None) or arguments.study.resolve().stem
-    page = write_report(
+    files = write_report(
         results,
         arguments.output,
         title,
@@ -292,7 +292,8 @@ def report(arguments: argparse.Namespace) -> int:
         notes=notes,
         wanted=_wanted(arguments.study),
     )
-    print(page)
+    for file in files:
+        print(file)
     if arguments.table is not None:
         print(export_table(results.table, arguments.table))
     return 0

@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from warpchain.drive.chain_parts import chain_of, shaft_of
-from warpchain.drive.geared import is_geared
-from warpchain.drive.rings import transmission_of, with_shafts
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.transmission import is_geared, transmission_of, with_shafts
 
 OF_CHAINS = ("sprockets", "guides", "probes")
 """Lists of parts that name their chain."""

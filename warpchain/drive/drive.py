@@ -52,7 +52,7 @@ from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.rings import rings_of, with_shafts
+from warpchain.drive.rings import rings_of
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import (
     Allowed,
@@ -71,6 +71,7 @@ from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth,
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import top_speed
 from warpchain.drive.trains import driving_sprocket
+from warpchain.drive.transmission import with_shafts
 from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text

@@ -14,7 +14,6 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.chain_parts import PARTS, Ring, by_own_angle, places_of
-from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Beside
 from warpchain.drive.sprocket import Led, Load, Prescribed, Sprocket
 from warpchain.drive.trains import (
@@ -28,23 +27,11 @@ from warpchain.drive.trains import (
     turned_part,
     with_chain,
 )
+from warpchain.drive.transmission import OF_GROUPS
 from warpchain.drive.turned import turned_on
 
 DRIVING = ("prescribed", "motor", "initial_speed")
 """What makes a body drive, the strongest first."""
-OF_GROUPS = ("gears", "couplings", "valves")
-"""Lists of parts that are of one group of bodies each."""
-
-
-def is_geared(drive: Any) -> bool:
-    """Whether a drive of several chains has more than sprockets on shafts. Takes a mapping, too."""
-    shafts = elements(drive, "shafts")
-    if not elements(drive, "chains"):
-        return False
-    on = [get(sprocket, "shaft") for sprocket in elements(drive, "sprockets")]
-    bare = any(get(shaft, "name") not in on for shaft in shafts)
-    driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
-    return bare or driven or any(elements(drive, kind) for kind in OF_GROUPS)
 
 
 class Start(NamedTuple):

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.geared import DRIVING, is_geared
+from warpchain.drive.geared import DRIVING
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import Tie, has_trains, names_of, rigid, ties, with_chain
+from warpchain.drive.transmission import is_geared
 
 MOST_BODIES = 60
 """Sprockets and shafts of a drive with shafts, gears or couplings."""

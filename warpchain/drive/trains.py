@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from warpchain.drive.schema import elements, get, numbers
-from warpchain.drive.shafts import Beside
+from warpchain.drive.schema import Part, elements, get, numbers
 from warpchain.drive.sprocket import Led, Load
 
 PRESSURE_ANGLE = 20.0
@@ -83,7 +82,7 @@ def ties(drive: Any) -> list[Tie]:
     pairs = [set(map(str, elements(part, "between"))) for part in elements(drive, "couplings")]
     count = len(elements(drive, "sprockets"))
     on_shafts = list(enumerate(elements(drive, "sprockets")))
-    on_shafts += [(b, of) for b, of in enumerate(elements(drive, "shafts"), count) if isinstance(of, Beside)]
+    on_shafts += [(b, of) for b, of in enumerate(elements(drive, "shafts"), count) if isinstance(of, Part)]
     for b, part in on_shafts:
         shaft = get(part, "shaft")
         if shaft in names and {str(get(part, "name")), str(shaft)} not in pairs:

@@ -19,9 +19,10 @@ from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, stacks_of
 from warpchain.drive.chain_parts import Ring, shaft_of
-from warpchain.drive.geared import is_geared, joined
-from warpchain.drive.rings import loaded_rings, rings_of, shafts_given
+from warpchain.drive.geared import joined
+from warpchain.drive.rings import loaded_rings, rings_of
 from warpchain.drive.trains import own_inertia
+from warpchain.drive.transmission import is_geared, shafts_given
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
 from warpchain.results.metrics import Ended

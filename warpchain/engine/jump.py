@@ -14,10 +14,10 @@ from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.geared import is_geared
 from warpchain.drive.reversing import reverse
-from warpchain.drive.rings import loaded_rings, rings_of, with_shafts
+from warpchain.drive.rings import loaded_rings, rings_of
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
+from warpchain.drive.transmission import is_geared, with_shafts
 from warpchain.engine.simulation import simulate
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.results.judgement import Limits

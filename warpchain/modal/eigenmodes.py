@@ -28,8 +28,8 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.arguments import Count, Index, NonNegativeNumber, Workers, checked
 from warpchain.drive import Drive
-from warpchain.drive.geared import is_geared
 from warpchain.drive.rings import rings_of
+from warpchain.drive.transmission import is_geared
 from warpchain.engine.processes import each
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError

@@ -21,10 +21,11 @@ from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
 from warpchain.drive.chain_parts import Ring, shaft_of
-from warpchain.drive.geared import is_geared, joined
+from warpchain.drive.geared import joined
 from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
 from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
+from warpchain.drive.transmission import is_geared
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States

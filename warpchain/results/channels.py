@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import NDArray
 
-from warpchain.drive.geared import is_geared
+from warpchain.drive.transmission import is_geared
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

@@ -43,6 +43,7 @@ class Limits(Part):
         compression: largest force with which a link of a strand pushes, over the largest link tension.
         mean_compression: mean force with which a strand pushes, over the largest link tension.
         resolution: least number of steps in the shortest time of friction and ramps (`results.resolution`).
+        start: change of the mean tension over a window after a ramp of the driver, over that mean: swings of the start.
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
         engaged: least number of rollers on a sprocket at the end, over those of the wrap it was assembled with.
@@ -57,6 +58,7 @@ class Limits(Part):
     compression: Limit = 1.0
     mean_compression: Limit = 0.01
     resolution: Limit = 45.0
+    start: Limit = 0.07
     slips: Limit = 0.0
     missed: Limit = 0.0
     engaged: Share = 0.5
@@ -144,6 +146,14 @@ def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: s
     return np.where(largest > 0.0, np.maximum(largest, least_force(drives, of)), np.nan)
 
 
+def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+    """Mean tension of the window of a chain [N], at least what counts; NaN where no ramp is over before it begins."""
+    motions = ([part.prescribed for part in (*drive.sprockets, *drive.shafts)] for drive in drives)
+    ramps = np.array([max((motion.ramp_time for motion in each if motion), default=0.0) for each in motions])
+    mean, begin = columns[f"{of}.tension_mean" if of else "tension_mean"][0], columns["window_start"][0]
+    return np.where((ramps > 0.0) & (begin >= ramps), np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
+
+
 RULES = (
     Rule(
         "energy_residual",
@@ -203,6 +213,14 @@ RULES = (
         "take a smaller step (run.step), less friction, or a longer ramp_time",
         least=True,
         of="PART",
+    ),
+    Rule(
+        "start",
+        "tension_drift",
+        "of the mean tension, after a ramp",
+        lambda of, value: f"the mean tension changes by {100.0 * value:+.2g} % in the window: the start still swings",
+        "take a longer ramp_time, or a longer run and a later window",
+        over=tension_after_ramp,
     ),
     Rule(
         "slips",

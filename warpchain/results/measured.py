@@ -21,7 +21,7 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.measured_file import Measured
+from warpchain.results.measured_file import STATISTICS, Measured
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import (
@@ -169,17 +169,6 @@ def compared(trajectory: Trajectory, measured: Measured, offset: float | None = 
         _orders(trajectory, ours, theirs),
         (ours, theirs),
     )
-
-
-STATISTICS: dict[str, Callable[[Array], float]] = {
-    "mean": lambda x: float(x.mean()),
-    "std": lambda x: float(x.std()),
-    "smallest": lambda x: float(x.min()),
-    "0.1 % below": lambda x: float(np.quantile(x, 0.001)),
-    "99.9 % below": lambda x: float(np.quantile(x, 0.999)),
-    "largest": lambda x: float(x.max()),
-}
-"""Values that compare both signals."""
 
 
 def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array, Array] | None:

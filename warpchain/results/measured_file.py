@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,15 @@ SPELLED: dict[str, tuple[str, float]] = {
     "in": ("m", 0.0254),
 }
 """SI unit and factor of each unit that a measured signal can have."""
+STATISTICS: dict[str, Callable[[Array], float]] = {
+    "mean": lambda x: float(x.mean()),
+    "std": lambda x: float(x.std()),
+    "smallest": lambda x: float(x.min()),
+    "0.1 % below": lambda x: float(np.quantile(x, 0.001)),
+    "99.9 % below": lambda x: float(np.quantile(x, 0.999)),
+    "largest": lambda x: float(x.max()),
+}
+"""Values by which a measured signal is compared with that of a run."""
 LATEST = 1e9
 """Times beyond are mistakes [s]; recordings count nanoseconds in 64 bits."""
 

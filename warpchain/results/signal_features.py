@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.measured import STATISTICS, WITHIN
+from warpchain.results.measured import WITHIN
+from warpchain.results.measured_file import STATISTICS
 from warpchain.results.signals import amplitude_spectrum
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ class Features:
     """The numbers that a signal is reduced to.
 
     Attributes:
-        statistics: of `measured.STATISTICS`.
+        statistics: of `measured_file.STATISTICS`.
         orders: of the driver's revolution, whose amplitudes are taken.
         bands: [low, high] frequencies [Hz], between which the root mean square is taken.
     """

@@ -41,6 +41,8 @@ NOISE, TIED = "noise", "tied noise"
 """A noise factor, and an expression that follows one, in its field's metadata under `kind`."""
 DISTRIBUTION = "distribution"
 """Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
+ROUND = "round"
+"""Column of the number of a row's round in a search."""
 NAMED = 12
 """Most columns that an error lists."""
 SHOWN = 6

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student
 from warpchain.study.results import Array, Results, varies
 
@@ -242,7 +243,7 @@ def _pearson(x: Array, y: Array) -> float:
 
 
 def transformed(results: Results, metric: str, how: str) -> Results:
-    """Results in which a metric is transformed, under its own name, without a unit.
+    """Results in which a metric is transformed, under its own name, without a unit; of ranks no errors are known.
 
     Args:
         how: "rank" (of the variants that are ok, 1 the lowest, ties share their mean; empty elsewhere) or "log".
@@ -254,19 +255,26 @@ def transformed(results: Results, metric: str, how: str) -> Results:
     from scipy.stats import rankdata
 
     values, rows = results.values(metric), results.rows_for(metric)
-    found = np.full(len(values), np.nan)
+    found, errors = np.full(len(values), np.nan), np.full(len(values), np.nan)
     if how == "rank":
         found[rows] = rankdata(values[rows])
     elif how == "log":
         if not (values[rows] > 0.0).all():
             raise StudyError(f"metric {metric!r}: has values that are not above 0, of which there is no logarithm")
         found[rows] = np.log(values[rows])
+        if metric + ERROR in results.table.column_names:
+            errors[rows] = results.values(metric + ERROR)[rows] / values[rows]
     else:
         raise StudyError(f"transform {how!r}: allowed are {', '.join(TRANSFORMS)}")
-    at = results.table.column_names.index(metric)
-    held = dict(results.table.schema.field(metric).metadata or {}) | {b"unit": b"1"}
-    column = pa.array(found, pa.float64(), mask=np.isnan(found))
-    return replace(results, table=results.table.set_column(at, pa.field(metric, pa.float64(), metadata=held), column))
+    table = results.table
+    for name, of in ((metric, found), (metric + ERROR, errors)):
+        if name in table.column_names:
+            held = dict(table.schema.field(name).metadata or {}) | {b"unit": b"1"}
+            column = pa.array(of, pa.float64(), mask=np.isnan(of))
+            table = table.set_column(
+                table.column_names.index(name), pa.field(name, pa.float64(), metadata=held), column
+            )
+    return replace(results, table=table)
 
 
 @dataclass(frozen=True)

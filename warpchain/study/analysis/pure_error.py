@@ -15,7 +15,13 @@ degrees of freedom; that of a window of another length to as much as the root of
 means: largest and smallest values grow with the window.
 
 A metric may also have a column of its standard error, `METRIC_se`, of each row, between equal runs or from the batches
-of one run's window.
+of one run's window. Of few equal runs it is itself known badly: with d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are
+drawn to what all rows say (Smyth 2004),
+
+    s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i),                                                             (c)
+
+d_0 and s_0^2 by the moments of log s_i^2: rows that scatter alike get all the same, s^2 (d_0 infinite); those that do
+not keep their own. Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses beyond the errors.
 """
 
 from __future__ import annotations
@@ -185,9 +191,68 @@ def pure_errors(results: Results, metrics: tuple[str, ...] | None = None) -> lis
 
 
 def standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard error of each row's value of a metric (R,), NaN where there is none; None without such a column."""
+    """Standard error of each row's value of a metric (R,), NaN where there is none; None without such a column.
+
+    Those of means of several runs are by eq. (c).
+    """
     name = metric + ERROR
-    return results.values(name) if name in results.table.column_names and results.numeric(name) else None
+    if not (name in results.table.column_names and results.numeric(name)):
+        return None
+    if not results.replicated:
+        return results.values(name)
+    rows = results.rows_for(metric)
+    found = results.errors(metric)
+    found[rows] = _moderated(found[rows], results.counts[rows].astype(float))
+    return found
+
+
+def _moderated(errors: Array, counts: Array) -> Array:
+    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from what the other rows scatter."""
+    from scipy.optimize import brentq
+    from scipy.special import digamma, polygamma
+
+    several = np.isfinite(errors) & (counts > 1)
+    if not several.any():
+        return errors
+    counts = np.where(several, counts, 1.0)
+    freedom = counts - 1.0
+    squares = np.where(several, counts * np.where(several, errors, 0.0) ** 2, 0.0)
+    prior, prior_freedom = float(freedom @ squares / freedom.sum()), math.inf
+    d = freedom[several]
+    if prior > 0.0 and len(d) > 1:
+        logs = np.log(np.maximum(squares[several], 1e-6 * prior)) - digamma(0.5 * d) + np.log(0.5 * d)
+        excess = float(logs.var(ddof=1) - polygamma(1, 0.5 * d).mean())
+        if excess > polygamma(1, 1e6):
+            half = brentq(lambda half: float(polygamma(1, half)) - excess, 1e-3, 1e6) if excess < 1e6 else 1e-3
+            prior, prior_freedom = math.exp(float(logs.mean()) + digamma(half) - math.log(half)), 2.0 * half
+    if math.isinf(prior_freedom):
+        return np.sqrt(prior / counts)
+    return np.asarray(np.sqrt((prior_freedom * prior + freedom * squares) / (prior_freedom + freedom) / counts))
+
+
+def weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
+    """Weight of each row (R,), of mean 1: 1 / (t^2 + e^2), at the t^2 that makes what a fit misses likeliest.
+
+    Args:
+        errors: (R,) standard errors; None, or where one is NaN, weighs all rows alike.
+        missed: (R,) what the fit misses.
+        left: part of a row's own variance that is in what is missed of it, 1 less its leverage.
+    """
+    from scipy.optimize import brentq
+
+    if errors is None or not np.isfinite(errors).all() or np.ptp(errors) == 0.0:
+        return np.ones(len(missed))
+    left = np.broadcast_to(left, len(missed))
+    squares = np.maximum(errors**2, 1e-12 * float((errors**2).max()))
+
+    def rising(beyond: float) -> float:
+        variance = beyond + squares
+        return float((missed**2 / variance**2 - left / variance).sum())
+
+    most = 2.0 * float(missed @ missed) / max(float(left.sum()), 1e-9)
+    beyond = float(brentq(rising, 0.0, most)) if most > 0.0 and rising(0.0) > 0.0 > rising(most) else 0.0
+    inverse = 1.0 / (beyond + squares)
+    return np.asarray(inverse / inverse.mean())
 
 
 def repeats(results: Results) -> bool:

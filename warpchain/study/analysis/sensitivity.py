@@ -11,6 +11,11 @@ which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Uniform on -1 .. 1
 V_ij = b_ij^2 / 9. Distributions are the study's own where its table has them, else uniform over what was run. Errors
 follow from those of the surface's coefficients, by draws.
 
+Of rows that are means of several runs, scatter between these is in V and in T_i of a Saltelli design, but in no factor:
+with s^2 the mean of their squared standard errors, and V and V T_i as SALib estimates them,
+
+    S_i = V S_i / (V - s^2),    T_i = (V T_i - s^2) / (V - s^2).                                               (b)
+
 SALib's problem dictionary is made from a study's factors or results and taken to make factors and designs.
 """
 
@@ -24,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.pure_error import standard_errors
 from warpchain.study.analysis.surface import Surface
 from warpchain.study.design.factor_values import log_moments, nodes
 from warpchain.study.results import Array, Results
@@ -243,6 +249,16 @@ def sobol_indices(
     first, total, first_error, total_error = (
         np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")
     )
+    errors = standard_errors(results, metric) if results.replicated else None
+    known = None if errors is None else errors[order].reshape(-1, block)[whole]
+    if known is not None and np.isfinite(known).all():  # eq. (b)
+        variance, chance = float(values[whole][:, [0, -1]].var()), float(np.mean(known**2))
+        if not variance > chance:
+            raise StudyError(f"Sobol' indices of {metric!r}: equal runs scatter as much as the variants differ")
+        total = np.maximum(total - chance / variance, 0.0)
+        first, total, first_error, total_error = (
+            of * variance / (variance - chance) for of in (first, total, first_error, total_error)
+        )
     dropped = int((~whole).sum()) * block
     return Indices(metric, names, first, total, first_error, total_error, len(y), dropped)
 

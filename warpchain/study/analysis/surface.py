@@ -7,9 +7,11 @@ With factors scaled to -1 .. 1 over the range that was run (x), by least squares
 A factor of two values has no square. R2 is the part of the variance that the surface takes up; the predicted R2, from
 predictions of each variant with that one left out (PRESS), is the part that it would take up of new ones.
 
-Rows that are means of n_i runs count n_i times. With m rows, T terms and e the rows' misfit, the covariance of the
-coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T), w_i = n_i over its mean. Where equal runs scatter
-with the variance s^2 (`pure_error`), the misfit holds what scatter explains and what the form of the surface lacks:
+Rows that are means of several runs are weighted by their standard errors (`pure_error.weights`): alike scatter gives
+w_i in proportion to the n_i runs of a row. With m rows, T terms and e the rows' misfit, the covariance of the
+coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T); R2 and the predicted one are weighted likewise.
+Where equal runs scatter with the variance s^2 (`pure_error`), the misfit holds what scatter explains and what the form
+of the surface lacks:
 
     F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
 
@@ -25,9 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.pure_error import pure_error, student
+from warpchain.study.analysis.pure_error import pure_error, standard_errors, student, weights
 from warpchain.study.results import Array, Results
 
+ROUNDS = 4
+"""Fits whose misfit says how the next one weights its rows."""
 TRUSTED = 0.8
 """Predicted R2 from which a surface is good enough to replace the metric."""
 
@@ -46,6 +50,7 @@ class Surface:
         r2: part of the variance that the surface takes up [-].
         r2_predicted: the same for variants left out one at a time [-]; can be negative.
         rows: number of variants that were fitted.
+        weights: (N,) of them.
         covariance: (T, T) of the coefficients.
         freedom: its degrees of freedom, 0 where there are as many terms as variants.
     """
@@ -59,6 +64,7 @@ class Surface:
     r2: float
     r2_predicted: float
     rows: int
+    weights: Array
     covariance: Array | None = None
     freedom: int = 0
 
@@ -169,17 +175,22 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
             break
     else:
         raise StudyError(f"response surface of {metric!r}: the design does not tell {', '.join(chosen)} apart")
-    weight = np.sqrt(results.counts[rows] / results.counts[rows].mean())
-    q, r = np.linalg.qr(weight[:, None] * terms)
-    coefficients = np.linalg.solve(r, q.T @ (weight * y))
-    residual = y - terms @ coefficients
-    leverage = np.clip((q * q).sum(axis=1), 0.0, 1.0)
-    total = float(((y - y.mean()) ** 2).sum())
+    errors = standard_errors(results, metric)
+    known = None if errors is None else errors[rows]
+    weight = weights(known, np.zeros(len(y)))
+    for last in range(1 if known is None else ROUNDS):
+        q, r = np.linalg.qr(np.sqrt(weight)[:, None] * terms)
+        coefficients = np.linalg.solve(r, q.T @ (np.sqrt(weight) * y))
+        residual = y - terms @ coefficients
+        leverage = np.clip((q * q).sum(axis=1), 0.0, 1.0)
+        if last < ROUNDS - 1:
+            weight = weights(known, residual, 1.0 - leverage)
+    total = float(weight @ (y - np.average(y, weights=weight)) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         press = np.where(leverage < 1.0 - 1e-9, residual / (1.0 - leverage), np.inf)
     freedom = len(y) - len(powers)
     inverse = np.linalg.inv(r)
-    variance = float((weight * residual) @ (weight * residual)) / freedom
+    variance = float(weight @ residual**2) / freedom
     return Surface(
         metric,
         chosen,
@@ -187,9 +198,10 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
         high,
         powers,
         coefficients,
-        1.0 - float(residual @ residual) / total if total > 0.0 else 1.0,
-        1.0 - float(press @ press) / total if total > 0.0 else 1.0,
+        1.0 - float(weight @ residual**2) / total if total > 0.0 else 1.0,
+        1.0 - float(weight @ press**2) / total if total > 0.0 else 1.0,
         len(y),
+        weight,
         variance * inverse @ inverse.T,
         freedom,
     )

@@ -22,7 +22,7 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
-from warpchain.study.results import ARCHIVED, Results, read_results
+from warpchain.study.results import ARCHIVED, ROUND, Results, read_results
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.run.prepare import read_study, shard_size
 from warpchain.study.run.row_drives import Variant, build
@@ -35,8 +35,6 @@ from warpchain.version import installed
 if TYPE_CHECKING:
     import pyarrow as pa
 
-ROUND = "round"
-"""Column of the number of a row's round."""
 DIGEST = "digest"
 """Column of a row's identity."""
 Rows = Sequence[Mapping[str, Any]]

@@ -27,9 +27,8 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.matrix import table_of_rows
-from warpchain.study.design.noise import nominal
 from warpchain.study.optimize.bench import Bench, Report, round_file, together
-from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.results import ARCHIVED, Results, read_results
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.study_tables import Recording, Search
@@ -116,7 +115,7 @@ def optimize(
     results = read_results(folder / "results.parquet", bench.shown)
     designs, over = designs_of(results, optimizer.goals)
     chosen = tuple(recommend(designs, over, search.recommend))
-    drives, archives = _recorded(folder, bench, results, _nominal_rows(bench, designs, chosen), chosen)
+    drives, archives = _recorded(folder, bench, results, rows_of(bench.study, bench.drive, designs, chosen), chosen)
     return Found(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
 
 
@@ -169,15 +168,6 @@ def _line(results: Results, goals: Goals) -> str:
             best = float(measured.costs[rows, k].min() * goals.signs[k])
             words += f"; {objective.sense} {objective.metric} {quantity(best, results.unit(objective.metric))}"
     return words
-
-
-def _nominal_rows(bench: Bench, designs: Results, chosen: Sequence[Recommended]) -> list[dict[str, Any]]:
-    """Values by factor of the recommended rows; of designs, noise factors are where the base drive has them."""
-    if not isinstance(designs, Designs):
-        return list(designs.table.select(bench.factors).take([one.row for one in chosen]).to_pylist())
-    names = [factor.name for factor in bench.study.designs.factors]
-    rows = designs.runs.table.select(names).take([designs.rows[one.row][0] for one in chosen]).to_pylist()
-    return [nominal(bench.study, bench.drive, row) for row in rows]
 
 
 def _recorded(

@@ -9,17 +9,22 @@ tells how its metrics spread and in which share of the noise it keeps the limits
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive import Drive
 from warpchain.errors import StudyError
 from warpchain.study.analysis.over_noise import Designs, Spread, spread
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
 from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.design.noise import nominal
 from warpchain.study.results import Array, Results
+from warpchain.study.spec import Study
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.surrogate import best_surrogate
 
@@ -211,3 +216,13 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
         max(alike, 0),
         spreads,
     )
+
+
+def rows_of(study: Study, drive: Drive, designs: Results, chosen: Sequence[Recommended]) -> list[dict[str, Any]]:
+    """Values by factor of recommended rows; of designs, noise factors are where the base drive has them."""
+    if not isinstance(designs, Designs):
+        names = [factor.name for factor in study.factors]
+        return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())
+    names = [factor.name for factor in study.designs.factors]
+    rows = designs.runs.table.select(names).take([designs.rows[one.row][0] for one in chosen]).to_pylist()
+    return [nominal(study, drive, row) for row in rows]

@@ -14,8 +14,7 @@ from warpchain.results.units import quantity, shown_unit
 from warpchain.study.analysis.posterior import UNIDENTIFIED, Direction
 from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.optimize.calibrate import Calibrated
-from warpchain.study.report import panels
-from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, rounded
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
 from warpchain.study.results import Array
 from warpchain.study.run.recordings import recorded_variants
 from warpchain.study.store import write_text
@@ -34,7 +33,7 @@ def write_calibration(found: Calibrated) -> Path:
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
     sections = [_summary(found), _unknowns(found), _fit(found), *_signals(found), _open(found), _predicted(found)]
-    write_text(page, panels.report_page(title, [*(s for s in sections if s), _course(found)]))
+    write_text(page, report_page(title, [*(s for s in sections if s), _course(found)]))
     return page
 
 
@@ -131,7 +130,7 @@ def _unknowns(found: Calibrated) -> html.Section:
         "unknowns",
         "The unknowns",
         html.table(heads, rows),
-        panels.chart(figures, "prior and posterior"),
+        chart(figures, "prior and posterior"),
     )
 
 
@@ -167,7 +166,7 @@ def _fit(found: Calibrated) -> html.Section:
         "fit", "Fit of the measured numbers",
         html.text("\N{PLUS-MINUS SIGN} is one standard deviation; of the model it holds the scatter of runs. Off: "
                   "measured less expected, in standard deviations of both.", muted=True),
-        panels.chart(_fit_panel(found, spans), "numbers over what was measured"),
+        chart(_fit_panel(found, spans), "numbers over what was measured"),
         html.table(heads, rows),
     )  # fmt: skip
 
@@ -223,7 +222,7 @@ def _signals(found: Calibrated) -> list[html.Section]:
             "signals", "The signals",
             html.text("Blue: runs drawn from the posterior. Red: measured. Instants need not agree, as the rig's time "
                       "has another origin and impacts are chaotic; levels and spectra should.", muted=True),
-            panels.chart(figures, "measured signals and those of runs"),
+            chart(figures, "measured signals and those of runs"),
         )
     ]  # fmt: skip
 
@@ -277,7 +276,7 @@ def _open(found: Calibrated) -> html.Section:
         "open", "What the measurements cannot tell",
         html.text("Combinations of unknowns, the least identified first. Near 100 % only the prior is left: another "
                   "measurement is needed.", muted=True),
-        panels.chart([figure, *_pair(found)], "directions of the unknowns"),
+        chart([figure, *_pair(found)], "directions of the unknowns"),
         html.bullets(lines),
     )  # fmt: skip
 
@@ -321,7 +320,7 @@ def _predicted(found: Calibrated) -> html.Section | None:
     return html.section(
         "predictions", "How predictions change",
         html.text("What a run gives, scatter between runs in it.", muted=True),
-        panels.chart(figures, "predictions by prior and posterior"), html.table(heads, rows),
+        chart(figures, "predictions by prior and posterior"), html.table(heads, rows),
     )  # fmt: skip
 
 

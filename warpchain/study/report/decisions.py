@@ -40,6 +40,7 @@ class Wanted:
         most: designs to recommend.
         recorded: whether the study's archives hold what playback needs.
         keep: share of the noise in which limits must be kept.
+        page: name of the page without its ending, if recommended designs are drive files beside it.
     """
 
     objectives: tuple[Objective, ...] = ()
@@ -48,6 +49,7 @@ class Wanted:
     most: int = 4
     recorded: bool = True
     keep: float = Goals.keep
+    page: str | None = None
 
     @property
     def goals(self) -> Goals:
@@ -170,12 +172,15 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
         lines_table += html.table(("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one))
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
     play = command and f"<p>Play {'its worst run' if one.spreads else 'it'}: <code>{command}</code></p>"
-    chosen = [_factor_words(results, name, one.row) for name in results.factors] if one.spreads else []
+    if wanted.page is not None:
+        play += f"<p>Drive file, beside this page: <code>{escape(f'{wanted.page}-{letter}.toml')}</code></p>"
+    chosen = [factor_words(results, name, one.row) for name in results.factors] if one.spreads else []
     head = html.heading(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
     return f'<div class="design">{head}{html.bullets(one.reasons)}{lines_table}{play}</div>'
 
 
-def _factor_words(results: Results, name: str, row: int) -> str:
+def factor_words(results: Results, name: str, row: int) -> str:
+    """A factor and its value in a row, in words."""
     value = results.table[name][row].as_py()
     words = quantity(value, results.unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"

@@ -19,6 +19,11 @@
     return node;
   };
   const finite = (v) => v !== null && Number.isFinite(v);
+  const room = (document.querySelector("section h2") || document.body).clientWidth, narrow = room < 600;  // a phone
+  const named = (table) => {  // each cell with the head of its column, which stands beside it on a phone
+    const heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
+    for (const line of table.rows) if (line.parentNode !== table.tHead) [...line.cells].forEach((cell, k) => { cell.dataset.head = heads[k]; });
+  };
 
   // ------------------------------------------------------------------------------------------------ scales
   const plain = (v) => {
@@ -54,7 +59,7 @@
     shownTip.style.top = `${Math.min(event.clientY + 14, window.innerHeight - shownTip.offsetHeight - 8)}px`;
   };
   const frame = (panel, box) => {
-    const width = panel.width || 340, height = panel.height || 250;
+    const own = panel.width || 340, width = narrow && !panel.cells ? Math.min(own, room) : own, height = panel.height || 250;
     const left = panel.y.words ? Math.min(320, 14 + 6.4 * Math.max(...panel.y.words.map((w) => w.length))) : 62;
     const bottom = panel.x.turned ? 96 : 46, top = panel.title ? 24 : 10;
     const svg = make("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": panel.title || panel.y.label || "" }, box);
@@ -138,12 +143,15 @@
 
   // ------------------------------------------------------------------------------------------------ the rows
   const rows = page;
-  if (!rows) return;
+  if (!rows) {
+    for (const table of document.querySelectorAll("table")) named(table);
+    return;
+  }
   const columns = rows.columns, count = rows.variant.length;
   const filters = new Map();  // column -> [low, high]
   const mask = new Uint8Array(count).fill(1);
   let kept = count, marked = -1, front = new Uint8Array(count), views = [], waiting = false;
-  const chosenColumns = new Set(rows.shown), crossed = rows.crossed.slice();
+  const chosenColumns = new Set(rows.shown.slice(0, narrow ? 4 : undefined)), crossed = rows.crossed.slice(0, narrow ? 3 : undefined);
   let tinted = rows.tint;
   for (const column of columns) {
     const held = column.values.filter(finite);
@@ -238,7 +246,7 @@
 
   // ------------------------------------------------------------------------------------------------ parallel coordinates
   const parallel = (parent) => {
-    const width = 1120, height = 330, top = 56, bottom = 300;
+    const width = narrow ? room : 1120, height = 330, top = 56, bottom = 300;
     const { canvas, pen, spot } = canvasOf(parent, width, height);
     canvas.id = "parallel";
     const order = () => [...chosenColumns].sort((a, b) => a - b);
@@ -403,7 +411,7 @@
   };
   const matrix = (parent) => {
     const grid = html("div", parent, null, "matrix"), n = crossed.length, edge = 44;
-    const side = Math.floor((1100 - edge) / n), high = Math.round(side * 0.72);
+    const side = Math.floor(((narrow ? room : 1100) - edge) / n), high = Math.round(side * 0.72);
     grid.id = "matrix";
     grid.style.gridTemplateColumns = `minmax(0, ${edge}fr) repeat(${n}, minmax(0, ${side}fr))`;
     for (let i = 0; i < n; i++) {
@@ -494,6 +502,7 @@
         line.onclick = (e) => { if (e.target.tagName !== "BUTTON" && !String(window.getSelection())) { marked = k; refresh(); } };
       }
       more.hidden = order.length <= most;
+      named(table);
       if (!more.hidden) html("caption", table, `the first ${most} of ${order.length}, those on the front first`);
     });
   };
@@ -508,7 +517,7 @@
       const line = html("div", place, null, "controls");
       picker(line, "across", () => a, (index) => { a = index; });
       picker(line, "up", () => b, (index) => { b = index; });
-      scatter(place, [1100, 430], () => a, () => b, { edge: true, front: true, id: "front-scatter" });
+      scatter(place, narrow ? [room, 300] : [1100, 430], () => a, () => b, { edge: true, front: true, id: "front-scatter" });
     }
   }
   html("h3", home, "Scatter matrix");
@@ -517,6 +526,7 @@
   if (rows.folder) html("p", home, `Play one: warpchain study play ${rows.folder} VARIANT`, "print lead");
   listing(home);
   playable();
+  for (const table of document.querySelectorAll("table:not(#chosen)")) named(table);
   choose();
   for (const view of views) view();
   window.warpchain = { kept: () => kept, marked: () => (marked < 0 ? null : rows.variant[marked]), filters: () => Object.fromEntries([...filters].map(([i, r]) => [columns[i].name, r])), front: () => front.reduce((s, v) => s + v, 0) };

@@ -22,6 +22,7 @@ from warpchain.files import read_text
 from warpchain.results.units import shown_unit
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.analysis.effects import MedianEffect, _groups
+from warpchain.study.analysis.interactions import Interaction
 from warpchain.study.analysis.over_noise import Designs
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.results import Array, Results
@@ -187,12 +188,22 @@ def effects(
     return panels
 
 
-def interactions(results: Results, metric: str, found: Sequence[Effect], most: int = 3) -> list[Panel]:
-    """Means of a metric over one factor, apart for low, middle and high values of another, with two standard errors."""
+def interactions(
+    results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction], most: int = 3
+) -> list[Panel]:
+    """Means of a metric over one factor, apart for low, middle and high values of another, with two standard errors.
+
+    Args:
+        found: main effects, of whose first factors all pairs are drawn.
+        together: pairs that are drawn before these.
+        most: panels, and factors whose pairs are drawn.
+    """
     axis, panels = Axis(results, metric), []
-    factors = [effect.factor for effect in found if results.numeric(effect.factor)][:most]
+    factors = [effect.factor for effect in found if results.numeric(effect.factor)]
+    pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]
+    pairs += [pair for pair in combinations(factors[:most], 2) if pair not in pairs and pair[::-1] not in pairs]
     y = results.values(metric)
-    for a, b in combinations(factors, 2):
+    for a, b in pairs[:most]:
         rows = results.rows_for(metric, [a, b])
         if rows.sum() < 24:
             continue
@@ -285,11 +296,19 @@ def _dots(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def surrogate(results: Results, found: Surrogate, checked: CrossValidation, most: int = 4) -> list[Panel]:
-    """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation."""
+    """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation.
+
+    Variants that are not ok, which no fit takes, are dots of another color, as far as they are not far away.
+    """
     axis, middle = Axis(results, found.metric), _middle(results, found)
     cuts: list[tuple[float, Panel]] = []
     dots = _dots(results.rows_for(found.metric))
     y = results.values(found.metric)
+    least, most_y = float(y[dots].min()), float(y[dots].max())
+    pad = 0.5 * (most_y - least)
+    left_out = ~results.ok & np.isfinite(y)
+    drawn = left_out & (y >= least - pad) & (y <= most_y + pad)
+    near, far = _dots(drawn), int((left_out & ~drawn).sum())
     for name in (factor for factor in found.factors if results.numeric(factor)):
         values = results.values(name)
         x = np.linspace(float(np.nanmin(values)), float(np.nanmax(values)), 41)
@@ -303,14 +322,18 @@ def surrogate(results: Results, found: Surrogate, checked: CrossValidation, most
             {**band, "low": axis.of(mean - 1.96 * deviation), "high": axis.of(mean + 1.96 * deviation)},
             {"kind": "line", "x": across.of(x), "y": axis.of(mean), "color": MARK},
         ]
+        if left_out.any():
+            series.append(
+                {"kind": "points", "x": across.of(values[near]), "y": axis.of(y[near]), "color": OTHER, "size": 2.4}
+            )
         panel = {"x": {"label": across.name}, "y": {"label": ""}, "series": series, "width": 280, "height": 230}
         cuts.append((-float(np.ptp(mean)), panel))
     panels = [panel for _, panel in sorted(cuts, key=lambda cut: cut[0])[:most]]
     if panels:
         panels[0]["y"]["label"] = axis.name
-        for series, label in zip(
-            panels[0]["series"], ("variants", "95 % of single runs", "95 % of the metric", "surrogate"), strict=True
-        ):
+        beyond = f", {far} more beyond the picture" if far else ""
+        labels = ("variants", "95 % of single runs", "95 % of the metric", "surrogate", f"not ok, not fitted{beyond}")
+        for series, label in zip(panels[0]["series"], labels, strict=False):
             series["label"] = label
     return [*panels, _validation(axis, checked)]
 

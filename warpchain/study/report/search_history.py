@@ -9,12 +9,10 @@ import numpy as np
 
 from warpchain.results.units import quantity
 from warpchain.study.analysis.pareto import Measured
-from warpchain.study.optimize.bench import ROUND
 from warpchain.study.optimize.recommend import Recommended
-from warpchain.study.report import panels
 from warpchain.study.report.decisions import Wanted
-from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel
-from warpchain.study.results import Results
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel, chart, rounded
+from warpchain.study.results import ROUND, Results
 from warpchain.view import html
 
 MOST_FACTORS = 12
@@ -47,9 +45,9 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
             muted=True,
         ),
         html.bullets(lines),
-        panels.chart(progress, "best values over the evaluations"),
+        chart(progress, "best values over the evaluations"),
         html.heading("Where it looked"),
-        panels.chart(
+        chart(
             [_places(results, name, rounds, chosen, k == 0) for k, name in enumerate(results.factors[:MOST_FACTORS])],
             "values of the factors over the evaluations",
         ),
@@ -112,7 +110,7 @@ def _places(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray,
         (picked, MARK, "recommended"),
     ):
         if rows.any():
-            series.append(_dots(count[rows], panels.rounded(shown[rows]), color, label if named else ""))
+            series.append(_dots(count[rows], rounded(shown[rows]), color, label if named else ""))
     return {"x": {"label": "evaluation", "range": [0, len(rounds) + 1]}, "y": y, "series": series, "height": 210}
 
 

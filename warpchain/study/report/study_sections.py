@@ -14,11 +14,12 @@ from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
+from warpchain.study.analysis.interactions import Interaction, interactions
 from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.analysis.surface import TRUSTED
-from warpchain.study.optimize.bench import ROUND
+from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
     Wanted,
@@ -29,8 +30,9 @@ from warpchain.study.report.decisions import (
     rows_table,
     wanted_of,
 )
+from warpchain.study.report.drive_files import can_write, write_drives
 from warpchain.study.report.search_history import search_section
-from warpchain.study.results import STATUSES, Results, read_results
+from warpchain.study.results import ROUND, STATUSES, Results, read_results
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Objective
 from warpchain.study.store import write_text
@@ -58,6 +60,8 @@ TELLING = (
 """Metrics that a report shows where none are named, the first ones first."""
 SHOWN = 6
 """Most metrics that a report shows in figures where none are named."""
+NAMED = 3
+"""Most pairs of factors that are named as acting together."""
 EXTREMES = 3
 """Variants listed at each end of a metric."""
 
@@ -98,6 +102,18 @@ def report_html(
     Raises:
         StudyError: an unknown metric or sense, or a table without a variant.
     """
+    return _report(results, title, metrics, objectives, notes, wanted)[0]
+
+
+def _report(
+    results: Results,
+    title: str,
+    metrics: tuple[str, ...],
+    objectives: Mapping[str, str] | None,
+    notes: Mapping[str, str] | None,
+    wanted: Wanted | None,
+) -> tuple[str, Results, list[Recommended]]:
+    """The page, what was compared, and the designs that it recommends."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
@@ -112,11 +128,12 @@ def report_html(
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
     effects = {metric: main_effects(results, metric) for metric in enough}
     chances = {metric: scatter_share(results, metric) for metric in enough}
-    summary = _summary(results, effects, chances, notes or {})
+    pairs = {metric: interactions(results, metric) for metric in enough}
+    summary = _summary(results, effects, pairs, chances, notes or {})
     ends = ends_section(results)
     if not enough:
         few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
-        return panels.report_page(title, [summary, _inputs(results), ends, few])
+        return panels.report_page(title, [summary, _inputs(results), ends, few]), designs, []
     judged = replace(wanted, objectives=over.objectives if wanted.objectives else (), bounds=over.bounds)
     first, recommended = designs_section(designs, judged)
     surrogates = _surrogates(results, enough)
@@ -134,7 +151,7 @@ def report_html(
             panels.chart(panels.distributions(results, enough), "histograms of the metrics"),
             _spread(results, enough),
         ),
-        _effects(results, effects, chances),
+        _effects(results, effects, pairs, chances),
         _correlation(results, shown),
         _surfaces(results, surrogates),
         _sobol(results, surrogates, wanted.folder),
@@ -143,7 +160,7 @@ def report_html(
     telling = [name for name in _telling_factors(effects) if name in designs.factors]
     explored = designs.metrics if results.noise else shown
     data = rows_data(designs, explored, telling, chosen, judged, recommended)
-    return panels.report_page(title, [section for section in sections if section], data)
+    return panels.report_page(title, [section for section in sections if section], data), designs, recommended
 
 
 EXPLORE = (
@@ -165,6 +182,7 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
 def _summary(
     results: Results,
     effects: Mapping[str, list[Effect]],
+    pairs: Mapping[str, list[Interaction]],
     chances: Mapping[str, float | None],
     notes: Mapping[str, str],
 ) -> html.Section:
@@ -173,7 +191,7 @@ def _summary(
         f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in STATUSES
     )
     lines = [
-        f"{_range(results, metric)}; {_verdict(results, metric, found, chances[metric])}"
+        f"{_range(results, metric)}; {_verdict(results, metric, found, pairs[metric], chances[metric])}"
         for metric, found in effects.items()
     ]
     noted = html.table(("about the study", ""), list(notes.items())) if notes else ""
@@ -191,13 +209,17 @@ def _range(results: Results, metric: str) -> str:
     )
 
 
-def _verdict(results: Results, metric: str, effects: list[Effect], chance: float | None) -> str:
+def _verdict(
+    results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
+) -> str:
     """Whether a factor stands out of a metric's variance, and how much of it is scatter between equal runs.
 
     A factor stands out where chance explains as much in fewer than 5 % of cases, all factors looked at (Bonferroni).
+    Where none does, though it is not scatter, factors that act together are named.
 
     Args:
         effects: of the metric's factors.
+        pairs: of them.
         chance: part of the variance that is scatter between equal runs; None where it is unknown.
     """
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
@@ -211,8 +233,10 @@ def _verdict(results: Results, metric: str, effects: list[Effect], chance: float
             f"no factor stands out alone: {best.factor} explains most, {100.0 * best.explained:.0f} %, "
             f"as chance may with {best.rows} variants"
         )
-        together = "the factors act together, or in ways that so few variants do not tell"
-        return f"{alone}, yet {scatter} only: {together}." if scatter else f"{alone}."
+        if named := [str(one) for one in pairs if one.sure][:NAMED]:
+            return f"{alone}, but {'; '.join(named)}; {scatter}".removesuffix("; ") + "."
+        together = "three or more factors act together, or all in ways that so few variants do not tell"
+        return f"{alone}, yet {scatter} only, and no pair shows: {together}." if scatter else f"{alone}."
     axis = panels.Axis(results, best.factor) if results.numeric(best.factor) else None
     unit = results.unit(metric)
     least, most = (
@@ -256,7 +280,10 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
 
 
 def _effects(
-    results: Results, effects: Mapping[str, list[Effect]], chances: Mapping[str, float | None]
+    results: Results,
+    effects: Mapping[str, list[Effect]],
+    pairs: Mapping[str, list[Interaction]],
+    chances: Mapping[str, float | None],
 ) -> html.Section:
     shown = {metric: found for metric, found in effects.items() if found}
     shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in shown.values()]
@@ -279,7 +306,9 @@ def _effects(
         parts.append(html.heading(metric))
         means = panels.effects(results, metric, found, median_effects(results, metric))
         parts.append(panels.chart(means, f"main effects on {metric}"))
-        parts.append(panels.chart(panels.interactions(results, metric, found), f"interactions in {metric}"))
+        sure = [one for one in pairs[metric] if one.sure]
+        parts.append(html.text(f"Beyond chance {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
+        parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
     return html.section("effects", "Effects and interactions", *parts)
 
 
@@ -350,7 +379,8 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
         html.text(
             "Surrogates of the metrics, cut along each factor with the others midway between their ends. The inner "
             "band is where the metric is with 95 %, the outer one where a single run would come out. Q\u00b2 tells how "
-            "well variants left out one at a time are met: 1 is perfect, 0 no better than the mean.",
+            "well variants left out one at a time are met: 1 is perfect, 0 no better than the mean. "
+            "Variants are weighted by their standard errors, where these are known.",
             muted=True,
         ),
         *parts,
@@ -394,7 +424,8 @@ def _more(results: Results, folder: str) -> str:
             f"keeps what was run: warpchain study run STUDY.toml -o {folder} --grow"
         )
     return (
-        f"Those that are missing take more variants: {going_on}. A Saltelli design takes no surrogate: "
+        f"More variants: {going_on}. More replicates: raise design.replicates likewise. "
+        "A Saltelli design takes no surrogate: "
         'warpchain.study.analysis.sensitivity.saltelli_table makes the table for design.kind = "table".'
     )
 
@@ -418,8 +449,10 @@ def write_report(
     objectives: Mapping[str, str] | None = None,
     notes: Mapping[str, str] | None = None,
     wanted: Wanted | None = None,
-) -> Path:
-    """Writes the report of a study; it appears under its name only when whole.
+) -> list[Path]:
+    """Writes the report of a study, and of a study's folder the recommended designs as drive files beside it.
+
+    Each appears under its name only when whole.
 
     Args:
         source: results, a table, or the path of a Parquet or CSV file.
@@ -428,12 +461,20 @@ def write_report(
         factors: columns that were varied; none takes those that the table marks.
         metrics, objectives, notes, wanted: see `report_html`.
 
+    Returns:
+        The page, and the drive files.
+
     Raises:
         StudyError: a table that cannot be read or lacks a column, or a folder that cannot be written.
     """
     results = source if isinstance(source, Results) else read_results(source, factors or None)
     heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")
-    text = report_html(results, heading, metrics, objectives, notes, wanted)
     target = Path(output)
+    if wanted is not None and can_write(wanted.folder):
+        wanted = replace(wanted, page=target.stem)
+    text, designs, recommended = _report(results, heading, metrics, objectives, notes, wanted)
+    files = []
+    if wanted is not None and wanted.folder is not None and wanted.page is not None:
+        files = write_drives(wanted.folder, target, designs, recommended)
     write_text(target, text)
-    return target
+    return [target, *files]

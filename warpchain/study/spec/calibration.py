@@ -24,7 +24,7 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
-from warpchain.results.measured import STATISTICS
+from warpchain.results.measured_file import STATISTICS
 from warpchain.study.results import NOISE
 from warpchain.study.spec.factor import NEEDS, Texts, Whole, form_of
 

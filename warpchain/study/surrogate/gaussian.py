@@ -13,13 +13,19 @@ What the rows without row i say of it follows from the inverse (Dubrule 1983), c
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
 
+A metric that the rows allow is drawn as a whole by Matheron's rule (Wilson et al. 2020), for any number of places: with
+f a draw of the prior as a sum of cosines, whose frequencies are those of the kernel (Rahimi and Recht 2007; of Matern
+5/2 Student's t of 5 degrees of freedom over the lengths), and e a draw of the noise,
+
+    f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
+
 scikit-learn takes errors row by row and weighs 15 MB; BoTorch's processes would need torch, which is gigabytes.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -36,6 +42,8 @@ MOST_ROWS, FIT_ROWS = 1000, 150
 """Rows of a process, and rows that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
 RESTARTS, RESTARTED = 2, 60
 """Further places that the search for the likeliest lengths starts from, with at most so many rows."""
+COSINES = 512
+"""Of a draw of the prior."""
 LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, in parts of the range that was run, and noise v."""
 
@@ -107,6 +115,32 @@ class Process:
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
         return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
+
+    def draws(self, count: int, seed: int) -> Callable[[Array], Array]:
+        """The mean and draws of the metric, eq. (d): a function of rows (R, D) whose values are (R, 1 + count)."""
+        random = np.random.default_rng(seed)
+        size, lengths = self.kernel.k1.constant_value, self.kernel.k2.length_scale
+        width = self.x.shape[1]
+        frequencies = random.standard_normal((width, COSINES)) / np.sqrt(random.chisquare(5.0, COSINES) / 5.0)
+        frequencies /= np.broadcast_to(lengths, width)[:, None]
+        phases = 2.0 * np.pi * random.random(COSINES)
+        parts = np.sqrt(2.0 * size / COSINES) * random.standard_normal((COSINES, count))
+        noise = np.sqrt(self.noise + self.errors**2) / self.scale
+
+        def prior(x: Array) -> Array:
+            return np.asarray(np.cos(x @ frequencies + phases) @ parts)
+
+        with one_thread():
+            missed = self.z[:, None] - prior(self.x) - noise[:, None] * random.standard_normal((len(self.x), count))
+            pull = np.column_stack([self.weights, cho_solve((self.factor, True), missed)])
+
+        def drawn(x: Array) -> Array:
+            with one_thread():
+                z = self.kernel(x, self.x) @ pull
+                z[:, 1:] += prior(x)
+            return np.asarray(self.center + self.scale * z)
+
+        return drawn
 
     def left_out(self) -> tuple[Array, Array]:
         """Mean and standard deviation of each row as the others have it (N,), eq. (c)."""

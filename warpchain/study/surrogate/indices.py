@@ -1,30 +1,40 @@
 """Sobol' indices of a surrogate, by estimators, and the best way to a metric's indices.
 
-With rows A and B drawn independently, A_i those of A with factor i from B, and f the surrogate's mean, less its own
-mean over A (Saltelli et al. 2010, table 2),
+With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's mean, less its own mean
+over A (Saltelli et al. 2010, table 2),
 
-    V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A).               (a)
+    V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
 
-Rows are quasi-random, so (a) is good to some 1/100. What the surrogate misses of the metric is in no index: its
-cross-validated Q2 is the part of the variance that the indices share out.
+The interval's half width is 1.96 times the root mean square by which indices of draws that the process allows differ
+from those of its mean. (Le Gratiet, Cannamela and Iooss 2014 take the deviation about the draws' own mean; draws are
+rougher than the metric, which shifts them.) As sets of quasi-random rows take turns, it holds the errors of (a), too.
+Lengths and noise are taken as fitted. What the surrogate misses of the metric is in no index: its cross-validated Q2 is
+the part of the variance that the indices share out.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.analysis.sensitivity import Indices, saltelli_block, sobol_indices, surface_indices
 from warpchain.study.analysis.surface import TRUSTED, fit_surface
 from warpchain.study.design.factor_values import from_unit
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
+from warpchain.study.surrogate.gaussian import Process
 from warpchain.study.surrogate.model import Axis, Surrogate, best_surrogate, features_of, fit_surrogate
 
-DRAWS = 1024
+ROWS = 1024
 """Rows A, a power of two."""
+WITHOUT_EFFECT = 0.95
+"""Part of the variance that is scatter from which replicates are of no use, either."""
+SETS, DRAWS = 4, 25
+"""Sets of such rows, and draws for each."""
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[Indices, str]:
@@ -51,9 +61,24 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
             return way(results, metric, surrogate)
         except StudyError as error:
             missing.append(str(error))
-    count = int(results.rows_for(metric).sum())
+    raise StudyError(f"Sobol' indices of {metric!r}: {'; '.join(missing)}; {_wanting(results, metric)}")
+
+
+def _wanting(results: Results, metric: str) -> str:
+    """Advice where no surrogate predicts a metric."""
+    rows = results.rows_for(metric)
+    count = int(rows.sum())
     needed = f"{TRUSTED:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
-    raise StudyError(f"Sobol' indices of {metric!r}: {'; '.join(missing)}; {needed}")
+    chance = scatter_share(results, metric)
+    if chance is None:
+        return f"{needed}: more variants help, or, where equal runs scatter much, replicates"
+    scatter = f"{needed}: scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
+    if chance <= 1.0 - TRUSTED:
+        return f"{scatter} only, so more variants help"
+    if chance >= WITHOUT_EFFECT:
+        return f"{scatter}, so no factor has an effect that shows"
+    runs = math.ceil(results.counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED) * 2.0)
+    return f"{scatter}, so Q\u00b2 stays below {1.0 - chance:.2f}: replicates help, some {runs} a row"
 
 
 def _of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[Indices, str]:
@@ -75,11 +100,12 @@ def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> t
         raise StudyError(f"the Gaussian process predicts too badly ({quality})")
     rest = f"it misses {100.0 * (1.0 - q2):.1f} % of the variance, which is in no bar"
     words = f"of the Gaussian process of {model.rows} variants ({quality}: {rest})"
-    return surrogate_indices(model, results), f"{words}, {_distributed(results, model.factors)}"
+    words = f"{words}, {_distributed(results, model.factors)}; bars are 95 % intervals"
+    return surrogate_indices(model, results), words
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results, seed: int = 0) -> Indices:
-    """Sobol' indices of a Gaussian process for independent factors, words among them, eq. (a); without intervals.
+    """Sobol' indices of a Gaussian process for independent factors, words among them, eq. (a).
 
     Args:
         surrogate: a Gaussian process.
@@ -88,22 +114,34 @@ def surrogate_indices(surrogate: Surrogate, results: Results, seed: int = 0) -> 
     """
     from scipy.stats import qmc
 
-    assert surrogate.features is not None  # of a process
-    axes = surrogate.features.axes
+    features, process = surrogate.features, surrogate.model
+    assert features is not None and isinstance(process, Process)
+    axes = features.axes
     count = len(axes)
-    units = qmc.Sobol(2 * count, seed=seed).random(DRAWS)
-    first, second = (
-        {axis.name: _drawn(results, axis, part[:, k]) for k, axis in enumerate(axes)}
-        for part in (units[:, :count], units[:, count:])
-    )
-    mixed = [first | {axis.name: second[axis.name]} for axis in axes]
-    values = [surrogate.predict(rows)[0] for rows in (first, second, *mixed)]
-    a, b, *ones = (value - values[0].mean() for value in values)
-    whole = float(a.var()) or 1.0
-    alone = np.array([np.mean(b * (one - a)) for one in ones]) / whole
-    total = np.array([0.5 * np.mean((a - one) ** 2) for one in ones]) / whole
-    none = np.zeros(count)
-    return Indices(surrogate.metric, surrogate.factors, np.clip(alone, 0.0, 1.0), total, none, none, surrogate.rows)
+    found = []
+    for number in range(SETS):
+        units = qmc.Sobol(2 * count, seed=seed + number).random(ROWS)
+        first, second = (
+            {axis.name: _drawn(results, axis, part[:, k]) for k, axis in enumerate(axes)}
+            for part in (units[:, :count], units[:, count:])
+        )
+        mixed = (first | {axis.name: second[axis.name]} for axis in axes)
+        drawn = process.draws(DRAWS, seed + number)
+        values = [drawn(features.of(rows)) for rows in (first, second, *mixed)]  # (R, 1 + DRAWS) each
+        if surrogate.logarithm:
+            values = [np.exp(value) for value in values]
+        a, b, *ones = (value - values[0].mean(axis=0) for value in values)
+        whole = 0.5 * (a.var(axis=0) + b.var(axis=0))
+        whole[whole == 0.0] = 1.0
+        alone = [np.mean(b * (one - a), axis=0) / whole for one in ones]
+        total = [0.5 * np.mean((a - one) ** 2, axis=0) / whole for one in ones]
+        found.append(np.array([alone, total]))
+    of_sets = np.array(found)  # (SETS, 2, A, 1 + DRAWS)
+    mean = of_sets[..., 0].mean(axis=0)
+    off = of_sets[..., 1:] - mean[..., None]
+    first_error, total_error = 1.96 * np.sqrt((off**2).mean(axis=(0, 3)))
+    first, total = np.clip(mean[0], 0.0, 1.0), mean[1]
+    return Indices(surrogate.metric, surrogate.factors, first, total, first_error, total_error, surrogate.rows)
 
 
 def _drawn(results: Results, axis: Axis, units: Array) -> Any:

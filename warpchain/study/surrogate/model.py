@@ -2,9 +2,9 @@
 
 Rows are points of a box: numbers from 0 to 1 over the range that was run, words as one coordinate each. The quadratic
 surface serves where scikit-learn is not installed or rows are many. By least squares on terms t(x) with residual
-variance s^2 (Montgomery 2017, 10.5), the surface at x is normal with
+variance s^2 and weights W of the rows (Montgomery 2017, 10.5), the surface at x is normal with
 
-    mean t' b,      variance s^2 t' (T' T)^-1 t,                                                            (a)
+    mean t' b,      variance s^2 t' (T' W T)^-1 t,                                                          (a)
 
 and a run there has s^2 more.
 """
@@ -19,7 +19,7 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.progress import look_for_stop
-from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.analysis.pure_error import standard_errors, weights
 from warpchain.study.analysis.surface import TRUSTED, Surface, _scaled, _terms, fit_surface
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate.gaussian import Process, fit_process
@@ -149,8 +149,10 @@ class Quadratic:
         surface: the fit.
         x: (N, A) rows that were fitted.
         y: (N,) their values.
-        factor: (T, T) upper triangle of T = Q R.
+        factor: (T, T) upper triangle of W^1/2 T = Q R.
         run_variance: s^2, in the metric's unit squared.
+        weights: (N,) of the rows.
+        errors: (N,) standard errors of the values; None where they are not known.
     """
 
     surface: Surface
@@ -158,6 +160,8 @@ class Quadratic:
     y: Array
     factor: Array
     run_variance: float
+    weights: Array
+    errors: Array | None
 
     def _terms(self, x: Array) -> Array:
         low, high = self.surface.low, self.surface.high
@@ -169,11 +173,11 @@ class Quadratic:
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
     def left_out(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each row as the others have it (N,): y - r / (1 - h), s / sqrt(1 - h)."""
+        """Mean and standard deviation of each row as the others have it (N,): y - r / (1 - h), s / sqrt(w (1 - h))."""
         inner = np.linalg.solve(self.factor.T, self._terms(self.x).T)
-        left = np.maximum(1.0 - np.einsum("ij,ij->j", inner, inner), 1e-9)
+        left = np.maximum(1.0 - self.weights * np.einsum("ij,ij->j", inner, inner), 1e-9)
         residual = self.y - self.surface.predict(self.x)
-        return self.y - residual / left, np.sqrt(self.run_variance / left)
+        return self.y - residual / left, np.sqrt(self.run_variance / self.weights / left)
 
 
 def fit_quadratic(results: Results, metric: str) -> Quadratic:
@@ -186,10 +190,12 @@ def fit_quadratic(results: Results, metric: str) -> Quadratic:
     rows = results.rows_for(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
     y = results.values(metric)[rows]
-    found = Quadratic(surface, x, y, np.eye(len(surface.powers)), 0.0)
-    residual = y - surface.predict(x)
-    variance = float(residual @ residual) / max(len(y) - len(surface.powers), 1)
-    return Quadratic(surface, x, y, np.linalg.qr(found._terms(x))[1], variance)
+    errors = standard_errors(results, metric)
+    terms = _terms(_scaled(x, surface.low, surface.high), surface.powers)
+    weight = surface.weights
+    variance = float(weight @ (y - surface.predict(x)) ** 2) / max(len(y) - len(surface.powers), 1)
+    factor = np.linalg.qr(np.sqrt(weight)[:, None] * terms)[1]
+    return Quadratic(surface, x, y, factor, variance, weight, None if errors is None else errors[rows])
 
 
 @dataclass(frozen=True)
@@ -200,17 +206,24 @@ class CrossValidation:
         observed: (R,) the metric as it was run.
         predicted: (R,) what the surrogate of the other rows says.
         deviation: (R,) standard deviation of what a run would give there.
+        errors: (R,) standard errors of the rows; None where they are not known.
     """
 
     observed: Array
     predicted: Array
     deviation: Array
+    errors: Array | None = None
 
     @property
     def q2(self) -> float:
-        """Part of the variance that is predicted [-]; 1 is perfect, 0 no better than the mean."""
-        total = float(((self.observed - self.observed.mean()) ** 2).sum())
-        return 1.0 - float(((self.observed - self.predicted) ** 2).sum()) / total if total > 0.0 else 1.0
+        """Part of the variance that is predicted [-]; 1 is perfect, 0 no better than the mean.
+
+        Rows are weighted by their standard errors (`pure_error.weights`).
+        """
+        missed = self.observed - self.predicted
+        weight = weights(self.errors, missed)
+        total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
+        return 1.0 - float(weight @ missed**2) / total if total > 0.0 else 1.0
 
     @property
     def coverage(self) -> float:
@@ -278,9 +291,12 @@ class Surrogate:
             observed = self.model.center + self.model.scale * self.model.z
         else:
             observed = self.model.y
+        errors = self.model.errors
         if self.logarithm:
-            return CrossValidation(np.exp(observed), *_unlog(mean, deviation))
-        return CrossValidation(observed, mean, deviation)
+            observed = np.exp(observed)
+            errors = None if errors is None else errors * observed
+            return CrossValidation(observed, *_unlog(mean, deviation), errors)
+        return CrossValidation(observed, mean, deviation, errors)
 
 
 def _unlog(mean: Array, deviation: Array) -> tuple[Array, Array]:

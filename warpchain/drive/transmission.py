@@ -1,0 +1,138 @@
+"""The order in which motion goes through the chains of a drive, and the speeds of shafts.
+
+With z_c teeth of the sprocket by which chain c is led, and z_d of the driver, a shaft turns
+
+    r = (z_d / z_1) (z_2 / z_3) ...                                                                             (a)
+
+times as fast as the driver, z_1 on the shaft that the first chain leads, z_2 on the same shaft for the next, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from warpchain.drive.chain_parts import shaft_of
+from warpchain.drive.schema import elements, get
+from warpchain.drive.shafts import Shaft
+from warpchain.drive.sprocket import Sprocket
+
+OF_GROUPS = ("gears", "couplings", "valves")
+"""Lists of parts that are of one group of bodies each."""
+
+
+def is_geared(drive: Any) -> bool:
+    """Whether a drive of several chains has more than sprockets on shafts. Takes a mapping, too."""
+    shafts = elements(drive, "shafts")
+    if not elements(drive, "chains"):
+        return False
+    on = [get(sprocket, "shaft") for sprocket in elements(drive, "sprockets")]
+    bare = any(get(shaft, "name") not in on for shaft in shafts)
+    driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
+    return bare or driven or any(elements(drive, kind) for kind in OF_GROUPS)
+
+
+def with_shafts(drive: Any) -> list[Any]:
+    """The sprockets of a drive; of several chains the first on each shaft has what that has: its motion or load, and
+    its inertia on top. Drives may be mappings, as for rules.
+    """
+    sprockets = list(elements(drive, "sprockets"))
+    of_several = elements(drive, "shafts") if elements(drive, "chains") else ()
+    for shaft in of_several:
+        named = (s for s, sprocket in enumerate(sprockets) if get(sprocket, "shaft") == get(shaft, "name"))
+        first = next(named, None)
+        if first is not None:
+            sprockets[first] = _with_shaft(sprockets[first], shaft)
+    return sprockets
+
+
+def _with_shaft(sprocket: Any, shaft: Any) -> Any:
+    """A sprocket with what its shaft has."""
+    own = {key: value for key in ("prescribed", "load", "inertia") if (value := get(shaft, key)) is not None}
+    if not isinstance(sprocket, Sprocket):
+        return {**sprocket, **own} if isinstance(sprocket, Mapping) else sprocket
+    if sprocket.inertia is not None and "inertia" in own:
+        own["inertia"] = sprocket.inertia + own["inertia"]
+    return sprocket.model_copy(update=own) if own else sprocket
+
+
+def shafts_given(drive: Any) -> Any:
+    """A drive of several chains with `with_shafts`, after which shafts are names; of one chain, itself."""
+    if not drive.chains:
+        return drive
+    shafts = tuple(Shaft.model_construct(name=shaft.name) for shaft in drive.shafts)
+    return drive.model_copy(update={"sprockets": tuple(with_shafts(drive)), "shafts": shafts})
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Two ways from a shaft to another with unlike ratios.
+
+    Attributes:
+        chains: the names of those that go both ways directly, one where the other way is longer.
+        shafts: that one, and the other.
+        ratios: of the other's speed over the one's, each way.
+        teeth: that the last sprocket would need.
+    """
+
+    chains: tuple[str, ...]
+    shafts: tuple[str, str]
+    ratios: tuple[Fraction, Fraction]
+    teeth: Fraction
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """Order in which motion goes through the chains.
+
+    Attributes:
+        speeds: of each shaft that the driver turns, over the driver's, (a).
+        leaders: of each chain that is turned, the index of the sprocket that leads it; in order.
+        contradictions: none, in a drive that is allowed.
+    """
+
+    speeds: dict[str, Fraction]
+    leaders: dict[str, int]
+    contradictions: tuple[Contradiction, ...]
+
+
+def transmission_of(sprockets: Sequence[Any]) -> Transmission:
+    """The transmission of sprockets whose chains, shafts and teeth are sound, from the first that is prescribed."""
+    chains = dict.fromkeys(get(sprocket, "chain") for sprocket in sprockets)
+    moved = {shaft_of(s) for s in sprockets if get(s, "prescribed") is not None}
+    first = next(s for s in sprockets if get(s, "prescribed") is not None)
+    speeds, leaders, wrong = {shaft_of(first): Fraction(1)}, dict[str, int](), list[Contradiction]()
+    while len(leaders) < len(chains):
+        led = _next(sprockets, [chain for chain in chains if chain not in leaders], (moved, set(speeds)))
+        if led is None:
+            break
+        chain, leader = led
+        leaders[chain] = leader
+        begin, teeth = shaft_of(sprockets[leader]), get(sprockets[leader], "teeth")
+        speeds.setdefault(begin, Fraction(1))
+        for sprocket in (s for s in sprockets if get(s, "chain") == chain and shaft_of(s) != begin):
+            end, ratio = shaft_of(sprocket), Fraction(teeth, get(sprocket, "teeth"))
+            if end in speeds and speeds[end] != speeds[begin] * ratio and end not in moved:
+                known = speeds[end] / speeds[begin]
+                pair = {shaft_of(s) for s in sprockets if get(s, "chain") == chain} & {begin, end}
+                before = [c for c in leaders if c != chain and pair <= _shafts(sprockets, c)]
+                names = (*before[:1], chain)
+                wrong.append(Contradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))
+            speeds.setdefault(end, speeds[begin] * ratio)
+    return Transmission(speeds, leaders, tuple(wrong))
+
+
+def _shafts(sprockets: Sequence[Any], chain: str) -> set[str]:
+    return {shaft_of(s) for s in sprockets if get(s, "chain") == chain}
+
+
+def _next(sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]]) -> tuple[str, int] | None:
+    """The next chain that is turned, and by which sprocket; shafts of the first of `ways` come first."""
+    for turning in ways:
+        for chain in todo:
+            for s, sprocket in enumerate(sprockets):
+                if get(sprocket, "chain") == chain and shaft_of(sprocket) in turning:
+                    return chain, s
+    return None

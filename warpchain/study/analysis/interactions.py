@@ -1,0 +1,104 @@
+"""Interactions of factors: the part of a metric that the product of two takes up beyond each alone.
+
+To a fit of each factor alone, by its value and its square or by its words, the products of two factors' values (of
+words, of each pair of them) are added. Of R rows, with q products, p terms in all and residual squares S_0 and S_1,
+
+    E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)),                                          (a)
+
+S the squares about the mean: E is the part of the variance, and F has q and R - p degrees of freedom by chance
+(Montgomery 2017, 10.4). As many pairs are looked at, chances are multiplied by their number (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.study.analysis.pure_error import CONFIDENCE
+from warpchain.study.results import Array, Results
+
+
+@dataclass(frozen=True)
+class Interaction:
+    """Two factors that act together on a metric.
+
+    Attributes:
+        first, second: names of the factors.
+        explained: part of the metric's variance that their products take up [-], E of (a).
+        chance: probability that chance alone explains so large a part in one of all pairs.
+    """
+
+    first: str
+    second: str
+    explained: float
+    chance: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is beyond chance."""
+        return self.chance < 1.0 - CONFIDENCE
+
+    def __str__(self) -> str:
+        return f"{self.first} and {self.second} act together: {100.0 * self.explained:.0f} % of the variance"
+
+
+def interactions(results: Results, metric: str) -> list[Interaction]:
+    """Interactions of all pairs of factors, (a), the largest first; none where rows are too few.
+
+    Raises:
+        StudyError: an unknown metric.
+    """
+    from scipy.special import fdtrc
+
+    tied = results.ties()
+    factors = [name for name in results.factors if name not in tied]
+    rows = results.rows_for(metric, factors)
+    alone = {name: terms for name in factors if (terms := _terms(results, name, rows)).shape[1]}
+    y = results.values(metric)[rows]
+    base = np.hstack([np.ones((len(y), 1)), *(_with_square(terms) for terms in alone.values())])
+    if len(y) <= base.shape[1] or not np.ptp(y) > 0.0:
+        return []
+    basis = _basis(base)
+    left = y - basis @ (basis.T @ y)
+    whole, before = float(((y - y.mean()) ** 2).sum()), float(left @ left)
+    pairs = list(combinations(alone, 2))
+    found = []
+    for first, second in pairs:
+        products = (alone[first][:, :, None] * alone[second][:, None, :]).reshape(len(y), -1)
+        more = _basis(products - basis @ (basis.T @ products), np.linalg.norm(products, axis=0).max())
+        count, freedom = more.shape[1], len(y) - basis.shape[1] - more.shape[1]
+        if not count or freedom < 1:
+            continue
+        taken = float(((more.T @ left) ** 2).sum())
+        ratio = taken / count / (before - taken) * freedom if before > taken else float("inf")
+        chance = min(1.0, len(pairs) * float(fdtrc(count, freedom, ratio)))
+        found.append(Interaction(first, second, taken / whole, chance))
+    return sorted(found, key=lambda one: -one.explained)
+
+
+def _terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
+    """A factor's terms (R, p) of mean 0 and deviation 1: its value, or one for each word but the first."""
+    if results.numeric(name):
+        of = results.values(name)[rows][:, None]
+    else:
+        words = np.array(results.labels(name))[rows]
+        of = (words[:, None] == np.unique(words)[1:]).astype(float)
+    of = of - of.mean(axis=0)
+    deviation = of.std(axis=0)
+    varies = deviation > 1e-12 * np.abs(of).max(axis=0, initial=0.0)
+    return np.asarray(of[:, varies] / deviation[varies])
+
+
+def _with_square(terms: Array) -> Array:
+    """The terms, with the square of a factor of one."""
+    return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
+
+
+def _basis(terms: Array, size: float | None = None) -> Array:
+    """Orthonormal columns (R, p) that span the terms, without those that are round-off beside `size`."""
+    columns, values, _ = np.linalg.svd(terms, full_matrices=False)
+    least = 1e-9 * (size if size is not None else values.max(initial=0.0))
+    return np.asarray(columns[:, values > least])
