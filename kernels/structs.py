@@ -947,7 +947,7 @@ PAIRS = {
     Cam: (),
     Mount: ("home", "offset", "amplitude", "frequency", "phase"),
     Hub: ("lever",),
-    Arm: (),
+    Arm: ("lever",),
     Piece: ("start", "direction"),
     Valve: (),
     Tensioner: ("point", "home", "direction"),

@@ -9,7 +9,7 @@ import chains
 import numpy as np
 import pytest
 import warp as wp
-from drives import timing, two_sprockets
+from drives import jointed_blade, timing, two_sprockets
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
@@ -295,6 +295,34 @@ def swung_trains():
 
 def swung_light():
     return swung(**LIGHT)
+
+
+def segments():
+    """A blade of two segments, and one whose upper pivot is led and whose lower segment leans on a stop."""
+    drive = Drive(**jointed_blade()).with_values({"run.step": 1.6e-6})
+    # no knot at a step, where float32 may take the cell before it: accelerations jump there
+    led = {"time": [0.0, 2.003e-4, 4.007e-4], "x": [0.0, 1e-5, -1e-5], "y": [0.0, -2e-5, 1e-5]}
+    return [drive, drive.with_values({"arms.upper.pivot_table": led, "arms.lower.stops": [-5.0, -0.1]})]
+
+
+def segments_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in segments()]
+
+
+def folded():
+    """Those idlers on an arm that hangs on one that comes after it."""
+    base = {"name": "base", "pivot": [0.0, -0.2], "mass": 1.0, "center": [0.02, -0.15], "inertia": 0.02}
+    base |= {"stiffness": 400.0, "free_angle": 10.0, "damping": 1.0}
+    return [drive.with_values({"arms": [drive.arms[0].model_dump(exclude_none=True) | {"arm": "base"}, base]})
+            for drive in swung()]  # fmt: skip
+
+
+def folded_light():
+    return [drive.with_values(LIGHT) for drive in folded()]
+
+
+def unjoined_folded():
+    return [chains.twice(drive) for drive in folded()]
 
 
 def swung_rk4():

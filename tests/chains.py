@@ -117,7 +117,9 @@ def twice(drive):
     of = {"chains": [], "sprockets": [], "arms": []}
     for name in "ab":
         of["chains"].append(chain | {"name": name, "plane": f"of {name}"})
-        of["arms"] += [arm | {"name": f"{name} {arm['name']}"} for arm in arms]
+        for arm in arms:
+            on = {"arm": f"{name} {arm['arm']}"} if "arm" in arm else {}
+            of["arms"].append(arm | on | {"name": f"{name} {arm['name']}"})
         for sprocket in sprockets:
             more = {"name": f"{name} {sprocket['name']}", "chain": name}
             if "arm" in sprocket["mount"]:

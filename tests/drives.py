@@ -91,6 +91,25 @@ SPRUNG = SPRUNG.replace("links = 96", "links = 92")
 """The same with a torsion spring in the arm in place of tensioner and stops."""
 
 
+UPPER = {"name": "upper", "pivot": [-0.055, 0.25], "mass": 0.05, "center": [-0.05, 0.2], "inertia": 3e-4,
+         "stiffness": 20.0, "free_angle": 8.0, "damping": 0.05}  # fmt: skip
+LOWER = {"name": "lower", "arm": "upper", "pivot": [-0.042, 0.15], "mass": 0.04, "center": [-0.045, 0.1],
+         "inertia": 2e-4, "stiffness": 8.0, "free_angle": 6.0, "damping": 0.02}  # fmt: skip
+
+
+def jointed_blade():
+    """The values of two sprockets, a fixed rail, and the slack strand on a blade of two segments."""
+    found = tomllib.loads(SPRUNG)
+    blade = found["guides"][0]
+    first = blade | {
+        "name": "upper blade",
+        "points": [[-0.050, 0.24], [-0.040, 0.195], [-0.034, 0.155]],
+        "arm": "upper",
+    }
+    last = blade | {"name": "lower blade", "points": [[-0.0335, 0.145], [-0.038, 0.10], [-0.047, 0.05]], "arm": "lower"}
+    return found | {"guides": [first, last, found["guides"][1]], "arms": [UPPER, LOWER]}
+
+
 def marine_values():
     """The marine drive as plain values."""
     return tomllib.loads(MARINE.read_text())

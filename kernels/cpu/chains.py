@@ -20,7 +20,7 @@ from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
 from .rollers import passes
-from .steps import evaluating, hanging, loading, moving, stepping
+from .steps import evaluating, hanging, is_predicted, loading, moving, stepping
 
 
 @cache
@@ -93,13 +93,15 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
             find_rates(ensemble, state, ensemble.drives[r], PREDICTING, time)
         join_all(ensemble, state, variant, rings, time)
         begin, count = ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings)
-        for b in range(begin, begin + count):
-            if ensemble.mounts[b].active == 0 and ensemble.motions[b].prescribed == 0:
-                expected, wrench = state.poses[b].angular, state.wrenches[b]
-                wrench.yielding = yielding_of(ensemble, state, begin, count, b)
-                angular = solved(expected, state.rates[b][2], wrench, ensemble.motions[b])
-                state.bodies[b].angular = angular
-                state.poses[b].angular = angular
+        for r in range(variant, variant + rings):
+            drive = ensemble.drives[r]
+            for b in range(drive.first_body, drive.first_body + drive.bodies):
+                if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
+                    expected, wrench = state.poses[b].angular, state.wrenches[b]
+                    wrench.yielding = yielding_of(ensemble, state, begin, count, b)
+                    angular = solved(expected, state.rates[b][2], wrench, ensemble.motions[b])
+                    state.bodies[b].angular = angular
+                    state.poses[b].angular = angular
         for r in range(variant, variant + rings):
             follow(ensemble, state, ensemble.drives[r])
 

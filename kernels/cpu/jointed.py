@@ -7,8 +7,8 @@ import warp as wp
 
 from ..physics.body import heading_of, joint_moment, mass_moment_now, pose_of
 from ..physics.guide import from_frame
-from ..physics.hub import against, moment_of
-from ..physics.mount import left
+from ..physics.hub import against, eliminated, hanging_on, joint_terms
+from ..physics.hub import joint_energy as energy_of
 from ..structs import Arm, BodyState, Drive, types
 
 
@@ -21,8 +21,8 @@ def carrier_of(drive: Drive, on: int):
 @wp.func
 def joint_energy(body: BodyState, carrier: BodyState, arm: Arm):
     """Kinetic energy [J] that an arm has as its pivot goes along with the arm that carries it."""
-    velocity = carrier.velocity + carrier.speed * left(from_frame(arm.lever, pose_of(carrier)))
-    return body.speed * wp.dot(left(mass_moment_now(heading_of(body), arm)), velocity)
+    lever = from_frame(arm.lever, pose_of(carrier))
+    return energy_of(body.speed, mass_moment_now(heading_of(body), arm), lever, carrier)
 
 
 @cache
@@ -52,19 +52,15 @@ def jointed(Real: type) -> SimpleNamespace:
 
     @wp.func
     def of_joint(ensemble: Ensemble, state: State, drive: Drive, k: int, lag: wp.float64):
-        """d.s [kg m^2], the right side of the second line and the last term of the first [N m], (b) of arm `k`, and
-        1 / I_2.
-        """
+        """The terms of arm `k` in (b), and 1 / I_2."""
         arm = ensemble.arms[drive.first_arm + k]
         b, on = drive.first_body + drive.bodies - drive.arms + k, carrier_of(drive, arm.on)
         own, carrier = state.bodies[b], state.bodies[on]
         lever, s = from_frame(arm.lever, pose_of(carrier)), mass_moment_now(heading_of(own), arm)
-        across = moment_of(lever, s)
         w1, w2 = carrier.speed + lag * carrier.angular, own.speed + lag * own.angular
         led = wp.vec2d(state.rates[on][0], state.rates[on][1])
         inverse = wp.float64(ensemble.motions[b].inverse_inertia)
-        right = state.rates[b][2] / inverse - w1 * w1 * across - moment_of(s, led)
-        return wp.vec4d(wp.dot(lever, s), right, w2 * w2 * across, inverse)
+        return joint_terms(lever, s, w1, w2, led, state.rates[b][2] / inverse), inverse
 
     @wp.func
     def couple(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
@@ -75,15 +71,14 @@ def jointed(Real: type) -> SimpleNamespace:
         moment = inertia * rates[2]
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == a + 1:
-                joint = of_joint(ensemble, state, drive, k, lag)
-                moment = moment + joint[2] - joint[0] * joint[3] * joint[1]
-                inertia = inertia - joint[0] * joint[0] * joint[3]
+                terms, inverse = of_joint(ensemble, state, drive, k, lag)
+                moment, inertia = eliminated(moment, inertia, terms, inverse)
         rates[2] = moment / inertia
         for m in range(drive.arms):
             if ensemble.arms[drive.first_arm + m].on == a + 1:
-                of = of_joint(ensemble, state, drive, m, lag)
+                of, over = of_joint(ensemble, state, drive, m, lag)
                 turning = state.rates[first + m]
-                turning[2] = of[3] * (of[1] - of[0] * rates[2])
+                turning[2] = hanging_on(rates[2], of, over)
                 state.rates[first + m] = turning
                 state.rates[first + a] = rates
 

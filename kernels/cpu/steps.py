@@ -27,7 +27,7 @@ from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..physics.valve import constant_moment, geared, valve_load, with_valves
-from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Now, Wrench, types
+from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Motion, Mount, Now, Wrench, types
 from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .jointed import carrier_of, jointed
@@ -41,6 +41,14 @@ def arm_of(drive: Drive, b: int):
     """Which arm of all body `b` of all is; negative for other bodies."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
+
+
+@wp.func
+def is_predicted(drive: Drive, b: int, motion: Motion, mount: Mount):
+    """Whether contacts are to expect of body `b` of all, so driven and held, the acceleration that `solved` gives."""
+    arm = arm_of(drive, b)
+    free = motion.prescribed == 0 and not (arm >= 0 and drive.jointed != 0)
+    return free and (mount.active == 0 or arm >= 0)
 
 
 @cache
@@ -447,9 +455,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if drive.tied != 0:
             pass_on(ensemble, state, drive, PREDICTING, memory.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            arm = arm_of(drive, b)
-            free = ensemble.motions[b].prescribed == 0 and not (arm >= 0 and drive.jointed != 0)
-            if free and (ensemble.mounts[b].active == 0 or arm >= 0):
+            if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
                 rates = rates_of(ensemble, state, drive, b, memory.time)
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])

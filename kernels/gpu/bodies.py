@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
+from ..native import accessors
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned,
@@ -45,7 +46,7 @@ from .geometry import contact_geometry
 from .kind import END, ENDS, START, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
-from .shared_memory import COURSE
+from .shared_memory import ANGULAR, COURSE, OF_AN_ARM
 from .sync import lanes, sync
 
 
@@ -203,6 +204,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
+    load_row = accessors(kind.Real).load_row
     of, led_at, body_of = contact_geometry(kind), prescribed_motion(kind).led_at, block_rings(kind).body_of
 
     @wp.func
@@ -250,6 +252,11 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
                 hub = shared.hubs[b]
                 if hub.arm != GROUND:
                     of.put_pose(shared, b, carried_by(shared.poses[b], shared.poses[hub.arm], hub))
+
+    @wp.func
+    def of_joints(shared: Shared, a: int, k: int):
+        """Value k that arm `a` shares where arms carry arms."""
+        return load_row(shared.joints, a * wp.static(OF_AN_ARM) + k)
 
     @wp.func
     def start_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
@@ -372,6 +379,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     of, access, motions = contact_geometry(kind), body_access(kind), prescribed_motion(kind)
     vec2, gathered, yielding_together = kinds.vec2, gathering(kind).gathered, gathering(kind).yielding_together
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
+    of_joints, of_three = access.of_joints, wp.types.vector(3, Real)
     # a load is found ahead by threads that else would wait for the contacts of others
     loading_ahead = (
         not staged and not kind.parts.tied and (kind.shape.body_warp or (kind.shape.threads > WARP and not kind.paired))
@@ -423,6 +431,9 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
                 load = own_moment(in_plain(state_of(pose)), heading(pose), arm)
+                if wp.static(kind.parts.jointed):
+                    if ensemble.drives[mine.row].jointed != 0:
+                        load = pose.load  # as `jointed.couple` has found it
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
@@ -443,11 +454,27 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             shared.poses[mine.body].load = load_on(ensemble, shared, mine, rounded, time, pose)
 
     @wp.func
+    def hangs(ensemble: Ensemble, mine: Mine):
+        """Whether the thread's body is an arm of a chain with arms on arms."""
+        if wp.static(kind.parts.jointed):
+            return mine.arm >= 0 and ensemble.drives[mine.row].jointed != 0
+        else:
+            return False
+
+    @wp.func
+    def joined(shared: Shared, mine: Mine, rates: of_three):
+        """Accelerations of the thread's body, those of an arm with the arms beside it (`jointed.couple`)."""
+        if wp.static(kind.parts.jointed):
+            if mine.arm >= 0:
+                rates[2] = of_joints(shared, mine.arm, ANGULAR)
+        return rates
+
+    @wp.func
     def predict_rates(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
         pose, motion = shared.poses[mine.body], shared.motions[mine.body]
         mount = mount_of(shared, mine.body)
-        if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0):
+        if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0) and not hangs(ensemble, mine):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
             by = turning(ensemble, shared, mine, now, with_bearing(wrench))
             body, apart = state_of(pose), off(pose, mount)
@@ -482,6 +509,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
+        rates = joined(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
         seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
         if now.going != 0:
@@ -509,6 +537,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             place = ensemble.drives[mine.row].first_body + mine.number
             by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
+            rates = joined(shared, mine, rates)
             moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
             state.body_stages[place] = stages
             of.put_pose(shared, b, aligned(posed(pose, moved)))

@@ -59,6 +59,7 @@ def block_types(Real: type) -> SimpleNamespace:
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
         turning: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
+        joints: wp.array[Real]  # (arms, `shared_memory.OF_AN_ARM`), where arms carry arms: what acts between them
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
         led_speed: wp.array[Real]
         teeth: wp.array[kinds.Sprocket]  # (S,)
@@ -148,8 +149,8 @@ class BlockShape:
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
     bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub, cams lift valves
-    (`structs.Drive.light`, `tied`, `hubs`, `valves`), and where supplies of tensioners are tabulated. Of several
-    chains, `rings`, all others are of all of them, which are tied.
+    (`structs.Drive.light`, `tied`, `hubs`, `valves`), and where supplies of tensioners are tabulated; `hubs` is 2 where
+    arms carry arms. Of several chains, `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -170,6 +171,11 @@ class Parts:
     def mounted(self) -> int:
         """Bodies whose angle may be prescribed: sprockets and others, which stand before the arms."""
         return self.sprockets + self.others
+
+    @property
+    def jointed(self) -> bool:
+        """Whether arms carry arms."""
+        return self.hubs == 2
 
     @property
     def bodies(self) -> int:

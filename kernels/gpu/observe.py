@@ -43,7 +43,7 @@ from .kind import START, WARP, BlockKind, Mine
 from .links import link_forces
 from .rings import block_rings
 from .rollers import roller_rows
-from .shared_memory import STRAND_WORD, extremes, rubbed, seen_rows, strand_bits, strand_words
+from .shared_memory import ENERGY, MOMENT, STRAND_WORD, TURNED, extremes, rubbed, seen_rows, strand_bits, strand_words
 from .sync import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
 
@@ -270,7 +270,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
     Real, sprockets, moving, paired = kind.Real, kind.parts.sprockets, kind.moving, kind.paired
     kinds, Now, steps = kind.types, kind.types.Now, body_steps(kind)
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
-    vec2, heading = kinds.vec2, body_access(kind).heading
+    vec2, heading, of_joints = kinds.vec2, body_access(kind).heading, body_access(kind).of_joints
 
     @wp.func
     def heading_seen(pose: Pose, seen: kinds.Instant):
@@ -324,20 +324,37 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
                 whole.load = own_moment(seen, to, arm)
+                if wp.static(kind.parts.jointed):
+                    whole.load = whole.load + of_joints(shared, mine.arm, MOMENT)
                 acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
                 held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble.curves)
                 led = pivot_power(power, seen, arm)
         return led
 
     @wp.func
+    def as_its_spring(shared: Shared, mine: Mine, seen: kinds.Instant):
+        """The thread's arm, which is `seen` there, as its spring sees it turn."""
+        if wp.static(kind.parts.jointed):
+            seen.angle = of_joints(shared, mine.arm, TURNED)
+            seen.speed = of_joints(shared, mine.arm, TURNED + 1)
+        return seen
+
+    @wp.func
     def observe_arm(
-        ensemble: Ensemble, sums: kinds.Sums, mine: Mine, now: Now, seen: kinds.Instant, moment: Real, led: Real
+        ensemble: Ensemble,
+        sums: kinds.Sums,
+        shared: Shared,
+        mine: Mine,
+        now: Now,
+        seen: kinds.Instant,
+        moment: Real,
+        led: Real,
     ):
         """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `led` the power
         of what leads its pivot [W].
         """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
-        power = arm_dissipation(seen, ensemble.arms[at])
+        power = arm_dissipation(as_its_spring(shared, mine, seen), ensemble.arms[at])
         sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, led, now.weight)
 
     @wp.func
@@ -351,7 +368,10 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         energy = body_energy(steps.off(before, mount), seen, to, motion, mount)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
-                energy = arm_energy(energy, seen, to, ensemble.arms[drive.first_arm + mine.arm])
+                if wp.static(kind.parts.jointed):
+                    energy = energy + of_joints(shared, mine.arm, ENERGY)
+                turned = as_its_spring(shared, mine, seen)
+                energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
                 energy = own_energy(energy, seen.speed, ensemble.ties[at], motion)

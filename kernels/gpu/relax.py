@@ -12,6 +12,7 @@ from .bodies import block_tensioners, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .geometry import contact_geometry
+from .jointed import block_jointed
 from .kind import BlockKind, Mine, mine_of
 from .links import link_forces
 from .near import near_partners
@@ -31,6 +32,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, forces, partners, wrenches = roller_rows(kind), contact_forces(kind), near_partners(kind), wrench_parts(kind)
     of, bodies, steps, tensioners = contact_geometry(kind), body_access(kind), body_steps(kind), block_tensioners(kind)
+    joints = block_jointed(kind)
     barrier, warp_sum, warp_max = sync(kind).barrier, sync(kind).warp_sum, sync(kind).warp_max
     shared_of, lengths_of = shared_arrays(kind), view(Real)
     pull, acceleration, velocity = link_forces(kind).pull, row.acceleration, row.velocity
@@ -69,7 +71,11 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
             wrench = tensioners.pushed(ensemble, state, mine, 0, pose, wrench)
-        load = steps.load_on(ensemble, shared, mine, wp.float64(0.0), wp.float64(0.0), pose)
+        load = wp.float64(0.0)
+        if wp.static(kind.parts.jointed):
+            load = joints.load_on(ensemble, shared, mine)
+        else:
+            load = steps.load_on(ensemble, shared, mine, load, load, pose)
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
 
     @wp.func
@@ -179,9 +185,11 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             angular = wp.float64(0.0)
             if wp.static(kind.parts.arms > 0):
                 moment = wrenches.moment_on(shared, i)
-                wrench = wrenches.wrench_of(wrenches.acting_on(shared, i, moment, 0))
+                acting = joints.hang(ensemble, shared, mine, wrenches.acting_on(shared, i, moment, 0))
                 if mine.arm >= 0:
-                    angular = rest_arm(ensemble, state, shared, mine, wrench)
+                    angular = rest_arm(ensemble, state, shared, mine, wrenches.wrench_of(acting))
+                if wp.static(kind.parts.jointed):
+                    barrier()  # others see where the arm was
             restart = int(0)
             if now.steps % ENERGY_EVERY == 0:
                 energy, residual = energy_and_residual(ensemble, shared, mine, tension, angular)
@@ -193,6 +201,9 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 if wp.static(kind.parts.arms > 0):
                     if mine.arm >= 0:
                         turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
+                if wp.static(kind.parts.jointed):
+                    barrier()
+                    joints.carry(ensemble, shared, mine, 1)
                 if wp.static(kind.parts.hubs > 0):
                     barrier()
                     bodies.carry(shared, mine.body)

@@ -26,6 +26,15 @@ ORDERED = 512
 OF_A_THREAD = 4
 """Bytes that Warp takes of what a launch asks for, for each thread of a block."""
 
+OF_AN_ARM = 10
+"""Values that each arm shares where arms carry arms (`jointed`):"""
+FORCE = wp.constant(0)  # of contacts on it (x, y) [N],
+RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its angle, as if nothing hung on it,
+ANGULAR = wp.constant(5)  # that of its angle [rad/s^2],
+MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],
+TURNED = wp.constant(7)  # angle [rad] and angular velocity [rad/s] at the step's instant, as its own spring sees them,
+ENERGY = wp.constant(9)  # and `hub.joint_energy` [J]
+
 STRAND_WORD = 32
 """Bits of the numbers that say on which strands links are."""
 
@@ -102,9 +111,10 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "passed": kind.parts.bodies * (kind.parts.tied + several * kind.parts.light),
         "cams": kind.parts.bodies * kind.parts.valves,
         "mounts": kind.parts.bodies * kind.moving,
-        "hubs": sprockets * kind.parts.hubs,
-        "bearings": sprockets * kind.parts.hubs,
-        "turning": kind.parts.bodies * kind.parts.hubs,
+        "hubs": sprockets * (kind.parts.hubs > 0),
+        "bearings": sprockets * (kind.parts.hubs > 0),
+        "turning": kind.parts.bodies * (kind.parts.hubs > 0),
+        "joints": OF_AN_ARM * kind.parts.arms * kind.parts.jointed,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
@@ -265,6 +275,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.hubs = found.hubs(shared, place)
         shared.bearings = found.bearings(shared, place)
         shared.turning = found.turning(shared, place)
+        shared.joints = found.joints(shared, place)
         shared.led_angle = found.led_angle(shared, place)
         shared.led_speed = found.led_speed(shared, place)
         shared.teeth = found.teeth(shared, place)

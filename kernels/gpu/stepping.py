@@ -12,6 +12,7 @@ from .bodies import block_bearings, block_tensioners, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
+from .jointed import block_jointed
 from .kind import ENDS, EVENT, EXTRA, FRAME, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
@@ -35,7 +36,8 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     of_each, forces, barrier = wp.types.vector(rollers_per_thread, Real), contact_forces(kind), sync(kind).barrier
     row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
-    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_joints(kind)
+    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_jointed(kind)
+    hang, add_friction = joints.hang, block_joints(kind).add_friction
     observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
     bearings, carry = block_bearings(kind), body_access(kind).carry
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
@@ -145,7 +147,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     led = observe.leading_power(ensemble, shared, mine, now, before, seen, whole)
-                    observe.observe_arm(ensemble, out.sums, mine, now, seen, wrench.moment, led)
+                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, wrench.moment, led)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):
@@ -180,12 +182,17 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if mine.body >= 0 and now.stage == 0:
                 tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
             barrier()
-        acting = chain_on(state, shared, mine, now)
+        acting = hang(ensemble, shared, mine, chain_on(state, shared, mine, now))
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):
             tie(ensemble, state, out, shared, mine, now, wrench)
+        if wp.static(kind.parts.jointed):
+            joints.couple(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
             advance_body(ensemble, state, out, shared, mine, now, acting, wrench)
+        if wp.static(kind.parts.jointed):
+            barrier()
+            joints.carry(ensemble, shared, mine, now.going)
         bearings.go_along(shared, mine, now)
 
     @wp.func
@@ -213,7 +220,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
         if wp.static(kind.friction.joints and measuring) and now.measured != 0:
-            joints.add_friction(shared, mine, now)
+            add_friction(shared, mine, now)
 
     return SimpleNamespace(**locals())
 

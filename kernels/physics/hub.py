@@ -56,6 +56,40 @@ def moment_of(lever: Any, force: Any):
 
 
 @wp.func
+def joint_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
+    """d.s [kg m^2], the right side of the second line and the last term of the first [N m] of (b).
+
+    Args:
+        lever, s: d [m] and s [kg m].
+        w1, w2: angular velocities of the carrying and the other arm [rad/s].
+        led: acceleration of the carrying arm's pivot [m/s^2].
+        moment: M_2 [N m].
+    """
+    across = moment_of(lever, s)
+    right = moment - w1 * w1 * across - moment_of(s, led)
+    return wp.vector(wp.dot(lever, s), right, w2 * w2 * across)
+
+
+@wp.func
+def eliminated(moment: Any, inertia: Any, terms: Any, inverse: Any):
+    """Moment [N m] and inertia [kg m^2] of the first line of (b) without the other arm, of `inverse` 1 / I_2."""
+    moment = moment + terms[2] - terms[0] * inverse * terms[1]
+    return moment, inertia - terms[0] * terms[0] * inverse
+
+
+@wp.func
+def hanging_on(angular: Any, terms: Any, inverse: Any):
+    """alpha_2 [rad/s^2] of (b) from alpha_1."""
+    return inverse * (terms[1] - terms[0] * angular)
+
+
+@wp.func
+def joint_energy(speed: Any, s: Any, lever: Any, carrier: Any):
+    """Kinetic energy [J] that an arm of this `speed` has as its pivot goes along with the `carrier`."""
+    return speed * wp.dot(left(s), carrier.velocity + carrier.speed * left(lever))
+
+
+@wp.func
 def bearing_moment(force: Any, turning: Any, held: Any, hub: Any, stretched: Any):
     """Moment -Q [N m] of a bearing on its sprocket, and what the bearing holds from now on.
 

@@ -64,6 +64,16 @@ def test_an_arm_of_one_of_the_chains_of_v6_comes_to_its_angle():
     assert assemble(left).arm_angle[0] == pytest.approx(-0.5 * 0.017453292519943295, abs=1e-6)
 
 
+def test_what_gears_and_couplings_turn_stays_as_it_is():
+    """Beside two chains of one shaft, which has gears: the wheel of one of them moves, a rotor on its coupling."""
+    drive = load_drive(drive_path("balance_shafts"))
+    assert fit_links(drive.with_values({"chains.pump.links": 60}), chain="pump") == drive
+    fitted = fit_position(drive, "pump wheel", (0.3, -1.0), strain=1e-3)
+    assert strains(fitted) == pytest.approx([strains(drive)[0], 1e-3], abs=1e-8)
+    assert (fitted.shafts, fitted.gears, fitted.couplings) == (drive.shafts, drive.gears, drive.couplings)
+    assert fitted.sprockets[:3] == drive.sprockets[:3]
+
+
 def test_the_command_names_the_chain(tmp_path, capsys):
     path = tmp_path / "two.toml"
     save_drive(chains.two_stages().with_values({"chains.second.links": 80}), path)

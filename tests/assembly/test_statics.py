@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from drives import SPRUNG, two_sprockets
+from blocks import folded
+from drives import SPRUNG, jointed_blade, two_sprockets
 from scipy.linalg import eig
 
-from warpchain import Record, load_drive, loads_drive, simulate
+from warpchain import Drive, Record, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
@@ -48,8 +49,35 @@ def test_derivatives_are_those_of_the_energy(changes):
         slope[i] = (after.energy - before.energy) / (2 * d)
         curvature[i] = (after.gradient - before.gradient) / (2 * d)
     assert np.abs(slope - terms.gradient).max() < 1e-4 * np.abs(terms.gradient).max()
-    whole = terms.hessian(np.arange(len(x)), np.ones(len(x)), len(x)).toarray()
+    whole = terms.hessian([(np.arange(len(x)), np.ones(len(x)))], len(x)).toarray()
     assert np.abs(curvature - whole).max() < 1e-4 * np.abs(whole).max()
+    assert np.abs(whole - whole.T).max() < 1e-12 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("drive", [Drive(**jointed_blade()), folded()[0]], ids=["guides", "sprocket"])
+def test_derivatives_by_angles_of_arms_on_arms(drive):
+    """Central differences along what arms carry with them, of a state in which guides and teeth press: as above."""
+    assembly = assemble(drive)
+    potential = Potential(drive, 50.0, load_moments(drive, drive.driver_speed), laid=assembly.sprocket_angle)
+    solver, d = _Solver([potential], [assembly]), 1e-6
+
+    def at(x):
+        potential.carry(x)
+        solver._move_levers(x)
+        terms = solver._terms(x)
+        return terms, terms.slope(solver.maps, solver.count)
+
+    x = _assembled(potential, assembly)
+    x[potential.first_arm : potential.first_pivot] += 0.02
+    x[: 2 * potential.rollers] += np.random.default_rng(0).normal(size=2 * potential.rollers) * 1e-5
+    terms, slope = at(x)
+    whole = terms.hessian(solver.maps, solver.count).toarray()
+    for column in solver.maps[0][0][potential.first_arm : potential.first_pivot]:
+        way = sum(weight * (of == column) for of, weight in solver.maps)
+        (after, up), (before, down) = at(x + d * way), at(x - d * way)
+        at(x)
+        assert (after.energy - before.energy) / (2 * d) == pytest.approx(slope[column], rel=1e-6)
+        assert (up - down) / (2 * d) == pytest.approx(whole[:, column], abs=1e-6 * np.abs(whole[:, column]).max())
     assert np.abs(whole - whole.T).max() < 1e-12 * np.abs(whole).max()
 
 

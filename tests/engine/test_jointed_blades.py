@@ -1,48 +1,23 @@
 """A blade of two segments, arms on arms with a torsion spring between them: balance, settling, energy, pictures."""
 
 import math
-import tomllib
 
 import numpy as np
 import pytest
-from drives import SPRUNG, errors_of
+from drives import LOWER, UPPER, errors_of, jointed_blade
 
-from warpchain import Record, assemble, load_drive, modes, read_archive, simulate
+from warpchain import Record, assemble, load_drive, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
-from warpchain.assembly.statics import at_rest
-from warpchain.assembly.summary import derive
 from warpchain.drive import Drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
-from warpchain.engine.gpu import refusal
-from warpchain.engine.pack import pack
-from warpchain.errors import SimulationError
 from warpchain.results.scene import parts_at, pose_at_frame
-from warpchain.results.schedule import Schedule
 from warpchain.view.rerun import view
-
-UPPER = {"name": "upper", "pivot": [-0.055, 0.25], "mass": 0.05, "center": [-0.05, 0.2], "inertia": 3e-4,
-         "stiffness": 20.0, "free_angle": 8.0, "damping": 0.05}  # fmt: skip
-LOWER = {"name": "lower", "arm": "upper", "pivot": [-0.042, 0.15], "mass": 0.04, "center": [-0.045, 0.1],
-         "inertia": 2e-4, "stiffness": 8.0, "free_angle": 6.0, "damping": 0.02}  # fmt: skip
-
-
-def values():
-    """Two sprockets, a fixed rail, and the slack strand on a blade of two segments."""
-    found = tomllib.loads(SPRUNG)
-    blade = found["guides"][0]
-    first = blade | {
-        "name": "upper blade",
-        "points": [[-0.050, 0.24], [-0.040, 0.195], [-0.034, 0.155]],
-        "arm": "upper",
-    }
-    last = blade | {"name": "lower blade", "points": [[-0.0335, 0.145], [-0.038, 0.10], [-0.047, 0.05]], "arm": "lower"}
-    return found | {"guides": [first, last, found["guides"][1]], "arms": [UPPER, LOWER]}
 
 
 def blade(**changed):
-    return Drive(**values()).with_values(changed)
+    return Drive(**jointed_blade()).with_values(changed)
 
 
 def length(drive, angles):
@@ -118,17 +93,6 @@ def test_archive_and_pictures_hold_the_joint(tmp_path):
     assert (tmp_path / "a.rrd").stat().st_size > 10_000
 
 
-def test_where_arms_on_arms_are_not_yet_taken():
-    drive = blade()
-    assert at_rest(drive).failure == derive(drive)["tensions_estimated"] == "not sought for arms that hang on arms"
-    with pytest.raises(
-        SimulationError, match="the state that modes are about is not sought for arms that hang on arms"
-    ):
-        modes(drive)
-    packed = pack([drive], [Schedule(1e-6, 10, 2, 2, 0)])
-    assert refusal(packed) == 'drives whose arms hang on arms are stepped on the CPU only; use device="cpu"'
-
-
 @pytest.mark.parametrize(
     ("changed", "error"),
     [
@@ -141,13 +105,13 @@ def test_where_arms_on_arms_are_not_yet_taken():
     ],
 )
 def test_arms_that_hang_wrongly_are_refused(changed, error):
-    found = values()
+    found = jointed_blade()
     found["arms"][1] = LOWER | changed
     assert errors_of(found) == (error,)
 
 
 def test_rows_and_circles_of_arms_are_refused():
-    found = values()
+    found = jointed_blade()
     found["arms"] = [UPPER, LOWER, LOWER | {"name": "third", "arm": "lower"}]
     assert errors_of(found) == (
         'arms.third.arm = "lower": hangs on "upper" itself; at most two arms may stand in a row',
@@ -158,7 +122,7 @@ def test_rows_and_circles_of_arms_are_refused():
 
 
 def test_a_tensioner_does_not_push_an_arm_on_an_arm():
-    found = values()
+    found = jointed_blade()
     push = {"name": "push", "on": "lower", "at": [-0.055, 0.1], "direction": [1.0, 0.0], "kind": "spring"}
     found["tensioners"] = [push | {"spring": {"stiffness": 100.0}}]
     assert errors_of(found) == ('tensioners.push.on = "lower": must not hang on another arm, as it does on "upper"',)

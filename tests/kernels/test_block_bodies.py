@@ -7,6 +7,8 @@ from blocks import (
     assert_steps_of_the_cpu,
     bending_rk4,
     fed,
+    folded,
+    folded_light,
     gear_changes,
     gear_changes_rk4,
     led,
@@ -18,6 +20,8 @@ from blocks import (
     rk4,
     rubbing_on_moving_sprockets,
     rubbing_rk4,
+    segments,
+    segments_rk4,
     swung,
     swung_light,
     swung_rk4,
@@ -59,6 +63,10 @@ LONG = [
     (valves_rk4, False, "float64"),
     (fed, False, "float64"),
     (fed, True, "float32"),
+    (segments, True, "float64"),
+    (segments_rk4, True, "float32"),
+    (folded, False, "float64"),
+    (folded_light, False, "float32"),
 ]
 
 

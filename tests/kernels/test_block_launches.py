@@ -11,6 +11,7 @@ from blocks import (
     arms_rk4,
     bending_rk4,
     equal_sprockets,
+    folded,
     kind_of,
     large,
     marine,
@@ -143,9 +144,10 @@ def test_block_kernel_settles_an_arm(fibers):
     np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
 
 
-def test_block_kernel_settles_an_arm_with_its_sprocket(fibers):
-    # as above; the sprocket's center goes with the arm, to the tolerance of that
-    drive = load_drive(drive_path("swing_idler"))
+@pytest.mark.parametrize("hubs", [1, 2], ids=["alone", "on another arm"])
+def test_block_kernel_settles_an_arm_with_its_sprocket(fibers, hubs):
+    # as above; the sprocket's center goes with the arm, to the tolerance of that, and the arm with one that carries it
+    drive = load_drive(drive_path("swing_idler")) if hubs == 1 else folded()[0]
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     cushion(packed)
     quickened(packed, stacks_of([drive]))
@@ -153,17 +155,18 @@ def test_block_kernel_settles_an_arm_with_its_sprocket(fibers):
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
-    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 0, arms=1, hubs=1), moving=True)
+    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 0, arms=hubs, hubs=hubs), moving=True)
     inputs = [ensemble, state, tallies, settling, order, 20_000]
     wp.launch(block_relax_kernel(kind, 4), dim=160, inputs=inputs, block_dim=160, device="cpu")
     assert settling.numpy()["settled"][0] == serial.settling()["settled"][0] == 1
     ours, theirs, before = state.bodies.numpy(), serial.bodies(), packed.bodies
     np.testing.assert_allclose(ours["angle"], theirs["angle"], atol=1e-4)
     np.testing.assert_allclose(ours["center"], theirs["center"], atol=2e-5)
-    lever, angle = packed.hubs["lever"][1], float(ours["angle"][3])
-    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ lever
-    np.testing.assert_allclose(ours["center"][1], drive.arms[0].pivot + turned, atol=1e-12)
-    assert abs(ours["angle"][3] - before["angle"][3]) > 1e-4
+    for b, on, lever in [(1, 3, packed.hubs["lever"][1]), (3, 4, packed.arms["lever"][0])][:hubs]:
+        angle = float(ours["angle"][on])
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ lever
+        np.testing.assert_allclose(ours["center"][b], ours["center"][on] + turned, atol=1e-12)
+        assert abs(ours["angle"][on] - before["angle"][on]) > 1e-4
 
 
 class Blocks:

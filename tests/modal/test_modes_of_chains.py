@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import CONTACT, chain, run, side_by_side, span, sprocket, two_stages
+from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
 
 from warpchain import loads_drive
 from warpchain.assembly.frequencies import orders
@@ -67,6 +67,52 @@ def test_torsion_of_three_shafts_on_two_chains():
     assert (turning[own] > 0.95).all()
     # both sprockets and the shaft between the chains turn as one
     assert found.bodies[own][:, [1, 2], 2] == pytest.approx(found.bodies[own][:, [4, 4], 2], rel=1e-12)
+
+
+FLYWHEEL = """
+[[shafts]]
+name = "flywheel"
+inertia = 1600.0
+[[gears]]
+name = "pair"
+between = ["middle", "flywheel"]
+teeth = [20, 40]
+module = 0.004
+"""
+"""Turns half as fast as the shaft between the chains."""
+
+
+def test_a_geared_inertia_is_a_fourth_of_it_on_the_shaft():
+    # differences of forces over small steps have eight digits, of which a mode that hardly turns shows fewer
+    geared, plain = modes(plus(three_shafts((1600.0, 1500.0)), FLYWHEEL), 30), modes(three_shafts((2000.0, 1500.0)), 30)
+    assert geared.eigenvalue == pytest.approx(plain.eigenvalue, rel=1e-5)
+    turned = [drive.bodies[:, 1, 2] for drive in (geared, plain)]
+    assert np.abs(turned[0]) == pytest.approx(np.abs(turned[1]), abs=1e-3 * np.abs(turned[1]).max())
+    flywheel = len(geared.drive.sprockets) + [shaft.name for shaft in geared.drive.shafts].index("flywheel")
+    assert geared.bodies[:, flywheel, 2] == pytest.approx(-0.5 * geared.bodies[:, 1, 2], rel=1e-9, abs=1e-15)
+
+
+def test_torsion_of_a_wheel_on_a_coupling_behind_two_chains():
+    # as of three shafts, with a fourth on the coupling's spring
+    drive = plus(
+        three_shafts((2000.0, 1500.0)),
+        '[[shafts]]\nname = "wheel"\ninertia = 800.0\n[[couplings]]\nname = "soft"\nbetween = ["out", "wheel"]\n'
+        "stiffness = 3e5\n",
+    )
+    radii = [p / (2.0 * math.sin(math.pi / z)) for p, z in ((0.05, 40), (0.04, 30))]
+    strands = strand(5e7, 20, 40), strand(3e7, 24, 30)
+    first, second = (2.0 * r * r * own for r, own in zip(radii, strands, strict=True))
+    springs = [(None, 0, first), (0, 1, second), (1, 2, 3e5)]
+    stiffness = np.zeros((3, 3))
+    for a, b, k in springs:
+        at = [b] if a is None else [a, b]
+        stiffness[np.ix_(at, at)] += k * (np.array([[1.0]]) if a is None else np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    square = np.linalg.eigvals(np.diag(1.0 / np.array([2000.0, 1500.0, 800.0])) @ stiffness)
+    found = modes(drive, 30)
+    turning = found.participation[:, [found.parts.index(name) for name in ("mid in", "out", "wheel")]].sum(axis=1)
+    own = np.sort(np.argsort(turning)[-3:])
+    assert np.abs(found.eigenvalue[own]) == pytest.approx(np.sqrt(np.sort(square.real)), rel=4e-3)
+    assert (turning[own] > 0.95).all()
 
 
 def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():

@@ -57,6 +57,38 @@ def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     assert rows[1]["reason"].startswith('chain "second": ')
 
 
+GEARED = """
+[study]
+drive = "geared.toml"
+[design]
+kind = "factorial"
+[[factors]]
+name = "stiffness"
+path = "chains.second.stiffness"
+levels = [4e7, 5e7]
+[[factors]]
+name = "twist"
+path = "couplings.joint.stiffness"
+levels = [2e4, 4e4]
+"""
+
+
+@pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+def test_factors_of_one_of_geared_chains_and_of_a_coupling(tmp_path):
+    """As of `simulate`, of which gears and couplings are metrics."""
+    save_drive(chains.geared_stages(), tmp_path / "geared.toml")
+    (tmp_path / "study.toml").write_text(GEARED + RUN.format(0.005))
+    rows = read_results(run_study(tmp_path / "study.toml", tmp_path / "out", workers=1).table).table.to_pylist()
+    drive = load_drive(tmp_path / "geared.toml")
+    pairs = [(k, c) for k in (4e7, 5e7) for c in (2e4, 4e4)]
+    assert [(row["stiffness"], row["twist"]) for row in rows] == pairs
+    drives = [drive.with_values({"chains.second.stiffness": k, "couplings.joint.stiffness": c}) for k, c in pairs]
+    alone = simulate(drives, device="cpu", duration=0.005, record=Record(variants="none")).metrics.to_pylist()
+    for name in ("second.tension_max", "joint.torque_mean", "pair.tooth_force_max", "pump.speed_mean"):
+        assert [row[name] for row in rows] == [row[name] for row in alone], name
+    assert len({row["joint.torque_mean"] for row in rows}) == 4
+
+
 ADJUSTED = """
 [study]
 drive = "two.toml"

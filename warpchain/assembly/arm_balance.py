@@ -105,15 +105,19 @@ class StillArm:
 
     def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
-        arm, (gx, gy) = self.arm, self.gravity
-        found = 0.0
-        for mass, center in self.weights:
-            x, y = self._turned(center, angle)
-            found = found + mass * (x * gy - y * gx)
+        arm, found = self.arm, self.weight(angle)
         found = found - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
         for tensioner in self.tensioners:
             lever, _ = self._levers(tensioner, angle)
             found = found + lever * tensioner.force(self.extension(tensioner, angle))
+        return found
+
+    def weight(self, angle: Any) -> Any:
+        """Moment of its weight about the pivot [N m]."""
+        (gx, gy), found = self.gravity, 0.0
+        for mass, center in self.weights:
+            x, y = self._turned(center, angle)
+            found = found + mass * (x * gy - y * gx)
         return found
 
     def joint(self, angle: Any) -> Any:
@@ -127,14 +131,14 @@ class StillArm:
     def energy(self, angle: float) -> float:
         """Of which the moment is minus the derivative [J]."""
         arm = self.arm
-        found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self._sunk(angle)
+        found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.sunk(angle)
         found += 0.5 * self.stop * self.over(angle) ** 2
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
         """Minus the derivative of the moment by the angle [N m/rad]."""
         arm = self.arm
-        found = self._sunk(angle) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        found = self.sunk(angle) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
         for tensioner in self.tensioners:
             lever, change = self._levers(tensioner, angle)
             extended = self.extension(tensioner, angle)
@@ -152,7 +156,7 @@ class StillArm:
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
-    def _sunk(self, angle: float) -> float:
+    def sunk(self, angle: float) -> float:
         """Work of its weight since all of it was at the pivot [J], which is also minus its moment's derivative."""
         found, (gx, gy) = 0.0, self.gravity
         for mass, center in self.weights:

@@ -29,7 +29,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,26 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _TINY = 1e-12  # m: a roller this near to the middle of its seat
+
+
+Map = tuple[NDArray[np.int64], Array]
+"""Of every coordinate the free one that moves it, and by how much that does."""
+
+
+class Carried(NamedTuple):
+    """A place, x and y, that an arm's angle moves on a circle.
+
+    Attributes:
+        place: the first of its two coordinates.
+        arm: the arm.
+        of: the place that goes round the arm's pivot, and takes this one along.
+        second: whether another arm, on this one, moves it, too.
+    """
+
+    place: int
+    arm: int
+    of: int
+    second: bool
 
 
 @dataclass
@@ -94,15 +115,27 @@ class Terms:
         np.add.at(self.gradient, at, np.einsum("mki,mk->mi", moves, slope))
         self.add_blocks(at, blocks)
 
-    def hessian(self, column: NDArray[np.int64], weight: Array, count: int) -> csc_matrix:
-        """The Hessian by `count` free coordinates y, dx_i = weight_i dy_column(i); weight 0 is what stays."""
+    def slope(self, maps: Sequence[Map], count: int) -> Array:
+        """The gradient by free coordinates, as `hessian`."""
+        found = np.zeros(count)
+        for column, weight in maps:
+            found += np.bincount(column, weight * self.gradient, count)
+        return found
+
+    def hessian(self, maps: Sequence[Map], count: int) -> csc_matrix:
+        """The Hessian by `count` free coordinates y: dx_i is the sum of weight_i dy_column(i) of all maps; weight 0 is
+        what stays.
+        """
         from scipy.sparse import coo_matrix
 
-        rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
-        values = np.concatenate(self.values) * weight[rows] * weight[columns]
-        free = np.flatnonzero(weight[rows] * weight[columns])
-        where = column[rows[free]], column[columns[free]]
-        return coo_matrix((values[free], where), shape=(count, count)).tocsc()
+        rows, columns, values = (np.concatenate(of) for of in (self.rows, self.columns, self.values))
+        found = []
+        for (down, one), (across, other) in product(maps, maps):
+            free = np.flatnonzero(one[rows] * other[columns])
+            value = values * one[rows] * other[columns]
+            found.append((value[free], down[rows[free]], across[columns[free]]))
+        value, down, across = (np.concatenate(of) for of in zip(*found, strict=True))
+        return coo_matrix((value, (down, across)), shape=(count, count)).tocsc()
 
 
 def together(terms: Sequence[Terms]) -> Terms:
@@ -119,7 +152,7 @@ def together(terms: Sequence[Terms]) -> Terms:
 
 class Potential:
     """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles of sprockets and shafts
-    (S + H), arms' angles (A).
+    (S + H), arms' angles (A), absolute ones, and the pivots of arms on arms, x and y of each.
 
     Args:
         drive: the drive.
@@ -131,6 +164,8 @@ class Potential:
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
+        hung: arms on arms, and what carries each.
+        carried: what arms carry along, as `Carried`.
     """
 
     def __init__(
@@ -147,7 +182,9 @@ class Potential:
         self.turning = self.sprockets + len(drive.shafts)
         self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
         self.first_arm = 2 * self.rollers + 2 * self.sprockets + self.turning
-        self.size = self.first_arm + len(self.arms)
+        self.hung = [(a, p) for a in range(len(self.arms)) if (p := drive.parent(a)) is not None]
+        self.first_pivot = self.first_arm + len(self.arms)
+        self.size = self.first_pivot + 2 * len(self.hung)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
         self.stiffness, self.natural, self.play = self._running_links()
@@ -155,7 +192,7 @@ class Potential:
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
-        self.carrier = [(s, a) for s in range(self.sprockets) if (a := drive.carrier(s)) is not None]
+        self.carried = self._carried()
         near = [nearest_sprocket(drive, b) for b in range(self.turning)]
         self.held = held or [near[b] is None or stands(drive, b) for b in range(self.turning)]
         self.lever = self.radius[[s or 0 for s in near]]
@@ -192,19 +229,48 @@ class Potential:
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
+    def _carried(self) -> list[Carried]:
+        """Places that arms carry along: pivots of arms on them, centers of sprockets on them and on these."""
+        pivot = {a: self.first_pivot + 2 * k for k, (a, _) in enumerate(self.hung)}
+        found = [Carried(pivot[a], p, pivot[a], False) for a, p in self.hung]
+        on = dict(self.hung)
+        for s in range(self.sprockets):
+            if (a := self.drive.carrier(s)) is not None:
+                center = 2 * (self.rollers + s)
+                found.append(Carried(center, a, center, False))
+                found += [Carried(center, on[a], pivot[a], True)] if a in on else []
+        return found
+
+    def pivots(self, x: Array) -> Array:
+        """(A, 2) of the arms [m]."""
+        found = np.array([arm.pivot for arm in self.drive.arms], dtype=np.float64)
+        for k, (a, _) in enumerate(self.hung):
+            found[a] = x[self.first_pivot + 2 * k :][:2]
+        return found
+
+    def arm_angles(self, x: Array) -> Array:
+        """(A,) by which arms are turned more than what carries them [rad]."""
+        found = np.array(x[self.first_arm : self.first_pivot])
+        for a, p in self.hung:
+            found[a] -= x[self.first_arm + p]
+        return found
+
     def carry(self, x: Array) -> None:
-        """Puts the centers of sprockets on arms where these have them."""
-        for s, a in self.carrier:
-            place = turned_about(self.drive.arms[a].pivot, self.drive.sprockets[s].center, float(x[self.first_arm + a]))
-            self.split(x)[1][s] = place
+        """Puts pivots of arms on arms, and the centers of sprockets on arms, where these have them."""
+        arms, centers = self.drive.arms, self.split(x)[1]
+        for k, (own, p) in enumerate(self.hung):
+            place = turned_about(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
+            x[self.first_pivot + 2 * k :][:2] = place
+        pivots, hung = self.pivots(x), dict(self.hung)
+        for s, sprocket in enumerate(self.drive.sprockets):
+            if (a := self.drive.carrier(s)) is not None:
+                centers[s] = turned_about(arms[a].pivot, sprocket.center, float(x[self.first_arm + a]))
+                centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
     def levers(self, x: Array) -> Array:
-        """(S, 2) by which sprockets' centers move as their arms turn [m/rad]; 0 of others."""
-        found = np.zeros((self.sprockets, 2))
-        for s, a in self.carrier:
-            dx, dy = self.split(x)[1][s] - self.drive.arms[a].pivot
-            found[s] = -dy, dx
-        return found
+        """(C, 2) from the pivots of their arms to what these carry along, in their order [m]."""
+        pivots = self.pivots(x)
+        return np.array([x[one.of :][:2] - pivots[one.arm] for one in self.carried]).reshape(-1, 2)
 
     def tensions(self, x: Array) -> Array:
         """(N,) tensions of the links [N], centrifugal part and all."""
@@ -228,17 +294,34 @@ class Potential:
             self._guide(x, g, terms)
         self._constant(x, terms)
         self._couplings(x, terms)
+        hung = dict(self.hung)
         for a, arm in enumerate(self.arms):
             at = self.first_arm + a
             angle = float(x[at])
+            if a in hung:
+                self._joint(x, a, hung[a], terms)
+                continue
             terms.energy += arm.energy(angle)
             terms.gradient[at] -= arm.moment(angle)
             terms.add_blocks(np.array([[at]]), np.array([[[arm.stiffness(angle)]]]))
-        for s, a in self.carrier:  # the center moves on a circle
-            slope = self.split(terms.gradient)[1][s]
-            bent = -float(slope @ (self.split(x)[1][s] - self.drive.arms[a].pivot))
-            terms.add_blocks(np.array([[self.first_arm + a]]), np.array([[[bent]]]))
+        for one, lever in zip(self.carried, self.levers(x), strict=True):  # it moves on a circle
+            bent = -float(terms.gradient[one.place :][:2] @ lever)
+            terms.add_blocks(np.array([[self.first_arm + one.arm]]), np.array([[[bent]]]))
         return terms
+
+    def _joint(self, x: Array, a: int, p: int, terms: Terms) -> None:
+        """Adds arm a, which arm p carries: its springs act between the two, its weight at its pivot and about that."""
+        arm, at, on = self.arms[a], self.first_arm + a, self.first_arm + p
+        angle, turned = float(x[at]), float(x[at] - x[on])
+        place = self.first_pivot + 2 * [own for own, _ in self.hung].index(a)
+        weight = sum(mass for mass, _ in arm.weights) * self.gravity
+        terms.energy += arm.energy(turned) + arm.sunk(turned) - arm.sunk(angle) - float(weight @ x[place : place + 2])
+        terms.gradient[at] -= arm.joint(turned) + arm.weight(angle)
+        terms.gradient[on] += arm.joint(turned)
+        terms.gradient[place : place + 2] -= weight
+        between = (arm.stiffness(turned) - arm.sunk(turned)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        terms.add_blocks(np.array([[at, on]]), between[None])
+        terms.add_blocks(np.array([[at]]), np.array([[[arm.sunk(angle)]]]))
 
     def torques(self, x: Array) -> tuple[Array, Array]:
         """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m]."""
@@ -328,9 +411,10 @@ class Potential:
     def _guide(self, x: Array, g: int, terms: Terms) -> None:
         """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
-        arm = self.drive.arm_of(g)
+        arm, pivots = self.drive.arm_of(g), self.pivots(x)
+        hung = [a for a, _ in self.hung]
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
-        for piece in profile_at(self.drive, g, x[self.first_arm :].tolist()).pieces:
+        for piece in profile_at(self.drive, g, self.arm_angles(x).tolist()).pieces:
             (u, w, s, height, root), k = piece.rise(r), piece.curvature
             pen = offset - height
             hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
@@ -342,8 +426,12 @@ class Potential:
             force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
             at, rho = np.stack([2 * hit, 2 * hit + 1], axis=1), None
             if arm is not None:
-                rho = r[hit] - np.asarray(self.drive.arms[arm].pivot)
-                at = np.column_stack([at, np.full(len(hit), self.first_arm + arm)])
+                rho = r[hit] - pivots[arm]
+                own = [self.first_arm + arm]
+                if arm in hung:
+                    place = self.first_pivot + 2 * hung.index(arm)
+                    own = [place, place + 1, *own]
+                at = np.column_stack([at, *(np.full(len(hit), i) for i in own)])
             terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _constant(self, x: Array, terms: Terms) -> None:

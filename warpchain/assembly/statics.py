@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.potential import Potential, Terms, together
+from warpchain.assembly.potential import Map, Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
 from warpchain.drive.shafts import Beside
@@ -132,12 +132,7 @@ def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -
     return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
 
 
-JOINTED = "not sought for arms that hang on arms"
-
-
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
-    if any(arm.arm is not None for arm in drive.arms):
-        return _unknown(drive, assembly, frequency, JOINTED)
     if drive.chain.links > MOST:
         return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments, laid=assembly.sprocket_angle)
@@ -149,7 +144,7 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
             x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
         else:
             x, residual = solver.begin(x)
-        seen = potential.split(x)[1], x[potential.first_arm :], *potential.torques(x)
+        seen = potential.split(x)[1], potential.arm_angles(x), *potential.torques(x)
         means.append((*_strands(potential, assembly, x), *seen))
         failure = solver.failure(x, residual)
         if failure is not None:
@@ -164,8 +159,11 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
 
 def _assembled(potential: Potential, assembly: Assembly) -> Array:
     """The coordinates of a chain as it was laid around its sprockets."""
-    angles = assembly.sprocket_angle, np.zeros(len(potential.drive.shafts)), assembly.arm_angle
-    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles])
+    arms = np.array(assembly.arm_angle)
+    for a, p in potential.hung:
+        arms[a] += assembly.arm_angle[p]
+    angles = assembly.sprocket_angle, np.zeros(len(potential.drive.shafts)), arms
+    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles, np.zeros(2 * len(potential.hung))])
     potential.carry(x)
     return x
 
@@ -199,8 +197,6 @@ def equilibrium(
     Raises:
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
     """
-    if any(arm.arm is not None for drive in drives for arm in drive.arms):
-        raise SimulationError(f"the state that modes are about is {JOINTED}")
     potentials = []
     for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle
@@ -288,7 +284,7 @@ class _Solver:
     def __init__(self, parts: Sequence[Potential], assemblies: Sequence[Assembly], shafts: Joined = ()) -> None:
         self.parts, self.assemblies = parts, assemblies
         self.ends = np.cumsum([0, *(potential.size for potential in parts)]).tolist()
-        self.column, self.weight, self.count = _free_together(parts, shafts)
+        self.maps, self.count = _free_together(parts, shafts)
         self.force = max(_force(*of) for of in zip(parts, assemblies, strict=True))
         self.stiffest = max(4.0 * of.drive.chain.stiffness + max(of.tooth_stiffness) for of in parts)
         self.pitch = min(of.drive.chain.pitch for of in parts)
@@ -338,13 +334,13 @@ class _Solver:
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
         self._move_levers(x)
-        slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
+        slope, curvature = terms.slope(self.maps, self.count), terms.hessian(self.maps, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
             change = self._solve(curvature, slope, shift)
             change *= min(1.0, _FARTHEST * self.pitch / float(np.abs(change).max()))
-            moved = x + self.weight * change[self.column]
+            moved = x + sum(weight * change[column] for column, weight in self.maps)
             for potential, own in zip(self.parts, self.split(moved), strict=True):
                 potential.carry(own)
             after = self._terms(moved)
@@ -353,7 +349,7 @@ class _Solver:
                 whole, before = shift == least, float(np.abs(slope).max())
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
                 self._move_levers(x)
-                slope, curvature = self._slope(terms), terms.hessian(self.column, self.weight, self.count)
+                slope, curvature = terms.slope(self.maps, self.count), terms.hessian(self.maps, self.count)
                 if whole and 0.5 * before < float(np.abs(slope).max()) <= _ENOUGH * self.force:
                     break
             else:
@@ -371,8 +367,8 @@ class _Solver:
                 )
         if residual <= _ACCURACY:
             return None
-        force = np.abs(self._slope(self._terms(x)))
-        worst = int(np.flatnonzero((self.column == force.argmax()) & (self.weight != 0.0))[0])
+        force, (column, weight) = np.abs(self._terms(x).slope(self.maps, self.count)), self.maps[0]
+        worst = int(np.flatnonzero((column == force.argmax()) & (weight != 0.0))[0])
         part = int(np.searchsorted(self.ends, worst, side="right")) - 1
         name = _coordinate(self.parts[part], self.assemblies[part], worst - self.ends[part])
         return (
@@ -382,16 +378,11 @@ class _Solver:
         )
 
     def _move_levers(self, x: Array) -> None:
-        """Brings up to date by how much the centers of sprockets on arms move."""
-        for potential, own, weight in zip(self.parts, self.split(x), self.split(self.weight), strict=True):
-            levers, first = potential.levers(own), 2 * potential.rollers
-            for s, a in potential.carrier:
-                at = first + 2 * s + np.arange(2)
-                weight[at] = levers[s] * weight[potential.first_arm + a]
-
-    def _slope(self, terms: Terms) -> Array:
-        """Gradient by the free coordinates."""
-        return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
+        """Brings up to date by how much arms move what they carry along."""
+        weights = [self.split(weight) for _, weight in self.maps]
+        for potential, own, *of in zip(self.parts, self.split(x), *weights, strict=True):
+            for one, (dx, dy) in zip(potential.carried, potential.levers(own), strict=True):
+                of[one.second][one.place :][:2] = np.array([-dy, dx]) * of[0][potential.first_arm + one.arm]
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
         from scipy.sparse.linalg import splu
@@ -418,6 +409,8 @@ def _force(potential: Potential, assembly: Assembly) -> float:
 def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
     """The part of the drive that coordinate i belongs to."""
     drive, rollers, sprockets = potential.drive, potential.rollers, potential.sprockets
+    if i >= potential.first_pivot:
+        i = potential.first_arm + potential.hung[(i - potential.first_pivot) // 2][0]
     if i >= potential.first_arm:
         return f'arm "{drive.arms[i - potential.first_arm].name}"'
     if i >= 2 * rollers:
@@ -447,12 +440,22 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     return None
 
 
-def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[NDArray[np.int64], Array, int]:
-    """`_free` of several chains: shafts that they have in common are one coordinate, that of their first sprocket."""
-    columns, weights, count = [], [], 0
+def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
+    """`_free` of several chains: shafts that they have in common are one coordinate, that of their first sprocket.
+
+    Returns:
+        column and weight of every coordinate; where arms are on arms twice, as a sprocket on such moves with both; the
+        number of free ones.
+    """
+    columns, weights, seconds, count = [], [], [], 0
     for potential in parts:
         column, weight, own = _free(potential)
+        arms = column[potential.first_arm : potential.first_pivot]
+        second = np.zeros_like(column)
+        for one in potential.carried:
+            (second if one.second else column)[one.place :][:2] = arms[one.arm]
         columns.append(column + count)
+        seconds.append(second + count)
         weights.append(weight)
         count += own
     angles = [potential.first_arm - potential.turning for potential in parts]
@@ -462,13 +465,16 @@ def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[NDArray[
             kept[columns[other][angles[other] + t]] = False
             columns[other][angles[other] + t] = columns[r][angles[r] + s]
             weights[other][angles[other] + t] = weights[r][angles[r] + s]
-    number = np.cumsum(kept) - 1
-    return number[np.concatenate(columns)], np.concatenate(weights), int(kept.sum())
+    number, weight = np.cumsum(kept) - 1, np.concatenate(weights)
+    maps = [(number[np.concatenate(columns)], weight)]
+    if any(potential.hung for potential in parts):
+        maps.append((number[np.concatenate(seconds)], np.zeros_like(weight)))
+    return maps, int(kept.sum())
 
 
 def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
     """Free coordinates y: rollers, moving centers, free angles, these as lengths at the pitch radius, arms' at theirs.
-    Of a train one, the first body's.
+    Of a train one, the first body's. What arms carry along has the weights that `_Solver` keeps.
 
     Returns:
         column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
@@ -493,7 +499,5 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
             count += first == b
     for a in range(len(potential.arms)):
         column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.drive.arm_lever(a)
-        for s in potential.drive.sprockets_on(a):
-            column[n + 2 * s : n + 2 * s + 2] = count  # whose weights `_Solver` keeps
         count += 1
     return column, weight, count

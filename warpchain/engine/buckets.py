@@ -178,7 +178,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
-        "hubs": drives["hubs"],
+        "hubs": drives["hubs"] + drives["jointed"],
         "fed": packed.fed,
         "valves": drives["valves"] > 0,
         "rings": np.ones_like(drives["rings"]),

@@ -106,8 +106,6 @@ def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
 def refusal(packed: Packed, first: int = 0) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
     drives, begins = packed.drives, packed.begins
-    if drives["jointed"].any():
-        return 'drives whose arms hang on arms are stepped on the CPU only; use device="cpu"'
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
         (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),

@@ -94,6 +94,10 @@ class Probe:
         self._seat = self._engine.state.seat.numpy()
         self._impact_speed = self._engine.state.impact_speed.numpy()
         self._start_seat = self._seat.copy()
+        first, arms = self.body_count - int(base.drives["arms"][0]), base.arms
+        on_arms = [(b, first + int(arm["on"]) - 1, arm["lever"]) for b, arm in enumerate(arms, first) if arm["on"]]
+        hubs = [(s, int(hub["arm"]), hub["lever"]) for s, hub in enumerate(base.hubs[: self.sprockets])]
+        self._carried = on_arms + [of for of in hubs if of[1] != GROUND]
 
     def start(self) -> States:
         """The packed state, at rest, as one copy."""
@@ -120,6 +124,19 @@ class Probe:
         inertia = np.diag([mount["mass"], mount["mass"], mount["inertia"]])
         inertia[:2, 2] = inertia[2, :2] = q
         return BodyRow(np.hstack([slides, turns]), inertia)
+
+    def joints(self, angles: Array) -> list[tuple[int, int, float]]:
+        """Arms that others carry: body of each, that of its carrier, and d.s [kg m^2] of `kernels.physics.hub`, (b), at
+        angles (B,) [rad].
+        """
+        found, first = [], self.body_count - int(self.base.drives["arms"][0])
+        for b, arm in enumerate(self.base.arms[: self.body_count - first], first):
+            if arm["on"]:
+                on = first + int(arm["on"]) - 1
+                (dx, dy), (sx, sy) = arm["lever"], arm["mass_moment"]
+                c, s = np.cos(angles[b] - angles[on]), np.sin(angles[b] - angles[on])
+                found.append((b, on, float(dx * (c * sx - s * sy) + dy * (s * sx + c * sy))))
+        return found
 
     @cached_property
     def _cams(self) -> NDArray[Any]:
@@ -168,13 +185,12 @@ class Probe:
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
         bodies["center"], bodies["angle"] = states.bodies[..., :2], states.bodies[..., 2]
         bodies["velocity"], bodies["speed"] = states.rates[..., :2], states.rates[..., 2]
-        for s, hub in enumerate(self.base.hubs[: self.sprockets]):
-            if hub["arm"] != GROUND:  # where its arm has it, which accelerates it too
-                arm, (x, y) = bodies[:, hub["arm"]], hub["lever"]
-                cosine, sine = np.cos(arm["angle"]), np.sin(arm["angle"])
-                lever = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-                bodies["center"][:, s] = arm["center"] + lever
-                bodies["velocity"][:, s] = arm["speed"][:, None] * np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
+        for b, on, (x, y) in self._carried:  # where its arm has it, which accelerates it too
+            arm = bodies[:, on]
+            cosine, sine = np.cos(arm["angle"]), np.sin(arm["angle"])
+            lever = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+            turning = arm["speed"][:, None] * np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
+            bodies["center"][:, b], bodies["velocity"][:, b] = arm["center"] + lever, arm["velocity"] + turning
         self._oil[:] = self.base.oil[: self.tensioners]
         self._oil["content"][:count], self._oil["root"] = states.oil, 0.0
         self._seat[:], self._impact_speed[:] = self._start_seat, 0.0

@@ -283,13 +283,15 @@ def _modes_at(drive: Drive, count: int, speed: float, valve: str) -> Modes:
 
 
 def _carry(found: System, bodies: NDArray[Any]) -> None:
-    """Moves the centers of sprockets on arms with these, in bodies (K, B, 3)."""
+    """Moves arms on arms, and the centers of sprockets on arms, with these, in bodies (K, B, 3)."""
     drive, placed = found.drive, found.state.bodies[0]
-    for s in range(len(drive.sprockets)):
-        arm = drive.carrier(s)
+    first = drive.first_arm_body
+    on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
+    on |= {s: drive.carrier(s) for s in range(len(drive.sprockets))}
+    for b, arm in on.items():
         if arm is not None:
-            x, y = placed[s, :2] - drive.arms[arm].pivot
-            bodies[:, s, :2] = bodies[:, drive.first_arm_body + arm, 2, None] * np.array([-y, x])
+            x, y = placed[b, :2] - placed[first + arm, :2]
+            bodies[:, b, :2] = bodies[:, first + arm, :2] + bodies[:, first + arm, 2, None] * np.array([-y, x])
 
 
 def modes_of(found: Whole, count: int) -> Modes:

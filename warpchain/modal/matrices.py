@@ -82,10 +82,11 @@ class Coordinates:
         """2 N + m: where the coordinates of oil begin."""
         return 2 * self.rollers + len(self.owner)
 
-    def turn_of(self, b: int) -> int | None:
-        """The coordinate that is the angle of body b; None where that is led."""
-        found = np.flatnonzero((self.owner == b) & self.turning)
-        return 2 * self.rollers + int(found[0]) if len(found) else None
+    def turn_of(self, b: int) -> tuple[int, float] | None:
+        """The coordinate that turns body b, and by how much of it that turns; None where its angle is led."""
+        turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
+        found = np.flatnonzero(turns)
+        return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
 
     @property
     def masses(self) -> sp.csc_array:
@@ -161,6 +162,9 @@ def coordinates(probe: Probe, states: States) -> Coordinates:
             inertia[angle, mine] *= turned[b][b]
         at += count[b]
     owner = np.repeat(np.arange(len(rows)), count)
+    for b, on, shared in probe.joints(states.bodies[0, :, 2]):
+        i, j = np.flatnonzero(owner == b)[0], np.flatnonzero(owner == on)[-1]
+        inertia[i, j] = inertia[j, i] = shared
     turning = np.asarray(basis.reshape(len(rows), 3, sum(count))[:, 2].any(axis=0))
     of = probe.base.tensioners[: probe.tensioners]
     chambers = np.flatnonzero(of["hydraulic"] == 1)

@@ -208,7 +208,9 @@ def standing(
 def _standing_at(drive: Drive, packed: Packed) -> Array:
     """The coordinates of a chain that stands, as `warpchain.assembly.potential` counts them."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
-    return np.concatenate([packed.rows(0)[0:2].T.ravel(), centers.ravel(), packed.bodies["angle"]])
+    hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
+    angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
+    return np.concatenate([packed.rows(0)[0:2].T.ravel(), centers.ravel(), angles, pivots.ravel()])
 
 
 def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
@@ -223,8 +225,10 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     still.rows(0)[0:2] = position.T
     still.seat[:] = -1
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
-    still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets :]
+    still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets : potential.first_pivot]
     still.bodies["center"][:sprockets] = centers
+    for a, _ in potential.hung:
+        still.bodies["center"][drive.first_arm_body + a] = potential.pivots(x)[a]
     still.lengths = potential.natural
     still.links["play"] = potential.play[0]
     still.chains["stiffness"] -= potential.push
@@ -285,20 +289,20 @@ def _tied(parts: list[System], shafts: Joined) -> tuple[list[System], list[sp.cs
     """The chains, shafts' inertias with their first sprockets only, and their P_c."""
     counts = [part.at.count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
-    kept, parts = np.ones(sum(counts), dtype=np.bool_), list(parts)
+    kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
     for (r, s), *others in shafts:
         first = parts[r].at.turn_of(s)
         for other, t in others:
             mine = parts[other].at.turn_of(t)
             if first is not None and mine is not None:
-                kept[places[other][mine]] = False
-                places[other][mine] = places[r][first]
-                parts[other] = parts[other].massless(mine)
+                kept[places[other][mine[0]]] = False
+                places[other][mine[0]], share[other][mine[0]] = places[r][first[0]], first[1] / mine[1]
+                parts[other] = parts[other].massless(mine[0])
     number = np.cumsum(kept) - 1
     ties = []
-    for place in places:
+    for place, part in zip(places, share, strict=True):
         at = np.arange(len(place)), number[place]
-        ties.append(sp.csc_array((np.ones(len(place)), at), shape=(len(place), int(kept.sum()))))
+        ties.append(sp.csc_array((part, at), shape=(len(place), int(kept.sum()))))
     return parts, ties
 
 

@@ -119,7 +119,8 @@ def stand(found: System) -> tuple[str, ...]:
     """States of arms and tensioners about which modes are, a line each."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
-        angle, row = found.state.bodies[0, drive.first_arm_body + a, 2], found.packed.arms[a]
+        angles, row, carrier = found.state.bodies[0, drive.first_arm_body :, 2], found.packed.arms[a], drive.parent(a)
+        angle = angles[a] - (0.0 if carrier is None else angles[carrier])
         where = "lower" if angle < row["low"] else "upper" if angle > row["high"] else ""
         on = f", on its {where} stop, whose stiffness holds it" if where else ""
         said.append(f"{arm.name} stands at {np.degrees(angle):.3g} degrees{on}")
