@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .native import by_device
+from .native import by_device, quotient
 
 
 def split(value: float) -> tuple[float, float]:
@@ -313,6 +313,12 @@ def div(a: Pair, b: Pair):
 def div(a: Pair, b: wp.float32):
     """a / b."""
     return div(a, pair(b, 0.0))
+
+
+@wp.func
+def div(a: wp.float64, b: wp.float64):
+    """a / b."""
+    return quotient(a, b)
 
 
 @wp.func
@@ -615,7 +621,7 @@ def log_of_sum(u: wp.float64):
     """The same at float64, where u is small by a series to 1e-16."""
     value = u
     if wp.abs(u) < wp.float64(0.03):
-        s = u / (wp.float64(2.0) + u)
+        s = quotient(u, wp.float64(2.0) + u)
         rest = wp.float64(wp.static(1.0 / 9.0))
         for k in range(4):
             rest = rest * s * s + wp.float64(wp.static(1.0 / (7 - 2 * k)))

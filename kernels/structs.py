@@ -307,6 +307,8 @@ class Tensioner:
     drained: wp.float64  # share of the chamber that is air at the start
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
     air: wp.float64  # share a of air at P_0
+    still: wp.float64  # K + P exp(-phi) at P_0, eq. (10a) [Pa]
+    supplied: wp.float64  # H at P_s, eq. (10), where that is not tabulated [Pa]
     check: Valve  # from the supply to the chamber
     relief: Valve  # out of the chamber
     vent: Valve  # likewise, always open

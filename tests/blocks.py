@@ -387,7 +387,10 @@ def cushed_stages():
 def valved_stages():
     """Two stages with valves on the shaft between them, on a sprocket of the second and on the geared pump; others."""
     named = (("a", "mid", -15.0), ("b", "out", -40.0), ("c", "pump", -100.0))
-    groups = [CAMS | {"name": f"valves {word}", "on": on, "phase": phase} for word, on, phase in named]
+    groups = [
+        CAMS | {"name": f"valves {word}", "on": on, "phase": phase, "phases": [30.0 * k for k in range(6)]}
+        for word, on, phase in named
+    ]  # more cams in all than a kernel for those of one chain has room for
     light = {"sprockets.mid in.inertia": 0.02, "sprockets.mid out.inertia": 0.02}
     drive = chains.plus(chains.two_stages(step=2e-6), chains.PUMP).with_values(light | {"valves": groups})
     return [drive, drive.with_values({"valves.valves b.on": "mid out", "valves.valves c.profile.shape": "cosine"})]

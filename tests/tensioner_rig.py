@@ -7,6 +7,7 @@ import warp as wp
 
 from warpchain import loads_drive
 from warpchain.drive.examples import FOLDER
+from warpchain.engine.fill_bodies import oil_energies
 from warpchain.kernels.physics.tensioner import (
     bulk_modulus,
     compression,
@@ -79,6 +80,7 @@ def tensioner(**values):
     for name, value in (numbers | values).items():
         valve, _, field = name.rpartition(".")
         setattr(getattr(made, valve) if valve else made, field, value)
+    made.still, made.supplied = oil_energies(made)
     return made
 
 

@@ -26,7 +26,7 @@ from ..physics.motion import load_moment, prescribed_acceleration, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
-from ..physics.valve import constant_moment, geared, valve_load, with_valves
+from ..physics.valve import constant_moment, geared, lift_at, unloaded, with_load, with_valves
 from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Motion, Mount, Now, Wrench, types
 from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
@@ -205,8 +205,9 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
             b = drive.first_body + valve.body
-            angle, tables = state.bodies[b].angle, ensemble.curves.tables
-            state.cams[b] = with_valves(state.cams[b], angle, valve, ensemble.motions[b], tables)
+            for k in range(valve.phases):
+                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+                state.cams[b] = with_valves(state.cams[b], at, valve)
 
     @wp.func
     def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
@@ -394,7 +395,11 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         valve = ensemble.valves[v]
         b = drive.first_body + valve.body
         body, angular = body_now(ensemble, state, b, time, lag), angular_now(ensemble, state, b, time)
-        return valve_load(body.angle, body.speed, angular, valve, ensemble.motions[b], ensemble.curves.tables)
+        load = unloaded(valve)
+        for k in range(valve.phases):
+            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+            load = with_load(load, at, body.speed, angular, valve)
+        return load[0], load[1]
 
     @wp.func
     def bodies_sound(state: State, drive: Drive):

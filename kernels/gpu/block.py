@@ -216,6 +216,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         touch = on_warp.look(ensemble, state, shared, mine, now, touch)
+                    do.lift(ensemble, shared, mine)
                     do.predict(ensemble, state, out, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.contacts(ensemble, state, tallies, shared, mine, on_warp.plain(now), touch)
@@ -237,12 +238,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     continue
                 else:
                     touch = on_warp.step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
+            taken = now
             now = loop.next_stage(now)
             if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = on_warp.look(ensemble, state, shared, mine, now, touch)
             if wp.static(ahead) and now.step < end and now.diverged == 0:  # joints remember only steps that are taken
                 tension, rate = pull(state, shared, mine, now, lengths)
             barrier()
+            if wp.static(ahead):  # while others are at the next contacts
+                do.flow(ensemble, state, shared, mine, taken)
         loop.finish(ensemble, state, out, shared, mine, now)
 
     return advance_block

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
-from ..native import accessors
+from ..native import accessors, quotient
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned,
@@ -333,7 +333,7 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
         for other in range(wp.static(kind.parts.mounted)):
             tie = ensemble.ties[place_of(shared, first, other)]
             if tie.train == own.train:
-                cam = geared(cam, shared.cams[other], tie.ratio / own.ratio)
+                cam = geared(cam, shared.cams[other], quotient(tie.ratio, own.ratio))
         if wp.static(not kind.staged):
             kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
         return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
@@ -348,7 +348,7 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
             tie = ensemble.ties[place_of(shared, first, other)]
             if tie.train == own.train:
                 total = total + tie.ratio * shared.passed[other]
-        moment = total / own.ratio
+        moment = quotient(total, own.ratio)
         if wp.static(kind.parts.valves > 0):
             moment = against_valves(ensemble, shared, mine, now, b, moment)
         return moment
@@ -362,7 +362,7 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
         for b in range(wp.static(kind.parts.bodies)):
             tie = ensemble.ties[place_of(shared, first, b)]
             if tie.train == own.train:
-                ratio = tie.ratio / own.ratio
+                ratio = quotient(tie.ratio, own.ratio)
                 total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
@@ -501,7 +501,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         motion, mount = shared.motions[b], mount_of(shared, b)
         time = time_of(mine, now)
         wrench.load = pose.load
-        if wp.static(not loading_ahead):
+        if wp.static(not loading_ahead and not kind.parts.tied):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time, pose)
         body = state_of(pose)
         plain = in_plain(body)

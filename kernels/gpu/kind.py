@@ -55,6 +55,7 @@ def block_types(Real: type) -> SimpleNamespace:
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         # after them, of several chains with light bodies: how contacts answer accelerations [kg m^2]
         cams: wp.array[kinds.Cam]  # (B,) with valves
+        lifts: wp.array[wp.types.vector(3, Real)]  # (cams,) of valves: lift, slope, bend (`valve.lift_at`)
         mounts: wp.array[kinds.Mount]  # (B,), where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
@@ -148,9 +149,10 @@ class BlockShape:
 @dataclass(frozen=True)
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
-    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub, cams lift valves
-    (`structs.Drive.light`, `tied`, `hubs`, `valves`), and where supplies of tensioners are tabulated; `hubs` is 2 where
-    arms carry arms. Of several chains, `rings`, all others are of all of them, which are tied.
+    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
+    (`structs.Drive.light`, `tied`, `hubs`), and where supplies of tensioners are tabulated; `hubs` is 2 where arms
+    carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of all of them, which
+    are tied.
     """
 
     sprockets: int

@@ -109,7 +109,8 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
         "passed": kind.parts.bodies * (kind.parts.tied + several * kind.parts.light),
-        "cams": kind.parts.bodies * kind.parts.valves,
+        "cams": kind.parts.bodies * (kind.parts.valves > 0),
+        "lifts": kind.parts.valves,
         "mounts": kind.parts.bodies * kind.moving,
         "hubs": sprockets * (kind.parts.hubs > 0),
         "bearings": sprockets * (kind.parts.hubs > 0),
@@ -271,6 +272,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.motions = found.motions(shared, place)
         shared.passed = found.passed(shared, place)
         shared.cams = found.cams(shared, place)
+        shared.lifts = found.lifts(shared, place)
         shared.mounts = found.mounts(shared, place)
         shared.hubs = found.hubs(shared, place)
         shared.bearings = found.bearings(shared, place)

@@ -85,10 +85,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
-            if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.tied > 0):
                 trains.pass_on(ensemble, state, shared, mine, now, wrench)
+            if wp.static(kind.parts.tensioners > 0):
+                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
             if wp.static(kind.parts.rings > 1):
                 shared.passed[wp.static(kind.parts.bodies) + mine.body] = wrench.yielding
         if wp.static(kind.parts.tied > 0):
@@ -101,6 +101,12 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         for k in range(wp.static(rollers_per_thread)):
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
+
+    @wp.func
+    def lift(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Shares the lifts of valves, before a barrier; all threads together."""
+        if wp.static(kind.parts.valves > 0):
+            trains.share_lifts(ensemble, shared, mine)
 
     @wp.func
     def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
@@ -155,8 +161,13 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.parts.hubs > 0):
             shared.turning[mine.body] = seen.speed
         sampling.write_body(ensemble, state, out.frames, mine, now, seen, acting[0], vec2(acting[1], acting[2]))
+
+    @wp.func
+    def flow(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
+        """Takes the oil of the thread's body along with its step of `now`; no other thread waits for that."""
         if wp.static(kind.parts.tensioners > 0):
-            tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
+            if mine.body >= 0:
+                tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 
     @wp.func
     def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: kinds.Wrench):
@@ -267,7 +278,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.summed = now.driven
         return plain(now)
 
-    @wp.func
+    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
     def step_of_a_warp(
         ensemble: Ensemble,
         state: State,
@@ -284,11 +295,13 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        do.lift(ensemble, shared, mine)
         do.predict(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)
         advance_bodies(ensemble, state, out, shared, mine, now)
+        do.flow(ensemble, state, shared, mine, now)
         return touch
 
     @wp.func
@@ -297,7 +310,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
-    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
+    @wp.func(inline=True)  # as that
     def to_event(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
     ):

@@ -18,7 +18,8 @@ from ..physics.train import (
     on_side,
     twist_of,
 )
-from ..physics.valve import valve_load, with_valves
+from ..physics.valve import lift_at, unloaded, with_load, with_valves
+from ..structs import Drive
 from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import block_tensioners, body_steps, gathering
 from .events import block_sampling
@@ -63,13 +64,55 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
 
     @wp.func
-    def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine, pose: kinds.Pose):
-        """Shares what the valves on the thread's body do to it."""
+    def share_lifts(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Shares the lifts of all cams: a thread each, from the last on, which may have no rollers."""
+        last = ensemble.drives[mine.variant + wp.static(kind.parts.rings - 1)]
+        end = last.first_valve + last.valves
+        cam = wp.static(kind.shape.threads - 1) - mine.thread
+        while cam < wp.static(kind.parts.valves):
+            v, k = int(ensemble.drives[mine.variant].first_valve), int(cam)
+            while v < end and k >= ensemble.valves[v].phases:
+                k = k - ensemble.valves[v].phases
+                v = v + 1
+            if v < end:
+                valve, ring = ensemble.valves[v], int(0)
+                for r in range(1, wp.static(kind.parts.rings)):
+                    if v >= ensemble.drives[mine.variant + r].first_valve:
+                        ring = r
+                b = body_of(ensemble, shared, mine.variant + ring, ring, valve.body)
+                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.curves.tables)
+                shared.lifts[cam] = at
+            cam = cam + wp.static(kind.shape.threads)
+
+    @wp.func
+    def first_cam(ensemble: Ensemble, mine: Mine, v: int):
+        """The number of the first cam of group v of all valves among those of the variant."""
+        first = int(0)
+        for other in range(ensemble.drives[mine.variant].first_valve, v):
+            first = first + ensemble.valves[other].phases
+        return first
+
+    @wp.func
+    def group_on(ensemble: Ensemble, drive: Drive, b: int, v: int):
+        """The first group of valves from `v` on that is on body b of a drive, or where they end.
+
+        So threads whose bodies have valves go through their groups together, the first, the second, and so on.
+        """
+        at = int(v)
+        while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:
+            at = at + 1
+        return at
+
+    @wp.func
+    def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Shares what the valves on the thread's body do to it, once all lifts are shared."""
         cam, drive = kinds.Cam(), ensemble.drives[mine.row]
-        for v in range(drive.first_valve, drive.first_valve + drive.valves):
-            valve = ensemble.valves[v]
-            if valve.body == mine.number:
-                cam = with_valves(cam, pose.angle, valve, shared.motions[mine.body], ensemble.curves.tables)
+        v = group_on(ensemble, drive, mine.number, drive.first_valve)
+        while v < drive.first_valve + drive.valves:
+            valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
+            for k in range(valve.phases):
+                cam = with_valves(cam, shared.lifts[first + k], valve)
+            v = group_on(ensemble, drive, mine.number, v + 1)
         shared.cams[mine.body] = cam
 
     @wp.func
@@ -80,7 +123,8 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             time = stage_at(wp.static(kind.integrator), now.stage, time, steps.step_number(mine)).time
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
-            wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
+            if mine.arm < 0:  # arms pass on nothing
+                wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
@@ -98,38 +142,30 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
         if wp.static(kind.parts.valves > 0):
-            lift_valves(ensemble, shared, mine, pose)
+            lift_valves(ensemble, shared, mine)
 
     @wp.func
-    def speed_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
-        """Angular velocity of body b at the step's instant [rad/s]."""
+    def rates_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
-        speed = leading(pose.speed)
+        speed, angular = leading(pose.speed), gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
-            rate = gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
-            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * rate)
-        return speed
-
-    @wp.func
-    def angular_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
-        """Angular acceleration of body b at the step's instant [rad/s^2]."""
-        motion = shared.motions[b]
-        angular = gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
         if motion.prescribed == 1:
             angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
-        return angular
+        return speed, angular
 
     @wp.func
     def lifted(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, v: int):
-        """Torque [N m] of group v of all valves, of the chain of the thread's body, against forward rotation, and the
-        least force [N] on a follower."""
-        valve = ensemble.valves[v]
+        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
+        valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
         b = body_of(ensemble, shared, mine.row, mine.row - mine.variant, valve.body)
-        motion, angle = shared.motions[b], shared.poses[b].angle
-        speed = speed_now(ensemble, shared, mine, now, b)
-        angular = angular_now(ensemble, shared, mine, now, b)
-        return valve_load(angle, speed, angular, valve, motion, ensemble.curves.tables)
+        speed, angular = rates_now(ensemble, shared, mine, now, b)
+        load = unloaded(valve)
+        for k in range(valve.phases):
+            load = with_load(load, shared.lifts[first + k], speed, angular, valve)
+        return load[0], load[1]
 
     @wp.func
     def observe_valve(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, v: int):
@@ -147,7 +183,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         drive = ensemble.drives[mine.row]
         at = drive.first_shaft + mine.number - drive.sprockets
         pose, time = shared.poses[mine.body], steps.time_of(mine, now)
-        speed = speed_now(ensemble, shared, mine, now, mine.body)
+        speed, angular = rates_now(ensemble, shared, mine, now, mine.body)
         before, motion = leading(pose.speed), shared.motions[mine.body]
         load = load_moment_at_speed(steps.rounded_time(mine, now), pose.load, before, speed, motion)
         motor = moment_of(ensemble, mine, time, shared)
@@ -159,8 +195,8 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         drive, engaged = ensemble.drives[mine.row], state.couplings[c]
         coupling, one, other = coupled(ensemble, shared, mine, c)
         twist, before = twist_of(shared.poses[one], shared.poses[other], engaged)
-        first = speed_now(ensemble, shared, mine, now, one)
-        second = speed_now(ensemble, shared, mine, now, other)
+        first, angular = rates_now(ensemble, shared, mine, now, one)
+        second, angular = rates_now(ensemble, shared, mine, now, other)
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
@@ -185,7 +221,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         drive, first = ensemble.drives[mine.row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
         motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
-        angular = angular_now(ensemble, shared, mine, now, mine.body)
+        speed, angular = rates_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
         for b in range(wp.static(mounted)):
             place = place_of(shared, first, b)
@@ -214,9 +250,10 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 if now.measured != 0 or now.flags & FRAME != 0:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
         if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
-            for v in range(drive.first_valve, drive.first_valve + drive.valves):
-                if ensemble.valves[v].body == mine.number:
-                    observe_valve(ensemble, state, shared, out, mine, now, v)
+            v = group_on(ensemble, drive, mine.number, drive.first_valve)
+            while v < drive.first_valve + drive.valves:
+                observe_valve(ensemble, state, shared, out, mine, now, v)
+                v = group_on(ensemble, drive, mine.number, v + 1)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)

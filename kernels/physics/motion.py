@@ -26,7 +26,7 @@ CELL_VALUES = wp.constant(5)
 @wp.func
 def cell_at(x: Any, table: Any):
     """Where `x` is in a table: cell, place in it from 0 to 1, cells beyond the ends, and how often it began anew."""
-    u = (x - table.start) / table.spacing
+    u = div(x - table.start, table.spacing)
     place = rounded(u)
     cells = type(place)(table.cells)
     rounds = type(place)(0.0)
@@ -83,8 +83,8 @@ def track_at(x: Any, table: Any, values: Any):
             w = rounded(place)
             c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
             spacing = rounded(table.spacing)
-            slope = (c1 + w * (type(w)(2.0) * c2 + type(w)(3.0) * w * c3)) / spacing
-            bend = (type(w)(2.0) * c2 + type(w)(6.0) * w * c3) / (spacing * spacing)
+            slope = quotient(c1 + w * (type(w)(2.0) * c2 + type(w)(3.0) * w * c3), spacing)
+            bend = quotient(type(w)(2.0) * c2 + type(w)(6.0) * w * c3, spacing * spacing)
     return value, slope, bend
 
 

@@ -65,6 +65,7 @@ from typing import Any
 
 import warp as wp
 
+from ..native import quotient, root
 from ..number import (  # noqa: F401
     Pair,
     add,
@@ -171,9 +172,9 @@ def compression(z: Any, tensioner: Any):
     one = type(z)(1.0)
     square = z * z
     sixth = square * square * square
-    share = one / (one + tensioner.air)
-    stiff = share * tensioner.ambient / tensioner.bulk_modulus * sixth
-    soft = share * tensioner.air / sixth
+    share = quotient(one, one + tensioner.air)
+    stiff = quotient(share * tensioner.ambient, tensioner.bulk_modulus) * sixth
+    soft = quotient(share * tensioner.air, sixth)
     return (stiff - soft) * z, type(z)(7.0) * stiff + type(z)(5.0) * soft
 
 
@@ -203,7 +204,7 @@ def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
 def valve_lift(drop: Any, valve: Any):
     """y [m] of a valve, eq. (8)."""
     push = drop * valve.hole_area - valve.preload
-    return wp.clamp(push / valve.stiffness, type(drop)(0.0), valve.lift_max)
+    return wp.clamp(quotient(push, valve.stiffness), type(drop)(0.0), valve.lift_max)
 
 
 @wp.func
@@ -220,18 +221,18 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
         around = valve.discharge * type(drop)(wp.static(math.pi))
         curtain = around * y * (valve.seat_width + y * valve.seat_growth)
         hole = valve.hole_area
-        part = hole / wp.sqrt(curtain * curtain + hole * hole)
+        part = quotient(hole, root(curtain * curtain + hole * hole))
         limit = wp.max(drop, tensioner.laminar_limit)
-        speed = wp.sqrt(two * limit / tensioner.density)
-        quicker = speed / (two * limit)
+        speed = root(quotient(two * limit, tensioner.density))
+        quicker = quotient(speed, two * limit)
         if drop < limit:
-            speed = speed * drop / limit
-            quicker = speed / drop
+            speed = quotient(speed * drop, limit)
+            quicker = quotient(speed, drop)
         flow = part * curtain * speed
         slope = part * curtain * quicker
         if y < valve.lift_max:
             wider = around * (valve.seat_width + two * y * valve.seat_growth) * part * part * part
-            slope = slope + wider * speed * hole / valve.stiffness
+            slope = slope + quotient(wider * speed * hole, valve.stiffness)
     return flow, slope
 
 
@@ -250,7 +251,7 @@ def flows_at(pressure: Any, rate: Any, tensioner: Any):
 def filling(x: wp.float64, state: Any, tensioner: Any):
     """The chamber's volume V [m^3], and mu - ln(V/V_0) of the oil in it, which is phi where nothing flows, eq. (6)."""
     volume = chamber_volume(x, tensioner)
-    return volume, state.content - wp.log(volume / tensioner.volume)
+    return volume, state.content - wp.log(quotient(volume, tensioner.volume))
 
 
 @wp.func
@@ -294,7 +295,7 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
         supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
         part = wp.max(per_volume * (leaked + relieved + vented - supplied), type(z)(-0.99))
         rest += log_of_sum(part)
-        slope -= per_volume * flow_slope * type(z)(7.0) * pressure / (z * (type(z)(1.0) + part))
+        slope -= quotient(per_volume * flow_slope * type(z)(7.0) * pressure, z * (type(z)(1.0) + part))
     return rest, slope
 
 
@@ -334,7 +335,7 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, tensioner: 
             high = z
         else:
             low = z
-        after = z - rest / slope
+        after = z - quotient(rest, slope)
         if after <= zero or pressure_at(after, tensioner) < tensioner.vapor:
             if floor == zero:
                 floor = root_of(tensioner.vapor, tensioner)
@@ -477,9 +478,9 @@ def expanded(z: Any, tensioner: Any):
     one = type(z)(1.0)
     square = z * z
     sixth = square * square * square
-    share = one / (one + tensioner.air)
-    q = share * tensioner.ambient / tensioner.bulk_modulus * sixth * z
-    b = share * tensioner.air / (sixth / z)
+    share = quotient(one, one + tensioner.air)
+    q = quotient(share * tensioner.ambient, tensioner.bulk_modulus) * sixth * z
+    b = quotient(share * tensioner.air, square * square * z)
     total = type(z)(0.0)
     for i in range(wp.static(len(SERIES))):
         row = type(z)(0.0)
@@ -500,9 +501,9 @@ def specific_energy(z: Any, tensioner: Any):
 
 @wp.func
 def enthalpy(z: Any, tensioner: Any):
-    """H [Pa] of the oil, eq. (10)."""
-    energy, volume = specific_energy(z, tensioner)
-    return energy + (pressure_at(z, tensioner) - tensioner.ambient) * volume
+    """H [Pa] of the oil, eq. (10), (10a)."""
+    energy, phi = expanded(z, tensioner)
+    return energy + pressure_at(z, tensioner) * exponential(-phi) - tensioner.still
 
 
 @wp.func
@@ -581,7 +582,10 @@ def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
     middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
     flows.leak_loss = middle * density * (flows.leaked + flows.relieved + flows.vented)
     if flows.supplied > type(z)(0.0):
-        flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
+        supplied = tensioner.supplied
+        if tensioner.supply_table.cells > 0:
+            supplied = enthalpy(root_of(tensioner.supply, tensioner), tensioner)
+        flows.supply_work = supplied * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
     return flows
 
@@ -594,7 +598,7 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     if state.unfilled == 1:
         tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
-    per_volume = h / volume
+    per_volume = quotient(h, volume)
     z = solved_root(content, per_volume, rate, before, tensioner)
     pressure = pressure_at(z, tensioner)
     supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)

@@ -20,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from ..native import quotient
 from ..number import add, leading, mul, number_of, rounded, sub  # noqa: F401
 from .motion import track_at
 
@@ -31,22 +32,22 @@ def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
 
 
 @wp.func
-def lift_at(angle: Any, phase: Any, valve: Any, motion: Any, tables: Any):
-    """Lift [m] of a valve and its first and second derivative by the forward angle [m], rounded."""
-    lift, slope, bend = track_at(cam_angle(angle, phase, valve, motion), valve.lift, tables)
-    return valve.height * leading(lift), valve.height * slope, valve.height * bend
+def lift_at(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
+    """Lift of a group's k-th cam and its first and second derivative by the forward angle, as a vector [m], rounded."""
+    turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
+    lift, slope, bend = track_at(turned, valve.lift, tables)
+    return wp.vector(valve.height * leading(lift), valve.height * slope, valve.height * bend)
 
 
 @wp.func
-def with_valves(cam: Any, angle: Any, valve: Any, motion: Any, tables: Any):
-    """Inertia and moment of a body's valves at its angle, with those of one group more."""
+def with_valves(cam: Any, at: Any, valve: Any):
+    """Inertia and moment of the valves on a body, with those of one cam of a group more, `at` its `lift_at`."""
     half = type(valve.mass)(0.5)
-    for i in range(valve.first_phase, valve.first_phase + valve.phases):
-        lift, slope, bend = lift_at(angle, tables[i], valve, motion, tables)
-        cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
-        cam.growth = cam.growth + valve.sign * valve.count * valve.mass * slope * bend
-        cam.moment = cam.moment - valve.sign * valve.count * (valve.preload + valve.stiffness * lift) * slope
-        cam.energy = cam.energy + valve.count * (valve.preload + half * valve.stiffness * lift) * lift
+    lift, slope, bend = at[0], at[1], at[2]
+    cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
+    cam.growth = cam.growth + valve.sign * valve.count * valve.mass * slope * bend
+    cam.moment = cam.moment - valve.sign * valve.count * (valve.preload + valve.stiffness * lift) * slope
+    cam.energy = cam.energy + valve.count * (valve.preload + half * valve.stiffness * lift) * lift
     return cam
 
 
@@ -79,7 +80,7 @@ def constant_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     if motion.prescribed == 1:
         return moment
     share = valves_share(speed, kick, cam, motion)
-    return (moment + cam.moment - cam.growth * speed * speed) / (type(share)(1.0) + share)
+    return quotient(moment + cam.moment - cam.growth * speed * speed, type(share)(1.0) + share)
 
 
 @wp.func
@@ -90,19 +91,22 @@ def cam_energy(speed: Any, cam: Any, motion: Any):
 
 
 @wp.func
-def valve_load(angle: Any, speed: Any, angular: Any, valve: Any, motion: Any, tables: Any):
-    """Torque [N m] of a group of valves against forward rotation and the least force [N] on a follower (b).
+def unloaded(valve: Any):
+    """A group of valves' load, before any of its cams."""
+    return wp.vector(type(valve.mass)(0.0), type(valve.mass)(wp.inf))
+
+
+@wp.func
+def with_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
+    """Torque [N m] of a group of valves against forward rotation and the least force [N] on a follower (b), with one
+    cam more.
 
     Args:
-        angle: of the body, a number.
-        speed, angular: its angular velocity and acceleration at that instant.
+        load: of the cams before.
+        at: the cam's `lift_at`.
+        speed, angular: the body's angular velocity and acceleration at that instant.
     """
-    torque = type(valve.mass)(0.0)
-    least = type(valve.mass)(wp.inf)
-    for i in range(valve.first_phase, valve.first_phase + valve.phases):
-        lift, slope, bend = lift_at(angle, tables[i], valve, motion, tables)
-        force = valve.preload + valve.stiffness * lift
-        force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)
-        torque = torque + valve.count * force * slope
-        least = wp.min(least, force)
-    return torque, least
+    lift, slope, bend = at[0], at[1], at[2]
+    force = valve.preload + valve.stiffness * lift
+    force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)
+    return wp.vector(load[0] + valve.count * force * slope, wp.min(load[1], force))

@@ -37,6 +37,9 @@ VARIANTS_PER_BLOCK = 4
 COLLECTING = 256
 """Threads of a block that adds up what the others have noted."""
 
+CAMS = 8
+"""A kernel has room for a multiple of so many cams of valves."""
+
 RESERVED = 1024
 """Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
@@ -141,7 +144,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
 
 
 TOGETHER = {
-    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others"),
+    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
 """How columns of several chains become those of their variant; the others by `np.maximum`."""
@@ -180,7 +183,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tied": drives["tied"],
         "hubs": drives["hubs"] + drives["jointed"],
         "fed": packed.fed,
-        "valves": drives["valves"] > 0,
+        "valves": CAMS * -(-packed.cams // CAMS),
         "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),

@@ -20,6 +20,7 @@ from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 from warpchain.drive.trains import names_of
 from warpchain.kernels.physics.mount import PRESCRIBED
+from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
 from warpchain.kernels.structs import GROUND
 
@@ -182,6 +183,27 @@ def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
         _fill_oil(row, tensioner)
 
 
+def _expanded(pressure: Any, oil: Any) -> Any:
+    """K + P exp(-phi) of oil at a pressure [Pa], eq. (10a) of `physics.tensioner`."""
+    share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
+    q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
+    total = 0.0 * q
+    for row in reversed(SERIES):
+        of_row = 0.0 * b
+        for coefficient in reversed(row):
+            of_row = of_row * b + coefficient
+        total = total * q + of_row
+    return pressure * (total + each(math.exp)(b - q))
+
+
+def oil_energies(oil: Any) -> tuple[Any, Any]:
+    """What energies of flows are counted from, and the enthalpy of oil that is supplied [Pa]: `still` and `supplied`
+    of `structs.Tensioner`.
+    """
+    still = _expanded(oil.ambient, oil)
+    return still, _expanded(oil.supply, oil) - still
+
+
 def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     oil, valve, chamber = tensioner.oil, tensioner.valve, tensioner.chamber
     assert oil is not None and valve is not None and chamber is not None
@@ -190,6 +212,7 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     row["supply"], row["ambient"], row["vapor"] = oil.supply, oil.ambient, VAPOR_PRESSURE
     row["rest"], row["drained"] = static_pressure(tensioner), chamber.drained
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
+    row["still"], row["supplied"] = oil_energies(oil)
     row["laminar_limit"] = LAMINAR_DROP
     check = row["check"]
     check["hole_area"], check["preload"], check["lift_max"] = valve.hole_area, valve.preload, valve.lift

@@ -187,6 +187,12 @@ class Packed(Arrays):
         owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
         return np.bincount(owner, self.tensioners["supply_table"]["cells"][: len(owner)], self.variants) > 0
 
+    @property
+    def cams(self) -> NDArray[np.int64]:
+        """(variants,) number of cams that lift valves."""
+        owner = np.repeat(np.arange(self.variants), self.drives["valves"])
+        return np.bincount(owner, self.valves["phases"][: len(owner)], self.variants).astype(np.int64)
+
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
         return STATE_ROWS * int(self.drives["first_roller"][v])
