@@ -151,8 +151,8 @@ class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
     bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
     (`structs.Drive.light`, `tied`, `hubs`), and where supplies of tensioners are tabulated; `hubs` is 2 where arms
-    carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of all of them, which
-    are tied.
+    carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of all of them,
+    which are tied.
     """
 
     sprockets: int
