@@ -30,6 +30,15 @@ CHATTERING: Values = equal(17, 50, 0.05) | {
 }
 
 
+AUTO: Values = CHATTERING | {"run.step": "auto"}
+PULSED: Values = AUTO | {"sprockets.driven.load": {"torque": 300.0, "harmonics": [{"order": 1.5, "amplitude": 150.0}]}}
+SAGGING: Values = AUTO | {
+    "run.gravity": [0.0, -9.81],
+    "sprockets.driven.center": [0.822, 0.0],
+    "chain.damping": 500.0,
+}
+RUBBING: Values = AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1}
+
 BARE = {key: value for key, value in SMOOTH.items() if "guide" not in key}
 """The values that take friction from a drive without guide-bars."""
 
@@ -46,6 +55,10 @@ class Sample:
 
 SAMPLES = {
     "two": lambda: Sample(pair(CHATTERING), 10, copies=16),
+    "two, automatic step": lambda: Sample(pair(AUTO), 10, copies=16),
+    "two, pulsing load": lambda: Sample(pair(PULSED), 10, copies=16),
+    "two, sagging": lambda: Sample(pair(SAGGING), 10, copies=16),
+    "two, friction": lambda: Sample(pair(RUBBING), 10, copies=16),
     "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
     "marine without friction": lambda: Sample(example("marine", SMOOTH), 32, 8),  # whose waves take so long to grow
     "industrial without friction": lambda: Sample(example("industrial", BARE), 10, 8),

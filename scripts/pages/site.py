@@ -107,7 +107,9 @@ def menu(folder: Path) -> list[Any]:
     groups["Model and limits"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
     groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
     groups["Reference"].append({"Python": below("reference/python", "warpchain")})
-    tutorials = below("tutorials", "install", "first-drive", "own-drive", "first-study", "first-optimization")
+    tutorials = below(
+        "tutorials", "install", "first-drive", "own-drive", "first-study", "first-optimization", "decision"
+    )
     return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]
 
 

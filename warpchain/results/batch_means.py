@@ -9,8 +9,9 @@ least squares of a parabola through the logarithms of the lowest ordinates give
 
 The constant is for the bias of the logarithm, and c makes the median error that of independent batches. What periods
 of the drive and shorter ones add to is elsewhere in the spectrum, and averages out of the mean. So few ordinates leave
-the error uncertain by a factor of two: the mean plus and minus `INTERVAL` of them holds the long-run mean in 95 of 100
-windows.
+the error uncertain by a factor of two, and by chance the parabola may fall to almost nothing: an error is at least
+`LEAST` of what the geometric mean of the ordinates gives. The mean plus and minus `INTERVAL` errors holds the long-run
+mean in 95 of 100 windows.
 
 A signal that repeats itself has no chance in it. Its ripple, of amplitude A and frequency w, leaves up to A / (w T) in
 the mean of a window of length T, what its last period does not complete, and as much in each of the low ordinates,
@@ -43,7 +44,11 @@ LOWEST = 9
 MEDIAN = 1.075
 """Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
 
-INTERVAL = 4.2
+LEAST = 0.5
+"""Of what the geometric mean of the lowest ordinates gives, the least that an error is. More would hide that a spectrum
+falls towards zero; less leaves one window in fifty with an error that is short by a factor of three and more."""
+
+INTERVAL = 3.5
 """Errors on either side of a mean within which the long-run mean is with 95 %."""
 
 SLOW = 7.5
@@ -144,7 +149,9 @@ def standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
     ordinates = np.abs(found) ** 2
     usual = ordinates.mean(axis=-1)
     shares = np.maximum(ordinates / np.where(usual > 0.0, usual, 1.0)[..., None], LEAST_SHARE)
-    error = np.sqrt(usual * np.exp(((np.log(shares) - LOG_BIAS) * _extrapolation()).sum(axis=-1))) / MEDIAN
+    logarithms = np.log(shares) - LOG_BIAS
+    least = 2.0 * np.log(LEAST) + logarithms.mean(axis=-1)
+    error = np.sqrt(usual * np.exp(np.maximum((logarithms * _extrapolation()).sum(axis=-1), least))) / MEDIAN
     parts = np.concatenate([found.real, found.imag], axis=-1)
     explained = (np.einsum("fck,...k->...fc", _sines(means.shape[-1]), parts) ** 2).sum(axis=-1).max(axis=-1)
     return np.asarray(np.where(explained > (1.0 - DETERMINATE) * ordinates.sum(axis=-1), np.nan, error))
