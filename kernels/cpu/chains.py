@@ -14,12 +14,13 @@ import warp as wp
 from ..integrate import MOST, Stage, leapfrog_kick, stage_at, stages_of, stretching
 from ..modules import own_module
 from ..physics.body import solved
+from ..physics.valve import valves_share
 from ..structs import DIVERGENCE_CHECK, PREDICTING, Drive, Now, Sums, types
 from .contact_pairs import nearness
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
 from .rollers import passes
-from .steps import evaluating, hanging, is_predicted, moving, stepping
+from .steps import evaluating, hanging, is_predicted, loading, moving, stepping
 
 
 @cache
@@ -28,6 +29,7 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     find_rates, follow = moving(Real, plain).find_rates, hanging(Real).follow
+    cam_on, kick_of = loading(Real, plain).cam_on, loading(Real, plain).kick_of
 
     @wp.func
     def bodies_of(ensemble: Ensemble, first: int, rings: int):
@@ -36,10 +38,15 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
     @wp.func
-    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
+    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64):
         """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain."""
         first = b + ensemble.ties[b].apart
         tie, wrench, more = ensemble.ties[first], state.wrenches[b], state.rates[b][2]
+        if wp.static(not plain):
+            cam = cam_on(ensemble, state, begin, count, first)
+            more = more / (
+                wp.float64(1.0) + valves_share(state.bodies[first].speed, kick, cam, ensemble.motions[first])
+            )
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:
             for other in range(begin, begin + count):
@@ -49,11 +56,11 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
                     state.rates[other] = rates
 
     @wp.func
-    def join(ensemble: Ensemble, state: State, begin: int, count: int):
+    def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
             if ensemble.ties[b].apart != 0:
-                hand_on(ensemble, state, begin, count, b)
+                hand_on(ensemble, state, begin, count, b, kick)
         for b in range(begin, begin + count):
             if ensemble.ties[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
@@ -61,9 +68,10 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
                 state.rates[b] = rates
 
     @wp.func
-    def join_all(ensemble: Ensemble, state: State, variant: int, rings: int):
-        """`join`, of all bodies of a variant."""
-        join(ensemble, state, ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings))
+    def join_all(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
+        """`join`, of all bodies of a variant, at a stage's `time`."""
+        drive = ensemble.drives[variant]
+        join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time))
 
     @wp.func
     def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
@@ -83,7 +91,7 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         """
         for r in range(variant, variant + rings):
             find_rates(ensemble, state, ensemble.drives[r], PREDICTING, time)
-        join_all(ensemble, state, variant, rings)
+        join_all(ensemble, state, variant, rings, time)
         begin, count = ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings)
         for r in range(variant, variant + rings):
             drive = ensemble.drives[r]
@@ -159,7 +167,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
                 pull(ensemble, state, variant + c, drive, scratch[c], memory)
             forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
             together.find_rates(ensemble, state, drive, at.number, at.time)
-        together.join_all(ensemble, state, variant, rings)
+        together.join_all(ensemble, state, variant, rings, at.time)
 
     @wp.func
     def observe(

@@ -210,16 +210,25 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
                 state.cams[b] = with_valves(state.cams[b], at, valve)
 
     @wp.func
-    def against_valves(ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64):
-        """The moment that turns body `b` of all, of its constant inertia, from that of all but valves."""
-        cam, mine, kick = Cam(), ensemble.ties[b], wp.float64(0.0)
-        for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
+    def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
+        """Inertia and moment of a train's valves, as its body `b` has them; it is among `count` bodies from `begin`."""
+        cam, mine = Cam(), ensemble.ties[b]
+        for other in range(begin, begin + count):
             tie = ensemble.ties[other]
             if tie.train == mine.train:
                 cam = geared(cam, state.cams[other], tie.ratio / mine.ratio)
-        if drive.integrator == 0 and time > kick:
-            kick = drive.step
-        return constant_moment(moment, state.bodies[b].speed, kick, cam, ensemble.motions[b])
+        return cam
+
+    @wp.func
+    def kick_of(drive: Drive, time: wp.float64):
+        """Step that leapfrog takes from the speed before `time`, 0 where the speed is that of the instant [s]."""
+        return wp.where(drive.integrator == 0 and time > wp.float64(0.0), drive.step, wp.float64(0.0))
+
+    @wp.func
+    def against_valves(ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64):
+        """The moment that turns body `b` of all, of its constant inertia, from that of all but valves."""
+        cam = cam_on(ensemble, state, drive.first_body, drive.sprockets + drive.shafts, b)
+        return constant_moment(moment, state.bodies[b].speed, kick_of(drive, time), cam, ensemble.motions[b])
 
     @wp.func
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):

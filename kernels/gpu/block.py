@@ -175,10 +175,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         steps: int,
         since: int,
     ):
-        """Variants `order[b]`, each on threads of its own: `steps` steps on, sums and frames written on the way.
-
-        The frames' buffer was begun `since` steps before this launch.
-        """
+        """Takes variants `order[b]` `steps` steps on; the frames' buffer was begun `since` steps before this launch."""
         number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
         shared = shared_of(state, number)
         mine = among(ensemble, shared, mine_of(ensemble.drives[order[number]], order[number], i, body_of(i)))
@@ -216,8 +213,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         touch = on_warp.look(ensemble, state, shared, mine, now, touch)
-                    do.lift(ensemble, shared, mine)
-                    do.predict(ensemble, state, out, shared, mine, now, touch)
+                    do.prepare(ensemble, state, out, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.contacts(ensemble, state, tallies, shared, mine, on_warp.plain(now), touch)
                         do.load_moment_ahead(ensemble, shared, mine, now)
@@ -245,8 +241,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(ahead) and now.step < end and now.diverged == 0:  # joints remember only steps that are taken
                 tension, rate = pull(state, shared, mine, now, lengths)
             barrier()
-            if wp.static(ahead):  # while others are at the next contacts
-                do.flow(ensemble, state, shared, mine, taken)
+            do.flow_apart(ensemble, state, shared, mine, taken)
         loop.finish(ensemble, state, out, shared, mine, now)
 
     return advance_block

@@ -26,7 +26,7 @@ from ..physics.body import (
     turns_soundly,
 )
 from ..physics.hub import bearing_moment, carried_by
-from ..physics.motion import free_load, prescribed_at, tabulated_over, value_at
+from ..physics.motion import free_load, prescribed_acceleration, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
 from ..physics.tensioner import (
     lost_power,
@@ -352,6 +352,18 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.valves > 0):
             moment = against_valves(ensemble, shared, mine, now, b, moment)
         return moment
+
+    @wp.func
+    def rates_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+        """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
+        pose, motion = shared.poses[b], shared.motions[b]
+        speed, angular = leading(pose.speed), gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        if wp.static(kind.integrator == 0):
+            lag = leapfrog_lag(now.step, leading(step_number(mine)))
+            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble.curves)
+        return speed, angular
 
     @wp.func
     def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):

@@ -13,7 +13,7 @@ from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
 from .jointed import block_jointed
-from .kind import ENDS, EVENT, EXTRA, FRAME, WARP, BlockKind, Mine
+from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import body_observing
@@ -103,14 +103,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         barrier()
 
     @wp.func
-    def lift(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """Shares the lifts of valves, before a barrier; all threads together."""
+    def prepare(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
+        """Shares the lifts of valves and, where bodies are light, predicts their accelerations; before the contacts."""
         if wp.static(kind.parts.valves > 0):
-            trains.share_lifts(ensemble, shared, mine)
-
-    @wp.func
-    def predict(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
-        """As `predict_all`, where there are light bodies."""
+            trains.cams.share_lifts(ensemble, shared, mine)
         if wp.static(kind.parts.light > 0):
             predict_all(ensemble, state, out, shared, mine, now, touch)
 
@@ -164,24 +160,16 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
-        """Takes the oil of the thread's body along with its step of `now`; no other thread waits for that."""
+        """Takes the oil of the thread's body along with its step of `now`."""
         if wp.static(kind.parts.tensioners > 0):
             if mine.body >= 0:
                 tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
 
     @wp.func
-    def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: kinds.Wrench):
-        """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
-        if mine.body >= 0:
-            trains.pass_on(ensemble, state, shared, mine, now, wrench)
-        barrier()
-        couplings = ensemble.drives[mine.variant].couplings
-        for r in range(1, wp.static(kind.parts.rings)):
-            couplings = couplings + ensemble.drives[mine.variant + r].couplings
-        if now.measured != 0 or now.flags & FRAME != 0 or couplings > 0:
-            if mine.body >= 0:
-                trains.observe_trains(ensemble, state, shared, out, mine, now)
-            barrier()
+    def flow_apart(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
+        """`flow` on several warps, while other threads are at the next contacts."""
+        if wp.static(ahead):
+            flow(ensemble, state, shared, mine, now)
 
     @wp.func
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
@@ -196,7 +184,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         acting = hang(ensemble, shared, mine, chain_on(state, shared, mine, now))
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tied > 0):
-            tie(ensemble, state, out, shared, mine, now, wrench)
+            trains.tie(ensemble, state, out, shared, mine, now, wrench)
         if wp.static(kind.parts.jointed):
             joints.couple(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
@@ -295,8 +283,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        do.lift(ensemble, shared, mine)
-        do.predict(ensemble, state, out, shared, mine, now, touch)
+        do.prepare(ensemble, state, out, shared, mine, now, touch)
         forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)

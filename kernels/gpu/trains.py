@@ -6,9 +6,9 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_lag, stage_at
+from ..integrate import stage_at
 from ..number import add, difference, leading, rounded  # noqa: F401
-from ..physics.motion import load_moment_at_speed, prescribed_acceleration
+from ..physics.motion import load_moment_at_speed
 from ..physics.train import (
     coupling_energy,
     coupling_loss,
@@ -18,13 +18,13 @@ from ..physics.train import (
     on_side,
     twist_of,
 )
-from ..physics.valve import lift_at, unloaded, with_load, with_valves
-from ..structs import Drive
-from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
+from ..sums import add_coupling, add_energy, add_gear, add_shaft
 from .bodies import block_tensioners, body_steps, gathering
+from .cams import block_cams
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
 from .rings import block_rings
+from .sync import sync
 
 
 @cache
@@ -35,7 +35,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
     steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
-    gathered, write_valve, frame_at = gathering(kind).gathered, sampling.write.write_valve, sampling.frame_at
+    rates_now, cams, barrier = gathering(kind).rates_now, block_cams(kind, frame), sync(kind).barrier
     body_of, place_of = block_rings(kind).body_of, block_rings(kind).place_of
 
     @wp.func
@@ -64,58 +64,6 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
 
     @wp.func
-    def share_lifts(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """Shares the lifts of all cams: a thread each, from the last on, which may have no rollers."""
-        last = ensemble.drives[mine.variant + wp.static(kind.parts.rings - 1)]
-        end = last.first_valve + last.valves
-        cam = wp.static(kind.shape.threads - 1) - mine.thread
-        while cam < wp.static(kind.parts.valves):
-            v, k = int(ensemble.drives[mine.variant].first_valve), int(cam)
-            while v < end and k >= ensemble.valves[v].phases:
-                k = k - ensemble.valves[v].phases
-                v = v + 1
-            if v < end:
-                valve, ring = ensemble.valves[v], int(0)
-                for r in range(1, wp.static(kind.parts.rings)):
-                    if v >= ensemble.drives[mine.variant + r].first_valve:
-                        ring = r
-                b = body_of(ensemble, shared, mine.variant + ring, ring, valve.body)
-                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.curves.tables)
-                shared.lifts[cam] = at
-            cam = cam + wp.static(kind.shape.threads)
-
-    @wp.func
-    def first_cam(ensemble: Ensemble, mine: Mine, v: int):
-        """The number of the first cam of group v of all valves among those of the variant."""
-        first = int(0)
-        for other in range(ensemble.drives[mine.variant].first_valve, v):
-            first = first + ensemble.valves[other].phases
-        return first
-
-    @wp.func
-    def group_on(ensemble: Ensemble, drive: Drive, b: int, v: int):
-        """The first group of valves from `v` on that is on body b of a drive, or where they end.
-
-        So threads whose bodies have valves go through their groups together, the first, the second, and so on.
-        """
-        at = int(v)
-        while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:
-            at = at + 1
-        return at
-
-    @wp.func
-    def lift_valves(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """Shares what the valves on the thread's body do to it, once all lifts are shared."""
-        cam, drive = kinds.Cam(), ensemble.drives[mine.row]
-        v = group_on(ensemble, drive, mine.number, drive.first_valve)
-        while v < drive.first_valve + drive.valves:
-            valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
-            for k in range(valve.phases):
-                cam = with_valves(cam, shared.lifts[first + k], valve)
-            v = group_on(ensemble, drive, mine.number, v + 1)
-        shared.cams[mine.body] = cam
-
-    @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
         time = steps.time_of(mine, now)
@@ -142,39 +90,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
         if wp.static(kind.parts.valves > 0):
-            lift_valves(ensemble, shared, mine)
-
-    @wp.func
-    def rates_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
-        """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
-        pose, motion = shared.poses[b], shared.motions[b]
-        speed, angular = leading(pose.speed), gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
-        if wp.static(kind.integrator == 0):
-            lag = leapfrog_lag(now.step, leading(steps.step_number(mine)))
-            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
-        if motion.prescribed == 1:
-            angular = prescribed_acceleration(steps.time_of(mine, now), motion, ensemble.curves)
-        return speed, angular
-
-    @wp.func
-    def lifted(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, v: int):
-        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
-        valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
-        speed, angular = rates_now(ensemble, shared, mine, now, valve.body)
-        load = unloaded(valve)
-        for k in range(valve.phases):
-            load = with_load(load, shared.lifts[first + k], speed, angular, valve)
-        return load[0], load[1]
-
-    @wp.func
-    def observe_valve(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: Mine, now: Now, v: int):
-        """One step of a group of valves on the thread's body, for the sums of the window and the frame."""
-        torque, force = lifted(ensemble, shared, mine, now, v)
-        if now.flags & FRAME != 0:
-            drive = ensemble.drives[mine.variant]
-            write_valve(out.frames, frame_at(drive, state, mine, now), drive, v - drive.first_valve, torque, force)
-        if wp.static(measuring) and now.measured != 0:
-            out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
+            cams.lift_valves(ensemble, shared, mine)
 
     @wp.func
     def observe_shaft(ensemble: Ensemble, shared: Shared, out: Out, mine: Mine, now: Now):
@@ -229,11 +145,11 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if number >= 0 and number < drive.bodies:
                 if on_side(gear, number):
                     moment = moment - other.ratio / tie.ratio * shared.passed[b]
-        if wp.static(kind.parts.valves > 0):  # of one chain, so far
+        if wp.static(kind.parts.valves > 0):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
                 if on_side(gear, valve.body):
-                    torque, force = lifted(ensemble, shared, mine, now, v)
+                    torque, force = cams.lifted(ensemble, shared, mine, now, v)
                     beside = ensemble.ties[drive.first_body + valve.body].ratio / tie.ratio
                     moment = moment + beside * valve.sign * torque
         out.sums.gear[g] = add_gear(out.sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
@@ -249,15 +165,26 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 if now.measured != 0 or now.flags & FRAME != 0:
                     observe_coupling(ensemble, state, shared, out, mine, now, c)
         if wp.static(kind.parts.valves > 0) and (now.measured != 0 or now.flags & FRAME != 0):
-            v = group_on(ensemble, drive, mine.number, drive.first_valve)
-            while v < drive.first_valve + drive.valves:
-                observe_valve(ensemble, state, shared, out, mine, now, v)
-                v = group_on(ensemble, drive, mine.number, v + 1)
+            cams.observe_valves(ensemble, state, shared, out, mine, now)
         if wp.static(measuring) and now.measured != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
                 observe_shaft(ensemble, shared, out, mine, now)
             for g in range(drive.first_gear, drive.first_gear + drive.gears):
                 if ensemble.gears[g].body == mine.number:
                     observe_gear(ensemble, shared, out, mine, now, g)
+
+    @wp.func
+    def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+        """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
+        if mine.body >= 0:
+            pass_on(ensemble, state, shared, mine, now, wrench)
+        barrier()
+        couplings = ensemble.drives[mine.variant].couplings
+        for r in range(1, wp.static(kind.parts.rings)):
+            couplings = couplings + ensemble.drives[mine.variant + r].couplings
+        if now.measured != 0 or now.flags & FRAME != 0 or couplings > 0:
+            if mine.body >= 0:
+                observe_trains(ensemble, state, shared, out, mine, now)
+            barrier()
 
     return SimpleNamespace(**locals())

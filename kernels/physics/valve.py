@@ -61,6 +61,12 @@ def geared(total: Any, cam: Any, ratio: Any):
 
 
 @wp.func
+def valves_share(speed: Any, kick: Any, cam: Any, motion: Any):
+    """Inertia of the valves of a train over a step (c), over that of the train without them."""
+    return motion.inverse_inertia * (cam.inertia + kick * cam.growth * speed)
+
+
+@wp.func
 def constant_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     """The moment [N m] that would turn a body of the inertia without valves as `moment` does with them (c).
 
@@ -73,7 +79,7 @@ def constant_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     """
     if motion.prescribed == 1:
         return moment
-    share = motion.inverse_inertia * (cam.inertia + kick * cam.growth * speed)
+    share = valves_share(speed, kick, cam, motion)
     return quotient(moment + cam.moment - cam.growth * speed * speed, type(share)(1.0) + share)
 
 

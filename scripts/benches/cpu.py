@@ -10,7 +10,7 @@ import numpy as np
 from common.cases import Line, case, option
 from common.timing import best_but_one, in_turns
 
-from benches.drives import JOINT_FRICTION, STRIBECK, named
+from benches.drives import JOINT_FRICTION, STRIBECK, without_valves
 from benches.probe import launch, packed_of, schedule
 from benches.reference import c_program, run
 from warpchain import Drive
@@ -81,7 +81,7 @@ def cpu(asked: argparse.Namespace) -> Iterator[Line]:
         found = {title: c_program(Path(name), *each) for title, each in flags.items()}
         programs = {title: program for title, program in found.items() if program}
         for title in asked.drives:
-            drive = named(title)
+            drive = without_valves(title)
             timed = in_turns(jobs_of(drive, programs, steps), asked.rounds)
             best = {word: best_but_one(rates) for word, rates in timed.items()}
             yield f"\n{title}: {drive.chain.links} rollers, {steps} steps"

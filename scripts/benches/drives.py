@@ -39,15 +39,15 @@ HARMONICS: Values = {
 
 
 def named(name: str) -> Drive:
-    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example.
-
-    Of `car` camshafts have harmonics for valves.
-    """
-    if name == "car":
-        return example(name, {"valves": ()} | HARMONICS)
+    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example."""
     if name in ("two", "rk4"):
         return pair(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
     return example("marine", SMOOTH) if name == "smooth" else example(name)
+
+
+def without_valves(name: str) -> Drive:
+    """A drive by name as the C program knows it: camshafts of `car` have harmonics for valves."""
+    return example(name, {"valves": ()} | HARMONICS) if name == "car" else named(name)
 
 
 def of_length(links: int) -> Drive:

@@ -16,7 +16,7 @@ import warp as wp
 from common.cases import Line, case, option
 
 from benches import drives
-from benches.drives import JOINT_FRICTION, named, of_length
+from benches.drives import JOINT_FRICTION, named, of_length, without_valves
 from benches.probe import launch, packed_of, schedule
 from benches.reference import cuda_program, cuda_seconds
 from warpchain import Drive, Record, Run, simulate
@@ -84,7 +84,7 @@ def loop(drive: Drive, variants: int, precision: str, steps: int, metrics: bool,
 @part("drive | precision | variants | CUDA | bare | of CUDA | us/step | metrics | of bare | first launch [s]", MANY)
 def table(name: str, precision: str, variants: int, effort: Effort) -> Row:
     """The time loop bare and with metrics, beside CUDA C++."""
-    drive, steps = named(name), effort.launched(variants)
+    drive, steps = without_valves(name), effort.launched(variants)
     work = variants * drive.chain.links * steps / 1e9
     theirs = cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
     bare, begin = loop(drive, variants, precision, steps, False, effort.rounds)
@@ -97,7 +97,7 @@ def table(name: str, precision: str, variants: int, effort: Effort) -> Row:
 )
 def joints(name: str, precision: str, variants: int, metrics: bool, effort: Effort) -> Row:
     """The time loop with joint friction, beside the same drive without."""
-    drive = named(name)
+    drive = without_valves(name)
     work = variants * drive.chain.links * effort.steps / 1e9
     plain, rubbed = (
         loop(kind, variants, precision, effort.steps, metrics, effort.rounds)[0]
@@ -119,7 +119,7 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
 @part("precision | variants | bare [us/step] | metrics [us/step]", product(PRECISIONS, (1, 1056)))
 def car(precision: str, variants: int, effort: Effort) -> Row:
     """The time loop of `car`: curved guides, an arm, friction by speed, oil."""
-    drive, steps = named("car"), effort.launched(variants)
+    drive, steps = without_valves("car"), effort.launched(variants)
     return tuple(
         1e6 * loop(drive, variants, precision, steps, metrics, effort.rounds)[0] / steps for metrics in (False, True)
     )
@@ -135,7 +135,7 @@ def timed(drives: list[Drive], **options: Any) -> tuple[Run, float]:
 @part("drive | precision | simulated [s] | without [s] | metrics [s] | of bare | rate without | with", product(*EACH))
 def runs(name: str, precision: str, effort: Effort) -> Row:
     """Whole runs of 16,896 variants with metrics over the second half, as is usual, and without; no settling."""
-    drive = named(name).with_values({"run.settle": False})
+    drive = without_valves(name).with_values({"run.settle": False})
     length, step, many = drive.run.duration, resolve_step(drive), [drive] * VARIANTS[-1]
     found: dict[str, list[float]] = {"without": [], "with": []}
     for _ in range(min(effort.rounds, 2)):  # in turns
@@ -150,7 +150,7 @@ def runs(name: str, precision: str, effort: Effort) -> Row:
 @part("drive | precision | s | packing and table | diverged | mean tension [N]", product(HEADLINE, PRECISIONS))
 def headline(name: str, precision: str, effort: Effort) -> Row:
     """10,000 marine drives of 2 s, or `car` of 0.2 s, that differ in five values (tables packed anew)."""
-    drive = named(name)
+    drive = without_valves(name)
     many = [drives.other(drive, k) for k in range(10_000)]
     run, total = timed(many, device=DEVICE, precision=precision, duration=HEADLINE[name])
     mean = float(np.mean(run.metrics["tension_mean"].to_numpy()))

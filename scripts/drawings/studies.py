@@ -232,8 +232,8 @@ def front_figure(results: Results, goals: Goals, chosen: list[Recommended], draw
         below = drawing.add_subplot(grid[k, 1], sharex=below)
         below.plot(x[front], values[name][front], "o-", ms=4, lw=1, color=RED)
         below.set(ylabel=labels[name], ylim=(0.95 * np.nanmin(values[name]), 1.05 * np.nanmax(values[name])))
-        below.label_outer()
-    below.set(xlabel=f"along the front: {labels[first]}")
+        below.tick_params(labelbottom=k + 1 == len(results.factors))
+    below.set(xlabel=f"along the front:\n{labels[first]}")
     for axis in drawing.axes:
         axis.grid(alpha=0.3)
     return drawing

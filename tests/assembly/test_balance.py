@@ -172,7 +172,7 @@ def test_derivatives_with_an_arm_are_those_of_the_energy():
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles])
     x += np.random.default_rng(3).normal(size=len(x)) * 1e-5
     terms, d = potential.terms(x), 1e-9
-    whole = terms.hessian(np.arange(len(x)), np.ones(len(x)), len(x)).toarray()
+    whole = terms.hessian([(np.arange(len(x)), np.ones(len(x)))], len(x)).toarray()
     for i in [*range(40, 60), len(x) - 2, len(x) - 1]:
         up, down = x.copy(), x.copy()
         up[i] += d

@@ -22,6 +22,7 @@ from blocks import (
     unjoined_light,
     v6,
     v6_fed,
+    valved_stages,
     ways,
 )
 from raw import stepped
@@ -44,6 +45,8 @@ LONG = [
     (unjoined_light, True, "float32"),
     (unjoined_folded, True, "float64"),
     (v6_fed, True, "float64"),
+    (valved_stages, False, "float64"),
+    (valved_stages, True, "float32"),
 ]
 
 

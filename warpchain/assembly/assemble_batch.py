@@ -14,6 +14,7 @@ from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, arrays_of, first_of, first_refused, picked, size_of, stacks_of
+from warpchain.drive.trains import has_trains, ties
 from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
@@ -111,6 +112,7 @@ def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
             "sprockets": tuple(
                 sprocket.model_copy(update=of) for sprocket, of in zip(one.sprockets, own["sprockets"], strict=True)
             ),
+            "shafts": tuple(shaft.model_copy(update=of) for shaft, of in zip(one.shafts, own["shafts"], strict=True)),
             "guides": drive.guides,
             "arms": drive.arms,
             "tensioners": drive.tensioners,
@@ -130,12 +132,13 @@ def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
 def _layout(drive: Drive) -> Hashable:
     """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
     own = _layout_key(drive)
-    values = [value for of in (own["chain"], *own["sprockets"], own["run"]) for value in of.values()]
-    return (*values, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
+    values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
+    tied = tuple(ties(drive)) if has_trains(drive) else ()
+    return (*values, tied, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
 
 
 def _layout_key(drive: Drive) -> dict[str, Any]:
-    """The values of a drive's chain, sprockets and run that its layout depends on, by name."""
+    """The values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
 
     def some(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
@@ -150,6 +153,7 @@ def _layout_key(drive: Drive) -> dict[str, Any]:
     return {
         "chain": some(drive.chain, *lengths) | {"outer": outer},
         "sprockets": [some(sprocket, *places) for sprocket in drive.sprockets],
+        "shafts": [some(shaft, "name", "prescribed", "initial_speed") for shaft in drive.shafts],
         "run": some(drive.run, "gravity", "phase"),
     }
 

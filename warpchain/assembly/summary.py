@@ -197,7 +197,9 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
     for ring in loaded_rings(drive):
         automatic = ring.drive.run.model_copy(update={"step": "auto"})
         own[ring.name] = derive(ring.drive.model_copy(update={"run": automatic})) | step
-    return {"chains": own, "shafts": shafts, **step}
+        own[ring.name].pop("valves", None)  # below, by the speed of the whole drive's driver
+    valves = {"valves": train_report.valves(drive)} if drive.valves else {}
+    return {"chains": own, "shafts": shafts, **valves, **step}
 
 
 def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady) -> list[dict[str, Any]]:
@@ -577,7 +579,7 @@ def _report_several(values: dict[str, Any]) -> list[str]:
         for s in values["shafts"]
     ]
     lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
-    return [*lines, *_step_lines(values)]
+    return [*lines, *_valve_lines(values), *_step_lines(values)]
 
 
 def fit_and_findings(values: dict[str, Any]) -> list[str]:

@@ -13,8 +13,8 @@ from warpchain.drive.sprocket import ArmMount
 
 PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
 """Lists of a drive whose parts are of one chain each."""
-TRAIN_PARTS = ("shafts", "gears", "couplings")
-"""Those that turn what is on them, too."""
+TRAIN_PARTS = ("shafts", "gears", "couplings", "valves")
+"""Those that turn what is on them, too, or are turned by it."""
 
 
 @dataclass(frozen=True)

@@ -179,11 +179,5 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
             yield Problem(("chains", chains[name], "plane"), plane, text)
 
 
-def one_chain_rules(drive: Any) -> Iterator[Problem]:
-    """Valves are for drives of one chain so far."""
-    if elements(drive, "chains") and elements(drive, "valves"):
-        yield Problem(("valves",), None, "valves are not for drives of several [[chains]] yet", BARE)
-
-
-SEVERAL = (chain_rules, one_chain_rules, shaft_group_rules, ratio_rules, plane_rules)
+SEVERAL = (chain_rules, shaft_group_rules, ratio_rules, plane_rules)
 """The rules, in the order in which errors are listed."""

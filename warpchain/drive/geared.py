@@ -1,4 +1,4 @@
-"""Drives of several chains with gears, couplings, motors or shafts without sprockets: each chain as a drive of its own.
+"""Drives of several chains with gears, couplings, motors, valves or shafts without sprockets: each as one of its own.
 
 Bodies that shafts, gears and couplings tie are a group. It is part of one chain, its home: of the one that turns it, or
 of the first that it turns. There its sprockets of other chains are shafts (`warpchain.drive.shafts.Beside`), so that
@@ -27,6 +27,7 @@ from warpchain.drive.trains import (
     turned_part,
     with_chain,
 )
+from warpchain.drive.transmission import OF_GROUPS
 from warpchain.drive.turned import turned_on
 
 DRIVING = ("prescribed", "motor", "initial_speed")
@@ -143,8 +144,8 @@ def _ring(plan: _Plan, name: str, found: dict[str, Ring], starts: dict[str, Star
     drive, count, places = plan.drive, plan.count, places_of(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.at_home(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
-    for kind in ("gears", "couplings"):
-        first = [plan.names.index(part.between[0]) for part in getattr(drive, kind)]
+    for kind in OF_GROUPS:
+        first = [plan.names.index(getattr(part, "on", None) or part.between[0]) for part in getattr(drive, kind)]
         places[kind] = tuple(i for i, b in enumerate(first) if b in mine)
     beside = [s for s in mine if s < count and s not in places["sprockets"]]
     bodies = [*places["sprockets"], *(h + count for h in places["shafts"]), *beside]
@@ -163,7 +164,7 @@ def _ring(plan: _Plan, name: str, found: dict[str, Ring], starts: dict[str, Star
     shafts = [drive.shafts[h].model_copy(update=_motions(plan, h + count, names)) for h in places["shafts"]]
     shafts += [_beside(plan, s, names, loaded) for s in beside]
     changes = {"chain": next(chain for chain in drive.chains if chain.name == name), "chains": (), "run": run}
-    changes |= {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in (*PARTS, "gears", "couplings")}
+    changes |= {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in (*PARTS, *OF_GROUPS)}
     changes |= {"sprockets": tuple(sprockets), "shafts": tuple(shafts)}
     return Ring(name, drive.model_copy(update=changes), places)
 

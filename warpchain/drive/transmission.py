@@ -19,6 +19,9 @@ from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 
+OF_GROUPS = ("gears", "couplings", "valves")
+"""Lists of parts that are of one group of bodies each."""
+
 
 def is_geared(drive: Any) -> bool:
     """Whether a drive of several chains has more than sprockets on shafts. Takes a mapping, too."""
@@ -28,7 +31,7 @@ def is_geared(drive: Any) -> bool:
     on = [get(sprocket, "shaft") for sprocket in elements(drive, "sprockets")]
     bare = any(get(shaft, "name") not in on for shaft in shafts)
     driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
-    return bare or driven or any(elements(drive, kind) for kind in ("gears", "couplings"))
+    return bare or driven or any(elements(drive, kind) for kind in OF_GROUPS)
 
 
 def with_shafts(drive: Any) -> list[Any]:

@@ -144,7 +144,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
 
 
 TOGETHER = {
-    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others"),
+    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
 """How columns of several chains become those of their variant; the others by `np.maximum`."""

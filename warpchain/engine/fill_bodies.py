@@ -197,9 +197,7 @@ def _expanded(pressure: Any, oil: Any) -> Any:
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
-    """What energies of flows are counted from, and the enthalpy of oil that is supplied [Pa]: `still` and `supplied`
-    of `structs.Tensioner`.
-    """
+    """`still` and `supplied` of `structs.Tensioner` [Pa]: the enthalpies' zero, and that of oil that is supplied."""
     still = _expanded(oil.ambient, oil)
     return still, _expanded(oil.supply, oil) - still
 
