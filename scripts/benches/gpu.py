@@ -116,10 +116,13 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
     return variants, work / many, work / metrics, 1e6 * loop(drive, 1, precision, some, False, effort.rounds)[0] / some
 
 
-@part("precision | variants | bare [us/step] | metrics [us/step]", product(PRECISIONS, (1, 1056)))
-def car(precision: str, variants: int, effort: Effort) -> Row:
-    """The time loop of `car`: curved guides, an arm, friction by speed, oil."""
-    drive, steps = without_valves("car"), effort.launched(variants)
+@part(
+    "cams | precision | variants | bare [us/step] | metrics [us/step]",
+    product(("valves", "harmonics"), PRECISIONS, (1, 1056)),
+)
+def car(cams: str, precision: str, variants: int, effort: Effort) -> Row:
+    """The time loop of `car`: curved guides, an arm, friction by speed, oil, and valves or two harmonics for them."""
+    drive, steps = named("car") if cams == "valves" else without_valves("car"), effort.launched(variants)
     return tuple(
         1e6 * loop(drive, variants, precision, steps, metrics, effort.rounds)[0] / steps for metrics in (False, True)
     )
