@@ -147,13 +147,18 @@ def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: s
 
 
 def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window of a chain [N], at least what counts; NaN where no ramp is over before it begins."""
+    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, or where no ramp is
+    over before it begins.
+    """
+    name = f"{of}.tension_mean" if of else "tension_mean"
+    if name not in columns:
+        return np.full(len(drives), np.nan)
     motions = (
         [sprocket.prescribed for sprocket in drive.sprockets] + [shaft.prescribed for shaft in drive.shafts]
         for drive in drives
     )
     ramps = np.array([max((motion.ramp_time for motion in each if motion), default=0.0) for each in motions])
-    mean, begin = columns[f"{of}.tension_mean" if of else "tension_mean"][0], columns["window_start"][0]
+    mean, begin = columns[name][0], columns["window_start"][0]
     return np.where((ramps > 0.0) & (begin >= ramps), np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
 
 
