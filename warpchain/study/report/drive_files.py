@@ -32,6 +32,8 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
     Raises:
         StudyError: a row that gives no drive, or a folder that cannot be written.
     """
+    if not chosen:
+        return []
     path = Path(folder)
     study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     made = [Variant(row) for row in rows_of(study, drive, designs, chosen)]
