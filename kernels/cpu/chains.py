@@ -38,15 +38,20 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
     @wp.func
-    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64):
-        """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain."""
+    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64, lifting: bool):
+        """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain.
+
+        Args:
+            kick: as `kick_of`.
+            lifting: whether cams lift valves.
+        """
         first = b + ensemble.ties[b].apart
         tie, wrench, more = ensemble.ties[first], state.wrenches[b], state.rates[b][2]
         if wp.static(not plain):
-            cam = cam_on(ensemble, state, begin, count, first)
-            more = more / (
-                wp.float64(1.0) + valves_share(state.bodies[first].speed, kick, cam, ensemble.motions[first])
-            )
+            if lifting:
+                cam = cam_on(ensemble, state, begin, count, first)
+                share = valves_share(state.bodies[first].speed, kick, cam, ensemble.motions[first])
+                more = more / (wp.float64(1.0) + share)
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:
             for other in range(begin, begin + count):
@@ -56,11 +61,11 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
                     state.rates[other] = rates
 
     @wp.func
-    def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64):
+    def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
             if ensemble.ties[b].apart != 0:
-                hand_on(ensemble, state, begin, count, b, kick)
+                hand_on(ensemble, state, begin, count, b, kick, lifting)
         for b in range(begin, begin + count):
             if ensemble.ties[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
@@ -70,8 +75,9 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def join_all(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
         """`join`, of all bodies of a variant, at a stage's `time`."""
-        drive = ensemble.drives[variant]
-        join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time))
+        drive, last = ensemble.drives[variant], ensemble.drives[variant + rings - 1]
+        lifting = last.first_valve + last.valves > drive.first_valve
+        join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time), lifting)
 
     @wp.func
     def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):

@@ -102,13 +102,12 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         return moment
 
     @wp.func
-    def load_on(ensemble: Ensemble, shared: Shared, mine: Mine):
-        """Moment [N m] on the thread's arm of its own spring and weight, and of arms on it."""
+    def own_on(ensemble: Ensemble, shared: Shared, mine: Mine):
+        """Moment [N m] on the thread's arm of its own spring and weight."""
         drive = ensemble.drives[mine.row]
         first = first_arm(drive, mine)
         seen, to = turned(ensemble, shared, drive, first, mine.body - first), heading(shared.poses[mine.body])
-        own = own_moment(seen, to, ensemble.arms[drive.first_arm + mine.body - first])
-        return own + joints_on(ensemble, shared, mine)
+        return own_moment(seen, to, ensemble.arms[drive.first_arm + mine.body - first])
 
     @wp.func
     def of_joint(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, k: int, lag: Real):
@@ -180,14 +179,15 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             pose, mount = shared.poses[mine.body], steps.mount_of(shared, mine.body)
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
-            load = load_on(ensemble, shared, mine)
+            others = joints_on(ensemble, shared, mine)
+            load = own_on(ensemble, shared, mine) + others
             shared.poses[mine.body].load = load
             wrench.load = load
             by, body, off = steps.with_bearing(wrench), in_plain(state_of(pose)), steps.off(pose, mount)
             rates = body_rates(time, off, body, heading(pose), by, shared.motions[mine.body], mount, ensemble.curves)
             for k in range(3):
                 put(shared, mine.body, RATES + k, rates[k])
-            put(shared, mine.body, MOMENT, joints_on(ensemble, shared, mine))
+            put(shared, mine.body, MOMENT, others)
         barrier()
         if mine.arm >= 0:
             accelerate(ensemble, shared, mine, time, lag)

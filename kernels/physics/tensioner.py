@@ -494,16 +494,15 @@ def expanded(z: Any, tensioner: Any):
 def specific_energy(z: Any, tensioner: Any):
     """u [Pa] of the oil, eq. (10), (10a), and its volume exp(-phi) a unit of M."""
     energy, phi = expanded(z, tensioner)
-    still, phi_still = expanded(type(z)(1.0), tensioner)
-    volume, volume_still = exponential(-phi), exponential(-phi_still)
-    return energy - still + tensioner.ambient * (volume - volume_still), volume
+    volume = exponential(-phi)
+    return energy + tensioner.ambient * volume - tensioner.still, volume
 
 
 @wp.func
 def enthalpy(z: Any, tensioner: Any):
-    """H [Pa] of the oil, eq. (10), (10a)."""
-    energy, phi = expanded(z, tensioner)
-    return energy + pressure_at(z, tensioner) * exponential(-phi) - tensioner.still
+    """H [Pa] of the oil, eq. (10)."""
+    energy, volume = specific_energy(z, tensioner)
+    return energy + (pressure_at(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func

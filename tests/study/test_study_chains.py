@@ -39,19 +39,24 @@ levels = [36, 60]
 """
 
 
+def studied(drive, study, folder):
+    """A drive as its file has it, and the table of a study of it."""
+    save_drive(drive, folder / "two.toml")
+    (folder / "study.toml").write_text(study + RUN.format(0.005))
+    return load_drive(folder / "two.toml"), run_study(folder / "study.toml", folder / "out", workers=1).table
+
+
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     """As of `simulate`; a row whose second chain does not fit says why."""
-    save_drive(chains.two_stages(), tmp_path / "two.toml")
-    (tmp_path / "study.toml").write_text(STUDY + RUN.format(0.005))
-    outcome = run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
-    rows = read_results(outcome.table).table.to_pylist()
-    drive = load_drive(tmp_path / "two.toml").with_values({"sprockets.out.load.torque": 100.0})
+    drive, table = studied(chains.two_stages(), STUDY, tmp_path)
+    rows = read_results(table).table.to_pylist()
+    drive = drive.with_values({"sprockets.out.load.torque": 100.0})
     alone = simulate(drive, device="cpu", duration=0.005, record=Record(variants="none"), limits=Limits())
     wanted = alone.metrics.to_pylist()[0]
     for name in ("first.tension_max", "second.mid out->out.tension_mean", "out.speed_mean", "energy_residual"):
         assert rows[0][name] == wanted[name], name
-    judged = with_recorded_objectives(read_results(outcome.table), tmp_path / "out").table.to_pylist()
+    judged = with_recorded_objectives(read_results(table), tmp_path / "out").table.to_pylist()
     assert judged[0]["out.transmission_error_rms"] is not None
     assert [row["status"] for row in rows] == ["ok", "infeasible", "ok", "infeasible"], [row["reason"] for row in rows]
     assert rows[1]["reason"].startswith('chain "second": ')
@@ -59,7 +64,7 @@ def test_a_study_has_the_metrics_of_each_chain(tmp_path):
 
 GEARED = """
 [study]
-drive = "geared.toml"
+drive = "two.toml"
 [design]
 kind = "factorial"
 [[factors]]
@@ -76,10 +81,8 @@ levels = [2e4, 4e4]
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 def test_factors_of_one_of_geared_chains_and_of_a_coupling(tmp_path):
     """As of `simulate`, of which gears and couplings are metrics."""
-    save_drive(chains.geared_stages(), tmp_path / "geared.toml")
-    (tmp_path / "study.toml").write_text(GEARED + RUN.format(0.005))
-    rows = read_results(run_study(tmp_path / "study.toml", tmp_path / "out", workers=1).table).table.to_pylist()
-    drive = load_drive(tmp_path / "geared.toml")
+    drive, table = studied(chains.geared_stages(), GEARED, tmp_path)
+    rows = read_results(table).table.to_pylist()
     pairs = [(k, c) for k in (4e7, 5e7) for c in (2e4, 4e4)]
     assert [(row["stiffness"], row["twist"]) for row in rows] == pairs
     drives = [drive.with_values({"chains.second.stiffness": k, "couplings.joint.stiffness": c}) for k, c in pairs]
