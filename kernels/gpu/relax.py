@@ -73,7 +73,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             wrench = tensioners.pushed(ensemble, state, mine, 0, pose, wrench)
         load = wp.float64(0.0)
         if wp.static(kind.parts.jointed):
-            load = joints.load_on(ensemble, shared, mine)
+            load = joints.own_on(ensemble, shared, mine) + joints.joints_on(ensemble, shared, mine)
         else:
             load = steps.load_on(ensemble, shared, mine, load, load, pose)
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
