@@ -120,17 +120,19 @@ def orders_of(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> n
     return np.asarray(order_amplitudes(turns_of(trajectory)[part], values[part].astype(float), list(orders)))
 
 
-def published_table(run: Run, rows: Sequence[Row], light: Run) -> Iterator[Line]:
-    """The tight span's largest link load, its torsion, and orders of its tension beside those without valves' mass."""
+def published_table(run: Run, rows: Sequence[Row], light: Run, soft: Run) -> Iterator[Line]:
+    """The tight span's largest link load, its torsion beside that of a softer chain, and orders of its tension beside
+    those without valves' mass.
+    """
     words = tuple(f"order {order}" for order in ORDERS)
-    yield ("rpm", "largest link load [N]", "torsion [deg]", *words, *(f"{word}, no mass" for word in words))
+    torsions = ("torsion [deg]", "torsion, a third of the stiffness [deg]")
+    yield ("rpm", "largest link load [N]", *torsions, *words, *(f"{word}, no mass" for word in words))
     for k, (rpm, row) in enumerate(zip(SPEEDS, rows, strict=True)):
-        torsion = float(np.ptp(crank_degrees(run[k], 2)))
-        cells = []
+        cells = [f"{np.ptp(crank_degrees(part[k], 2)):.2f}" for part in (run, soft)]
         for part in (run[k], light[k]):
             pull = strand_tension(part, TIGHT, passing_link(part, TIGHT))
             cells += [f"{size:.0f}" for size in orders_of(part, pull, ORDERS)]
-        yield (rpm, f"{row[f'{ENDS[1]}.tension_max']:.0f}", f"{torsion:.2f}", *cells)
+        yield (rpm, f"{row[f'{ENDS[1]}.tension_max']:.0f}", *cells)
 
 
 def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
@@ -210,8 +212,12 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     yield from orders_table(run)
     yield ""
     no_mass = {f"valves.{name}.mass": 0.0 for name in ("intake valves", "exhaust valves")}
-    light = simulate([drive.with_values(no_mass) for drive in drives[: len(SPEEDS)]], record=record, progress=True)
-    yield from published_table(run, sweep, light)
+    third = {"chain.stiffness": drives[0].chain.stiffness / 3.0}
+    light, soft = (
+        simulate([drive.with_values(values) for drive in drives[: len(SPEEDS)]], record=record, progress=True)
+        for values in (no_mass, third)
+    )
+    yield from published_table(run, sweep, light, soft)
     yield ""
     yield from trends(iter(rows[len(SPEEDS) :]), panels)
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
