@@ -340,7 +340,7 @@ def reason(error: OSError | ValueError) -> str:
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """What a regular file of at most `LARGEST` bytes holds.
+    """The bytes of a regular file, of which there are `LARGEST` at most.
 
     Raises:
         OSError: another or a larger file, or what the system refuses.

@@ -45,6 +45,7 @@ FAST: Values = AUTO | {
 LIGHT: Values = AUTO | {"sprockets.driven.load": {"torque": 100.0}}
 UNDAMPED: Values = AUTO | {"chain.damping": 300.0, "sprockets.driven.inertia": 5.0}
 TAUT: Values = AUTO | equal(25, 70, 0.05)
+LONG: Values = AUTO | equal(17, 150, 0.05)
 RUBBING: Values = AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1}
 
 MEMORIES = (0.025, 0.05, 0.1, 0.125, 0.2, 0.25, 0.5, 1.0, 2.0)
@@ -73,6 +74,7 @@ SAMPLES = {
     "two, light load": lambda: Sample(pair(LIGHT), 10, copies=16),
     "two, light damping": lambda: Sample(pair(UNDAMPED), 10, copies=16),
     "two, taut": lambda: Sample(pair(TAUT), 10, copies=16),
+    "two, long": lambda: Sample(pair(LONG), 10, 8),
     "two, friction": lambda: Sample(pair(RUBBING), 10, copies=16),
     "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
     "marine without friction": lambda: Sample(example("marine", SMOOTH), 32, 8),  # whose waves take so long to grow
