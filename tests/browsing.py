@@ -13,6 +13,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 SIZE = (1920, 1080)
+_BOX = "const [a, b] = [e, e.ownerSVGElement].map((of) => of.getBoundingClientRect());"
+BESIDE = (
+    "[...document.querySelectorAll('p, li, h1, h2, h3, code, td, caption, figcaption, label, button, select, a, b')]"
+    ".filter((e) => e.getBoundingClientRect().right > innerWidth + 1)"
+    ".map((e) => e.tagName + ' ' + e.textContent.slice(0, 40)).join('; ')"
+)
+"""Script: words that end right of the screen."""
+CUT = (
+    f"[...document.querySelectorAll('svg text')].filter((e) => {{ {_BOX} return a.left < b.left - 1 || "
+    "a.right > b.right + 1 || a.top < b.top - 1 || a.bottom > b.bottom + 1; }).map((e) => e.textContent).join('; ')"
+)
+"""Script: words of pictures that are cut off at a picture's edge."""
 
 
 def no_browser() -> str | None:
@@ -74,6 +86,12 @@ class Browser:
     def open(self, url: str) -> None:
         """Goes to a page."""
         self.call("Page.navigate", self._session, url=url)
+
+    def note_faults(self) -> None:
+        """Has the scripts' uncaught errors of each page that is opened from now on in its `faults`."""
+        note = "window.faults = []; addEventListener('error', (e) => faults.push(e.message));"
+        self.call("Page.enable", self._session)
+        self.call("Page.addScriptToEvaluateOnNewDocument", self._session, source=note)
 
     def value(self, expression: str) -> object:
         """The value of an expression in the page's script."""

@@ -206,9 +206,9 @@ def with_parts(text, **values):
 
 
 def ran(drive, rate=1e4, **options):
-    """The run of a drive on the CPU, all of it recorded and in the window, and its row."""
+    """The run of a drive on the device of the test, all of it recorded and in the window, and its row."""
     whole = {"window": (0.0, drive.run.duration)} | options
-    run = simulate(drive, record=Record(rate=rate), device="cpu", limits=STARTING, **whole)
+    run = simulate(drive, record=Record(rate=rate), limits=STARTING, **whole)
     return run, run.metrics.to_pylist()[0]
 
 

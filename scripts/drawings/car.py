@@ -49,9 +49,11 @@ def ripple(rpm: float) -> float:
 
 
 def at_speed(rpm: float) -> Drive:
-    """The drive at a speed of the crankshaft, with that speed's ripple; half the run is cycles."""
+    """The drive at a speed of the crankshaft, with that speed's ripple; half the run is cycles, two at least: a line
+    through the four waves of one is inclined by more than `Limits.start` allows.
+    """
     cycle = 120.0 / rpm
-    duration = 2.0 * cycle * max(1, math.ceil(0.1 / cycle))
+    duration = 2.0 * cycle * max(2, math.ceil(0.1 / cycle))
     ramp = 0.3 * duration
     values: Values = {
         "sprockets.crank.prescribed.speed": rpm * math.pi / 30.0,

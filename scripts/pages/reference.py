@@ -124,12 +124,12 @@ def python_pages() -> dict[str, str]:
 def pages() -> dict[str, str]:
     """Every page of reference, and the schemas, by their paths below `reference`."""
     more = (
-        "Every table and key of a [{0} file](../{1}.md), from the code itself; for editors as a JSON schema, "
-        "[{0}.schema.json]({0}.schema.json)."
+        "The classes that hold a [{0} file](../{1}.md), with their fields, from the code itself; for editors as a JSON "
+        "schema, [{0}.schema.json]({0}.schema.json)."
     )
     return {
-        "drive-keys.md": keys_page(Drive, "Keys of drive files", more.format("drive", "drive-file")),
-        "study-keys.md": keys_page(Study, "Keys of study files", more.format("study", "studies")),
+        "drive-keys.md": keys_page(Drive, "Python classes of drive files", more.format("drive", "drive-file")),
+        "study-keys.md": keys_page(Study, "Python classes of study files", more.format("study", "studies")),
         "drive.schema.json": schema_text(drive_schema()),
         "study.schema.json": schema_text(study_schema()),
         "commands.md": commands_page(),

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pytest
 import zstandard
 from command import run as command
-from drives import two_sprockets
+from drives import BLADE, two_sprockets
 from pyarrow import parquet
 from small_disk import small_disk
 from study_helpers import write_study
@@ -437,6 +437,56 @@ def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
     line = refused(capsys, "check", with_table(tmp_path, table))
     assert 'driver.prescribed.table.file = "t.csv": ' in line and told in line
     assert len(line) < 1000
+
+
+VALVES = """
+[[valves]]
+name = "inlets"
+on = "driven"
+mass = 0.1
+spring = { preload = 100.0, stiffness = 2e4 }
+table = { file = "t.csv" }
+"""
+CRANK = """
+[[shafts]]
+name = "crank"
+inertia = 0.2
+motor = { table = { file = "t.csv" } }
+"""
+ENGINES = {
+    "lift jumps": (VALVES, "angle_deg,lift_mm\n0,0\n90,9\n180,9\n360,0\n", "jumps from 0; must change by at most"),
+    "lift open": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n360,1\n", "must repeat the first element, 0, where"),
+    "lift short": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n350,0\n", "1/2, 1/3 ... of one, after the first"),
+    "gas open": (CRANK, "angle_deg,torque\n0,0\n180,80\n720,5\n", "torque.2 = 5.0: must repeat the first element, 0"),
+    "gas short": (CRANK, "angle_deg,torque\n0,0\n180,80\n700,0\n", "must be a whole number of revolutions"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("part", "table", "told"), ENGINES.values(), ids=ENGINES)
+def test_lifts_and_gas_torques_that_make_no_sense(capsys, tmp_path, part, table, told):
+    (tmp_path / "t.csv").write_text(table)
+    (tmp_path / "d.toml").write_text(dumps_drive(two_sprockets()) + part)
+    assert told in refused(capsys, "check", tmp_path / "d.toml")
+
+
+@pytest.mark.parametrize(
+    "verb", [["check", "car"], ["run", "car", "-o", "a.mcap"], ["modes", "car"]], ids=lambda words: words[0]
+)
+@pytest.mark.parametrize("temperature", [-80, 230])
+def test_oil_that_turns_to_glass_or_to_gas(capsys, verb, temperature):
+    oil = [f"tensioners.tensioner.oil.viscosity_{at}={nu} mm^2/s" for at, nu in ((40, 62), (100, 10.3))]
+    words = [*verb, *(word for value in (f"temperature={temperature}", *oil) for word in ("--set", value))]
+    assert "must be from -74 to 222 degrees C" in refused(capsys, *words)
+
+
+def test_a_drawing_with_an_open_contour(capsys, tmp_path):
+    document = pytest.importorskip("ezdxf").new("R2010", units=4)
+    for ends in (((0, 0), (50, 0)), ((50.5, 0), (100, 3))):
+        document.modelspace().add_line(*ends)
+    document.saveas(tmp_path / "blade.dxf")
+    shape = "points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25"
+    (tmp_path / "d.toml").write_text(BLADE.replace(shape, 'profile = "blade.dxf"'))
+    assert "the contour is open: LINE" in refused(capsys, "check", tmp_path / "d.toml")
 
 
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):

@@ -1,9 +1,10 @@
-"""Float32 beside float64 where bodies are moved in pairs: arms and tensioners, rk4, a tensioner on a sprocket."""
+"""Float32 beside float64 where bodies are moved in pairs: arms, tensioners, rk4, one on a sprocket, an engine."""
 
 import numpy as np
 import pytest
 from blocks import pushed_slider
 from drives import timing, two_sprockets
+from fired import fired
 
 from warpchain import Record, simulate
 
@@ -13,6 +14,7 @@ DRIVES = {
     "arm": timing,
     "arm, rk4": lambda: timing().with_values(RK4),
     "rk4": lambda: two_sprockets().with_values(RK4),
+    "engine": lambda: fired(**{"run.step": 2.5e-6}),
     "pushed": lambda: pushed_slider()[0],  # which does not touch it at its center
 }
 

@@ -41,21 +41,24 @@ def engine(key, mean):
     return with_parts(text, duration=0.21, step=5e-6)
 
 
-@pytest.mark.parametrize("key", ["motor", "load"])
-def test_firing_turns_the_crank(device, key):
-    # J w^2 / 2 = J w_0^2 / 2 + int (T - M) d phi, cycle by cycle; lines join the rows of the table
+@pytest.mark.parametrize(
+    ("key", "precision", "off"), [("motor", "float64", 1e-7), ("load", "float64", 1e-7), ("motor", "float32", 5e-7)]
+)
+def test_firing_turns_the_crank(device, key, precision, off):
+    # J w^2 / 2 = J w_0^2 / 2 + int (T - M) d phi, cycle by cycle; lines join the rows of the table; at float32
+    # frames have the speed to 6e-8 of itself
     torque = firing()
     work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(CYCLE) * (torque[1:] + torque[:-1]))])
     mean = float(work[-1] / (4.0 * math.pi))
     assert 50.0 < mean < 150.0
-    run, row = ran(engine(key, mean))
+    run, row = ran(engine(key, mean), precision=precision)
     angle, speed = np.asarray(run[0].shaft_angle)[:, 0], np.asarray(run[0].shaft_speed)[:, 0]
     assert angle[-1] > 8.0 * math.pi  # three cycles
     fine = np.linspace(0.0, 4.0 * math.pi, 200_001)
     steps = np.interp(fine, CYCLE, torque) - mean
     energy = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(fine) * (steps[1:] + steps[:-1]))])
     expected = np.sqrt(SPEED**2 + 2.0 / INERTIA * np.interp(np.mod(angle, 4.0 * math.pi), fine, energy))
-    assert speed == pytest.approx(expected, rel=1e-6)
+    assert speed == pytest.approx(expected, rel=off)
     # ripple over mean speed: the swing of the work over J w^2, with the mean for the middle, half a ripple off at most
     ripple = (row["crank.speed_max"] - row["crank.speed_min"]) / row["crank.speed_mean"]
     closed = np.ptp(energy) / (INERTIA * row["crank.speed_mean"] ** 2)

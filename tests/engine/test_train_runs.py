@@ -210,7 +210,7 @@ def conveyor(**values):
     return load_drive(drive_path("conveyor")).with_values({"run.duration": 0.06, "run.settle": False} | values)
 
 
-def test_a_variant_has_the_same_bits_alone_and_in_a_crowd(device):
+def test_a_variant_has_the_same_bits_alone_and_in_a_crowd():
     drives = [conveyor(**{"shafts.motor.motor.table.factor": factor}) for factor in (1.0, 0.8, 1.2)]
     drives.append(conveyor(**{"couplings.coupling.lash": 0.0}))
     crowd = simulate(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
@@ -224,7 +224,7 @@ def test_a_variant_has_the_same_bits_alone_and_in_a_crowd(device):
 @pytest.mark.parametrize(("precision", "most"), [("float64", 2e-4), ("float32", 1e-3)])
 def test_energy_of_a_started_conveyor(device, precision, most):
     # motor, gears, chain, contacts, friction, play and damper of the coupling, drum: all of the balance
-    run = simulate(conveyor(), record=Record("none"), device="cpu", precision=precision, limits=STARTING)
+    run = simulate(conveyor(), record=Record("none"), precision=precision, limits=STARTING)
     (row,) = run.metrics.to_pylist()
     assert abs(row["energy_residual_relative"]) < most
     assert row["coupling.damping_loss"] > 0.0 and row["motor.motor_work"] > row["output_work"]

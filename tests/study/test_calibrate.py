@@ -1,9 +1,11 @@
 """Calibration: closed forms of the posterior, simulation-based calibration, files of signals, and the command."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from browsing import BESIDE, CUT, browser, no_browser
 from command import run
 from scipy.stats import chisquare
 from study_helpers import write_study
@@ -15,6 +17,7 @@ from warpchain.results.run import Record
 from warpchain.results.signal_features import Features
 from warpchain.study.analysis.posterior import directions, rank, residuals, sample_posterior
 from warpchain.study.optimize.calibrate import Emulated, calibrate
+from warpchain.study.report.calibration_page import write_calibration
 from warpchain.study.store import read_table
 
 MATRIX = np.array(
@@ -164,22 +167,27 @@ rounds = 1
 """
 
 
-def test_a_run_that_stands_for_the_rig_gives_its_torque_back(tmp_path, capsys):
-    """The tight strand carries torque / radius; what has no effect keeps its prior, and a second call runs nothing."""
-    path = write_study(tmp_path, text=CALIBRATION.replace("{value}", "1.0"))
-    text = path.read_text()
-    (tmp_path / "rig.csv").write_text("time,F\n0,1\n1,1\n")
-    true = load_drive(tmp_path / "tiny.toml").with_values(
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """A calibration's file, what it found, and the run that stands for its rig, of 8 N m."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    path = write_study(folder, text=CALIBRATION.replace("{value}", "1.0"))
+    true = load_drive(folder / "tiny.toml").with_values(
         {"sprockets.s1.load.torque": 8.0, "run.duration": 0.02, "run.step": 1e-5, "run.sample_rate": 20000.0}
     )
     rig = simulate([true], record=Record([0]), window=(0.01, 0.02))
     signal = source(rig[0], "s1->s0.tension")
     late = rig[0].time >= 0.01
     rows = zip(rig[0].time[late], signal.values()[late], strict=True)
-    (tmp_path / "rig.csv").write_text("time [s],F [N]\n" + "".join(f"{t:.9g},{f:.9g}\n" for t, f in rows))
+    (folder / "rig.csv").write_text("time [s],F [N]\n" + "".join(f"{t:.9g},{f:.9g}\n" for t, f in rows))
     median = rig.metrics["s1->s0.tension_q50"][0].as_py()
-    path.write_text(text.replace("value = 1.0", f"value = {median!r}"))
-    found = calibrate(path, tmp_path / "out")
+    path.write_text(path.read_text().replace("value = 1.0", f"value = {median!r}"))
+    return path, calibrate(path, folder / "out"), rig[0]
+
+
+def test_a_run_that_stands_for_the_rig_gives_its_torque_back(calibrated, capsys):
+    """The tight strand carries torque / radius; what has no effect keeps its prior, and a second call runs nothing."""
+    path, found, rig = calibrated
     torque, gap = (found.values[name] for name in ("torque", "gap"))
     assert abs(torque.mean() - 8.0) < 3.0 * torque.std()
     assert torque.std() < 0.2 * found.values_before["torque"].std()
@@ -188,19 +196,47 @@ def test_a_run_that_stands_for_the_rig_gives_its_torque_back(tmp_path, capsys):
     assert load_drive(found.drive).get_value("sprockets.s1.load.torque") == pytest.approx(
         torque.mean(), abs=torque.std()
     )
-    assert {f"{name}.{unit}" for name, unit in signal_units(true).items()} == {
-        f"{name}.{of.unit}" for name, of in sources(rig[0]).items()
+    assert {f"{name}.{unit}" for name, unit in signal_units(load_drive(path.parent / "tiny.toml")).items()} == {
+        f"{name}.{of.unit}" for name, of in sources(rig).items()
     }
-    again = calibrate(path, tmp_path / "out", progress=lambda *_: pytest.fail("ran again"))
+    again = calibrate(path, found.folder, progress=lambda *_: pytest.fail("ran again"))
     assert again.values["torque"] == pytest.approx(torque, rel=1e-12)
-    status, out, err = run(capsys, "calibrate", path, "-o", tmp_path / "out", "--quiet")
+    status, out, err = run(capsys, "calibrate", path, "-o", found.folder, "--quiet")
     assert (status, err) == (0, [])
     assert "not identified by the measurements: gap up, which keeps" in "\n".join(out)
-    page = (tmp_path / "out" / "calibration.html").read_text()
+    page = (found.folder / "calibration.html").read_text()
     for name in ("unknowns", "fit", "signals", "open", "predictions", "course"):
         assert f'<section id="{name}">' in page
-    posterior = read_table(tmp_path / "out" / "posterior.csv")
+    posterior = read_table(found.folder / "posterior.csv")
     assert posterior.column_names == ["torque", "gap"] and posterior.num_rows == len(torque)
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(no_browser() is not None, reason=str(no_browser()))
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_page_opens_without_errors_and_cuts_no_name_off(calibrated, width):
+    """Names of 64 characters beside and above their rows; on a phone nothing ends right of the screen.
+
+    Pictures: two of unknowns, the fit, trace and spectrum, two of what is open, one of the predicted metric.
+    """
+    found = calibrated[1]
+    names = ("left blade", "right blade")
+    long = tuple(
+        replace(number, name=f"tensioner of the {name}->balance shaft of the front: {k} to 350 Hz")
+        for k, (name, number) in enumerate(zip(names, found.numbers, strict=True))
+    )
+    with browser() as page:
+        page.note_faults()
+        page.resize(width, 844)
+        page.open(write_calibration(replace(found, numbers=long)).as_uri())
+        assert page.reaches("document.readyState == 'complete' && document.querySelectorAll('svg').length", 8)
+        assert page.value("JSON.stringify(faults)") == "[]"
+        assert page.value("document.scrollingElement.scrollWidth") == width
+        assert page.value(BESIDE) == page.value(CUT) == ""
+        drawn = "[...document.querySelectorAll('svg')].every((e) => e.querySelector('polyline, rect, circle, path'))"
+        assert page.value(drawn)
+        for name in (number.name for number in long):
+            assert page.value(f"[...document.querySelectorAll('#fit text')].some((e) => e.textContent == '{name}')")
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def gpus_named(device: str | None) -> tuple[str, ...]:
 
 
 def devices_for(device: str | None, packed: Packed, precision: str, cores: int, times: float = 1.0) -> Choice:
-    """The devices that an ensemble runs on: those that `device` names; for None what is estimated to finish first.
+    """The devices that an ensemble runs on: those that `device` names; for None those expected to finish first.
 
     Args:
         device: as the user names it.

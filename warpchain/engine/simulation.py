@@ -84,7 +84,7 @@ def simulate(
 
     Args:
         drives: one drive or many.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for what is estimated to finish first
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first
             (`info.choice` tells why). Results on different devices differ in their last bits.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.

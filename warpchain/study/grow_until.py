@@ -63,6 +63,8 @@ class Until:
 
     def words(self, error: float) -> str:
         """An error in words."""
+        if math.isinf(error):
+            return "unknown"
         return f"{100.0 * error:.3g} %" if self.relative else f"{error:.4g}"
 
 

@@ -177,27 +177,19 @@ def _fit_panel(found: Calibrated, spans: Sequence[tuple[Array, Array]]) -> list[
     shown = np.flatnonzero(values)
     if not len(shown):
         return []
-    errors, x = np.array([of.error for of in found.numbers]), np.arange(len(shown))
+    errors, rows = np.array([of.error for of in found.numbers]), np.arange(len(shown))[::-1]
     series: list[dict[str, Any]] = []
     parts = ((values, errors, INK, "measured"), (*spans[0], MARK, "prior"), (*spans[1], ACCENT, "posterior"))
     for k, (mean, deviation, color, label) in enumerate(parts):
         low, middle, high = (
             rounded(100.0 * ((mean + s * deviation) / values - 1.0)[shown]) for s in (-1.96, 0.0, 1.96)
         )
-        at = rounded(x + 0.22 * (k - 1))
-        series.append({"kind": "errors", "x": at, "low": low, "high": high, "color": color})
-        series.append({"kind": "points", "x": at, "y": middle, "color": color, "size": 3.0, "label": f"{label}, 95 %"})
-    words = [found.numbers[j].name for j in shown]
-    across = {"words": words, "turned": True}
-    return [
-        {
-            "x": across,
-            "y": {"label": "off the measured [%]"},
-            "series": series,
-            "width": 300 + 60 * len(shown),
-            "height": 320,
-        }
-    ]
+        at = rounded(rows - 0.22 * (k - 1))
+        series.append({"kind": "spans", "y": at, "low_x": low, "high_x": high, "color": color})
+        series.append({"kind": "points", "y": at, "x": middle, "color": color, "size": 3.0, "label": f"{label}, 95 %"})
+    words = [found.numbers[j].name for j in shown[::-1]]
+    size = {"width": 860, "height": 70 + 36 * len(words)}
+    return [{"x": {"label": "off the measured [%]"}, "y": {"words": words}, "series": series, **size}]
 
 
 def _signals(found: Calibrated) -> list[html.Section]:

@@ -59,9 +59,12 @@
     shownTip.style.top = `${Math.min(event.clientY + 14, window.innerHeight - shownTip.offsetHeight - 8)}px`;
   };
   const frame = (panel, box) => {
-    const own = panel.width || 340, width = narrow && !panel.cells ? Math.min(own, room) : own, height = panel.height || 250;
-    const left = panel.y.words ? Math.min(320, 14 + 6.4 * Math.max(...panel.y.words.map((w) => w.length))) : 62;
-    const bottom = panel.x.turned ? 96 : 46, top = panel.title ? 24 : 10;
+    const { words } = panel.y, reach = (list) => 6.4 * Math.max(...list.map((w) => w.length));  // of the longest word [px]
+    const own = panel.width || 340, given = narrow && !panel.cells ? Math.min(own, room) : own;
+    const beside = words ? 14 + reach(words) : 62, above = words && !panel.cells && beside > 0.45 * given;  // long words stand above their rows
+    const tilted = panel.x.turned ? reach(panel.x.words) : 0, left = above ? 14 : Math.max(beside, 0.79 * tilted - 30);
+    const bottom = tilted ? Math.max(96, 30 + 0.62 * tilted) : 46, top = panel.title ? 24 : 10;
+    const width = given + (panel.cells ? Math.max(0, left - 320) : 0), height = (panel.height || 250) + (above ? 20 * words.length : 0) + (tilted ? bottom - 96 : 0);
     const svg = make("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": panel.title || panel.y.label || "" }, box);
     const inner = { left, top, right: width - 12, bottom: height - bottom };
     const along = (axis, lists, from, to) => {
@@ -82,7 +85,9 @@
     for (const [v, word] of marks(panel.y, y, 5)) {
       const py = y.at(v);
       if (!panel.cells) make("line", { x1: inner.left, x2: inner.right, y1: py, y2: py, class: "grid" }, svg);
-      make("text", { x: inner.left - 6, y: py + 4, "text-anchor": "end" }, svg, word);
+      const at = above ? { x: inner.left, y: y.at(v + 0.5) + 4 } : { x: inner.left - 6, y: py + 4, "text-anchor": "end" };
+      const text = make("text", at, svg, word), most = width - at.x - 2;
+      if (above && text.getComputedTextLength() > most) for (const [key, value] of [["textLength", most], ["lengthAdjust", "spacingAndGlyphs"]]) text.setAttribute(key, value);
     }
     if (panel.x.label) make("text", { x: (inner.left + inner.right) / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, svg, panel.x.label);
     if (panel.y.label) {
@@ -105,6 +110,11 @@
       if (!finite(s.low[k]) || !finite(s.high[k])) return;
       const [px, a, b] = [x.at(v), y.at(s.low[k]), y.at(s.high[k])];
       make("path", { d: `M${px - 3},${a}h6M${px - 3},${b}h6M${px},${a}V${b}`, stroke: color, fill: "none", opacity: 0.75 }, svg);
+    }),
+    spans: ({ svg, x, y }, s, color) => s.y.forEach((at, k) => {
+      if (!finite(s.low_x[k]) || !finite(s.high_x[k])) return;
+      const [py, a, b] = [y.at(at), x.at(s.low_x[k]), x.at(s.high_x[k])];
+      make("path", { d: `M${a},${py - 3}v6M${b},${py - 3}v6M${a},${py}H${b}`, stroke: color, fill: "none", opacity: 0.75 }, svg);
     }),
     columns: ({ svg, x, y }, s, color) => s.y.forEach((v, k) => {
       const [a, b] = [x.at(s.low_x[k]), x.at(s.high_x[k])];
