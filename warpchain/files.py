@@ -34,7 +34,7 @@ except ImportError:  # a system without flock
 PATIENCE = 10.0
 """Seconds that writers of small files wait for one another."""
 LARGEST = 64 << 20
-"""Bytes of a text that is read, at most."""
+"""Bytes of a text or a drawing that is read, at most."""
 LONGEST = 255
 """Bytes of a file's name, at most."""
 
@@ -339,6 +339,19 @@ def reason(error: OSError | ValueError) -> str:
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The bytes of a regular file, of which there are `LARGEST` at most.
+
+    Raises:
+        OSError: another or a larger file, or what the system refuses.
+    """
+    with open(open_regular(path), "rb") as file:
+        data = file.read(LARGEST + 1)
+    if len(data) > LARGEST:
+        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
+    return data
+
+
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
     """A regular file's text (UTF-8, with or without a byte order mark), line ends as they stand.
 
@@ -348,11 +361,7 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
         error: makes the error from `cannot be read: REASON` or `not KIND: byte N is not UTF-8`.
     """
     try:
-        with open(open_regular(path), "rb") as file:
-            data = file.read(LARGEST + 1)
-        if len(data) > LARGEST:
-            raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
-        return data.decode("utf-8-sig")
+        return read_bytes(path).decode("utf-8-sig")
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
         if isinstance(refused, UnicodeDecodeError):
             raise error(f"not {kind}: byte {refused.start} is not UTF-8") from None

@@ -12,6 +12,7 @@ from common.drives import Values, equal, example, pair
 from benches.drives import SMOOTH, named
 from warpchain import Drive, Record, simulate
 from warpchain.engine.checkpoint import States
+from warpchain.kernels.statistics import BATCHES
 from warpchain.results import formulas
 from warpchain.results.batch_means import INTERVAL, Array, standard_error
 
@@ -37,7 +38,18 @@ SAGGING: Values = AUTO | {
     "sprockets.driven.center": [0.822, 0.0],
     "chain.damping": 500.0,
 }
+FAST: Values = AUTO | {
+    "sprockets.driver.prescribed": {"speed": 50.0, "ramp_time": 0.1},
+    "sprockets.driven.load": {"torque": 600.0},
+}
+LIGHT: Values = AUTO | {"sprockets.driven.load": {"torque": 100.0}}
+UNDAMPED: Values = AUTO | {"chain.damping": 300.0, "sprockets.driven.inertia": 5.0}
+TAUT: Values = AUTO | equal(25, 70, 0.05)
+LONG: Values = AUTO | equal(17, 150, 0.05)
 RUBBING: Values = AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1}
+
+MEMORIES = (0.025, 0.05, 0.1, 0.125, 0.2, 0.25, 0.5, 1.0, 2.0)
+"""Over the window, of sequences whose correlation falls by e within one."""
 
 BARE = {key: value for key, value in SMOOTH.items() if "guide" not in key}
 """The values that take friction from a drive without guide-bars."""
@@ -58,6 +70,11 @@ SAMPLES = {
     "two, automatic step": lambda: Sample(pair(AUTO), 10, copies=16),
     "two, pulsing load": lambda: Sample(pair(PULSED), 10, copies=16),
     "two, sagging": lambda: Sample(pair(SAGGING), 10, copies=16),
+    "two, fast": lambda: Sample(pair(FAST), 10, copies=16),
+    "two, light load": lambda: Sample(pair(LIGHT), 10, copies=16),
+    "two, light damping": lambda: Sample(pair(UNDAMPED), 10, copies=16),
+    "two, taut": lambda: Sample(pair(TAUT), 10, copies=16),
+    "two, long": lambda: Sample(pair(LONG), 10, 8),
     "two, friction": lambda: Sample(pair(RUBBING), 10, copies=16),
     "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
     "marine without friction": lambda: Sample(example("marine", SMOOTH), 32, 8),  # whose waves take so long to grow
@@ -151,3 +168,30 @@ def coverage(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", "turns", "windows", "unknown", "covered", "least", "width", "from", "to")
     for name in asked.names:
         yield from lengths(name, *windows_of(SAMPLES[name]()))
+
+
+def forgetting(memory: float, count: int = 4000, length: int = 400) -> Array:
+    """(count, length) windows of a sequence of mean 0 and deviation 1 whose correlation falls by e within `memory`."""
+    random, keep = np.random.default_rng(1), np.exp(-1.0 / (memory * length))
+    x = random.normal(size=(count, length))
+    for t in range(1, length):
+        x[:, t] = keep * x[:, t - 1] + np.sqrt(1.0 - keep * keep) * x[:, t]
+    return x
+
+
+@case()
+def memory(_: argparse.Namespace) -> Iterator[Line]:
+    """Standard errors of sequences that forget exponentially, by their memory over the window.
+
+    python scripts/bench.py memory
+
+    Their long-run mean is 0. The columns are those of `coverage`.
+    """
+    yield ("memory", "unknown", "covered", "width")
+    for share in MEMORIES:
+        x = forgetting(share)
+        error, mean = standard_error(x.reshape(len(x), int(BATCHES), -1).mean(axis=-1)), x.mean(axis=-1)
+        known = np.isfinite(error)
+        covered = (np.abs(mean) <= INTERVAL * error)[known].mean()
+        width = np.median(error[known]) / np.sqrt((mean * mean).mean())
+        yield (f"{share:g}", f"{100.0 * (1.0 - known.mean()):.0f} %", f"{100.0 * covered:.0f} %", f"{width:.2g}")

@@ -345,6 +345,13 @@ def test_study_files_that_make_no_sense(capsys, tmp_path, case):
         assert re.search(told, "\n".join(err))
 
 
+def test_a_study_of_22000_factors_is_refused_at_once(capsys, tmp_path):
+    factor = '[[factors]]\nname = "f{}"\npath = "chain.roller_mass"\nrange = [1.0, 2.0]\n'
+    source = write_study(tmp_path, "".join(factor.format(k) for k in range(22_000)))
+    told = f"warpchain: error: {source}: factors: 22002 of them; must be at most 1000"
+    assert refused(capsys, "study", "plan", source, limit=30.0) == told
+
+
 TABLES = {
     "mixed": ("torque,links\n1.0,44\nx,45\n", 'sprockets.s1.load.torque = "x": must be a finite number'),
     "huge": ("torque,links\n1.0," + "9" * 40 + "\n", "chain.links = 1e+40: must be an integer"),
@@ -487,6 +494,7 @@ def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
     (tmp_path / "d.toml").write_text(text)
     archive = tmp_path / "a.mcap"
     ran = ["run", tmp_path / "d.toml", "-o", archive, "--quiet", "--limit", "energy_change=inf"]
-    for words in (ran, ["plot", archive, "-o", tmp_path / "plots"]):
+    drawn = [["plot", archive, "-o", tmp_path / "plots"], ["report", archive, "-o", tmp_path / "a.html"]]
+    for words in (ran, *drawn, ["modes", tmp_path / "d.toml", "-o", tmp_path / "modes.png"]):
         status, _, err = command(capsys, *words)
         assert (status, err) == (0, [])

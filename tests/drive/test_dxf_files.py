@@ -1,6 +1,7 @@
 """Contours from DXF: faces of guides and teeth of sprockets, drawn with ezdxf, against the shapes that were drawn."""
 
 import math
+import os
 import re
 import sys
 
@@ -252,11 +253,16 @@ def test_one_line_names_the_part_and_the_file(tmp_path):
     gap(space)
     saved(document, tmp_path, "blade.dxf")
     (tmp_path / "no.dxf").write_text("nonsense")
+    os.mkfifo(tmp_path / "pipe.dxf")
+    (tmp_path / "large.dxf").touch()
+    os.truncate(tmp_path / "large.dxf", 2**40)
     shape = "points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25\n"
     for file, told in (
         ("blade.dxf", "the contour is open"),
         ("blade.dxf#shoe", 'has nothing on layer "shoe"; allowed is one of 0'),
         ("no.dxf", "is no dxf file"),
+        ("pipe.dxf", "cannot be read: it is a device or a pipe, not a file"),
+        ("large.dxf", "cannot be read: it is larger than 67108864 bytes"),
         ("none.dxf", "cannot be read: no such file or directory"),
         ("../blade.dxf", "must be a file in the drive file's folder"),
     ):

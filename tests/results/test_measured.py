@@ -1,6 +1,7 @@
 """Measured signals: files as rigs write them, laid over a run whose signals are known."""
 
 import json
+import os
 from math import pi
 
 import numpy as np
@@ -120,6 +121,15 @@ def test_what_is_not_understood(tmp_path, text, said):
     with pytest.raises(SimulationError) as caught:
         read_signal(path, "a.tension", "N")
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("ending", ["csv", "mat", "mf4"])
+def test_a_pipe_is_refused_at_once(tmp_path, ending):
+    if ending == "mf4":
+        pytest.importorskip("asammdf")
+    os.mkfifo(tmp_path / f"rig.{ending}")
+    with pytest.raises(SimulationError, match=r"cannot be read.*it is a device or a pipe, not a file"):
+        read_signal(tmp_path / f"rig.{ending}", "a.tension", "N")
 
 
 def test_every_source_has_a_view_and_its_unit():

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import DriveError, without_package
+from warpchain.files import read_bytes
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ def read_edges(path: Path, layer: str | None) -> list[Edge]:
         raise without_package("DXF", "ezdxf", "dxf") from None
 
     try:
+        read_bytes(path)  # refuses what has no end
         document = ezdxf.readfile(path)
     except OSError as error:
         raise DriveError(f"cannot be read: {(error.strerror or 'is no DXF file').lower()}") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError, without_package
-from warpchain.files import read_text
+from warpchain.files import open_regular, read_text
 from warpchain.results.units import DISPLAYED
 
 Array = NDArray[np.float64]
@@ -133,7 +134,8 @@ def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     from scipy.io import loadmat
 
     try:
-        held = loadmat(path)
+        with open(open_regular(path), "rb") as file:
+            held = loadmat(file)
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
@@ -158,6 +160,7 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     except ImportError:
         raise without_package("MDF4", "asammdf", "mdf") from None
     try:
+        os.close(open_regular(path))
         with asammdf.MDF(path) as mdf:
             names = [name for name in mdf.channels_db if name not in ("time", "t", "Time")]
             at = _index(path, [(name, "") for name in names], columns.column, 0)

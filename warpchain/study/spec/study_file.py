@@ -44,7 +44,7 @@ from warpchain.study.spec.study_tables import (
 )
 
 MOST_FACTORS = 1000
-"""Factors of a study at most."""
+"""Factors of a study file at most."""
 
 
 def _targets(factor: Any) -> list[str]:
@@ -291,10 +291,6 @@ class Study(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        count = len(elements(node, "factors"))
-        if count > MOST_FACTORS:
-            yield Problem(("factors",), None, f"{count} of them; must be at most {MOST_FACTORS}", BARE)
-            return
         yield from name_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)
@@ -314,6 +310,9 @@ def loads_study(text: str, source: str = "<text>") -> Study:
         values = drive_toml.parse(text, source)
     except DriveError as error:
         raise StudyError(str(error)) from None
+    count = len(elements(values, "factors"))
+    if count > MOST_FACTORS:
+        raise StudyError(f"{source}: factors: {count} of them; must be at most {MOST_FACTORS}")
     try:
         study = Study(**values)
         factors = tuple(with_sample(factor, Path(source).parent) for factor in study.factors)
