@@ -1,6 +1,7 @@
 """Arguments of public functions: whatever is given in place of one, the answer is one line that names it."""
 
 import inspect
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,14 +39,19 @@ FUNCTIONS = [
     *METHODS,
 ]
 CAR = load_drive(drive_path("car"))
-RUN = simulate(CAR.with_values({"run.settle": False}), duration=1e-5, device="cpu", record=Record(variants=[0]))
 RIGHT = {"amplitude": 1e-4, "frequency": 10.0, "direction": (1, 0), "angle": {}, "values": {}, "variant": 0}
-RIGHT |= {"drive": CAR, "drives": CAR, "run": RUN, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
+RIGHT |= {"drive": CAR, "drives": CAR, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
 RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}
 RIGHT |= {
     "study": Study.model_construct(),
     "folder": type("Folder", (str,), {})("x"),
 }  # a folder of a study, or its path
+
+
+@cache
+def run():
+    """A short run of one variant, recorded."""
+    return simulate(CAR.with_values({"run.settle": False}), duration=1e-5, device="cpu", record=Record(variants=[0]))
 
 
 def test_a_type_alias_is_what_it_stands_for():
@@ -60,7 +66,8 @@ def test_a_type_alias_is_what_it_stands_for():
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__qualname__)
 def test_an_argument_of_another_kind_is_named(function):
     names = inspect.signature(function).parameters
-    needed = {name: RIGHT.get(name, "x") for name, value in names.items() if value.default is value.empty}
+    right = RIGHT | {"run": run()}
+    needed = {name: right.get(name, "x") for name, value in names.items() if value.default is value.empty}
     for name in names.keys() - {"self"}:
         with pytest.raises(WarpchainError, match=rf"^(\w+\.)?{name} = <object .*>: must be [^\n]+$"):
             function(**needed | {name: object()})
@@ -72,8 +79,8 @@ def test_an_argument_of_another_kind_is_named(function):
         (lambda: Record(variants=[0.5]), r"record.variants = \[0.5\]: must be 'all' or 'none' or a sequence, each a"),
         (lambda: Record(variants=["0"]), r"record.variants = \['0'\]: must be 'all' or"),
         (lambda: Record(rate=float("inf")), "record.rate = inf: must be a finite number above 0$"),
-        (lambda: RUN[True], "variant = True: must be a whole number"),
-        (lambda: RUN.row_of(1), "variant 1: is none of the run's 1"),
+        (lambda: run()[True], "variant = True: must be a whole number"),
+        (lambda: run().row_of(1), "variant 1: is none of the run's 1"),
         (lambda: simulate([CAR, None]), r"drives = \[Drive\(.*, None\]: must be a Drive or a sequence, each a Drive"),
         (lambda: simulate(CAR, step=[1]), r"step = \[1\]: must be a finite number above 0 or 'auto'$"),
         (lambda: simulate(CAR, step=10**30), "step = 1000"),
@@ -86,7 +93,7 @@ def test_an_argument_of_another_kind_is_named(function):
         (lambda: modes(CAR, valve="ajar"), "valve = 'ajar': must be 'shut' or 'open'"),
         (lambda: CAR.tooth(3), "s = 3: must be a whole number from 0, below 3 sprockets"),
         (lambda: CAR.arm_lever(-1), "a = -1: must be a whole number from 0, below 1 arms"),
-        (lambda: RUN[0].at([0, 10**6]), r"frames of a trajectory of \d+: index 1000000 is out of bounds"),
+        (lambda: run()[0].at([0, 10**6]), r"frames of a trajectory of \d+: index 1000000 is out of bounds"),
         (lambda: ArchiveOptions(numbers=(1, 1)), "numbers: must be different from each other"),
     ],
 )  # fmt: skip
