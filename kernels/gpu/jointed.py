@@ -16,7 +16,7 @@ from ..physics.body import body_at, body_rates, in_plain, joint_moment, mass_mom
 from ..physics.guide import from_frame
 from ..physics.hub import against, carried_by, eliminated, hanging_on, joint_energy, joint_terms, moment_of
 from ..structs import Drive
-from .bodies import block_tensioners, body_access, body_steps, prescribed_motion
+from .bodies import body_access, body_steps, prescribed_motion
 from .geometry import contact_geometry
 from .kind import BlockKind, Mine
 from .shared_memory import ANGULAR, ENERGY, FORCE, MOMENT, OF_AN_ARM, RATES, TURNED
@@ -30,7 +30,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
-    access, steps, tensioners = body_access(kind), body_steps(kind), block_tensioners(kind)
+    access, steps = body_access(kind), body_steps(kind)
     state_of, heading, step_number = access.state_of, access.heading, prescribed_motion(kind).step_number
     store_row, put_pose, of_joints = accessors(Real).store_row, contact_geometry(kind).put_pose, access.of_joints
     barrier = sync(kind).barrier
@@ -164,11 +164,11 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         put(shared, mine.body, ENERGY, energy)
 
     @wp.func
-    def couple(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+    def couple(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Finds load and acceleration of the thread's arm; all threads together, before any body moves.
 
         Args:
-            wrench: of the chain on the thread's body, and of bearings.
+            wrench: of the chain on the thread's body, of bearings and of tensioners.
         """
         time, lag = steps.time_of(mine, now), Real(0.0)
         if wp.static(staged):
@@ -177,8 +177,6 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             lag = leapfrog_lag(now.step, leading(step_number(mine)))
         if mine.arm >= 0:
             pose, mount = shared.poses[mine.body], steps.mount_of(shared, mine.body)
-            if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
             others = joints_on(ensemble, shared, mine)
             load = own_on(ensemble, shared, mine) + others
             shared.poses[mine.body].load = load

@@ -85,10 +85,10 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
         if mine.body >= 0:
-            if wp.static(kind.parts.tied > 0):
-                trains.pass_on(ensemble, state, shared, mine, now, wrench)
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
+            if wp.static(kind.parts.tied > 0):
+                trains.pass_on(ensemble, state, shared, mine, now, wrench)
             if wp.static(kind.parts.rings > 1):
                 shared.passed[wp.static(kind.parts.bodies) + mine.body] = wrench.yielding
         if wp.static(kind.parts.tied > 0):
@@ -131,15 +131,13 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now: Now,
         acting: of_three,
         wrench: kinds.Wrench,
+        whole: kinds.Wrench,
     ):
         """The thread's body a step on, or a stage, and what is seen of it.
 
-        `acting` is what the chain does to it, `wrench` the same with its bearing.
+        `acting` is what the chain does to it, `wrench` the same with its bearing, `whole` with its tensioners, too.
         """
         before = shared.poses[mine.body]
-        whole = wrench
-        if wp.static(kind.parts.tensioners > 0):
-            whole = tensioners.pushed(ensemble, state, mine, now.stage, before, wrench)
         seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:
@@ -183,12 +181,16 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             barrier()
         acting = hang(ensemble, shared, mine, chain_on(state, shared, mine, now))
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
+        whole = wrench
+        if wp.static(kind.parts.tensioners > 0):
+            if mine.body >= 0:
+                whole = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
         if wp.static(kind.parts.tied > 0):
-            trains.tie(ensemble, state, out, shared, mine, now, wrench)
+            trains.tie(ensemble, state, out, shared, mine, now, whole)
         if wp.static(kind.parts.jointed):
-            joints.couple(ensemble, state, shared, mine, now, wrench)
+            joints.couple(ensemble, shared, mine, now, whole)
         if mine.body >= 0:
-            advance_body(ensemble, state, out, shared, mine, now, acting, wrench)
+            advance_body(ensemble, state, out, shared, mine, now, acting, wrench, whole)
         if wp.static(kind.parts.jointed):
             barrier()
             joints.carry(ensemble, shared, mine, now.going)

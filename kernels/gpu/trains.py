@@ -19,7 +19,7 @@ from ..physics.train import (
     twist_of,
 )
 from ..sums import add_coupling, add_energy, add_gear, add_shaft
-from .bodies import block_tensioners, body_steps, gathering
+from .bodies import body_steps, gathering
 from .cams import block_cams
 from .events import block_sampling
 from .kind import ENDS, FRAME, START, BlockKind, Mine
@@ -34,7 +34,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
-    steps, tensioners, sampling = body_steps(kind), block_tensioners(kind), block_sampling(kind, frame)
+    steps, sampling = body_steps(kind), block_sampling(kind, frame)
     rates_now, cams, barrier = gathering(kind).rates_now, block_cams(kind, frame), sync(kind).barrier
     body_of, place_of = block_rings(kind).body_of, block_rings(kind).place_of
 
@@ -65,14 +65,14 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
-        """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still."""
+        """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still.
+
+        `wrench` has the tensioners'; what arms share nobody takes.
+        """
         time = steps.time_of(mine, now)
         if wp.static(kind.staged):
             time = stage_at(wp.static(kind.integrator), now.stage, time, steps.step_number(mine)).time
         pose = shared.poses[mine.body]
-        if wp.static(kind.parts.tensioners > 0):
-            if mine.arm < 0:  # arms pass on nothing
-                wrench = tensioners.pushed(ensemble, state, mine, now.stage, pose, wrench)
         load = steps.load_on(ensemble, shared, mine, leading(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + moment_of(ensemble, mine, time, shared)
