@@ -130,24 +130,23 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         mine: Mine,
         now: Now,
         acting: of_three,
-        wrench: kinds.Wrench,
         whole: kinds.Wrench,
     ):
         """The thread's body a step on, or a stage, and what is seen of it.
 
-        `acting` is what the chain does to it, `wrench` the same with its bearing, `whole` with its tensioners, too.
+        `acting` is what the chain does to it, `whole` the same with its bearing and tensioners.
         """
         before = shared.poses[mine.body]
         seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:
-                observe.observe_sprocket(ensemble, shared, mine, now, before, seen, wrench.moment, whole)
+                observe.observe_sprocket(ensemble, shared, mine, now, before, seen, acting[0], whole)
                 sums = shared.sprocket_sums[mine.sprocket]
                 shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, vec2(acting[1], acting[2]), now.weight)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     led = observe.leading_power(ensemble, shared, mine, now, before, seen, whole)
-                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, wrench.moment, led)
+                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, acting[0], led)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):
@@ -180,17 +179,16 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
             barrier()
         acting = hang(ensemble, shared, mine, chain_on(state, shared, mine, now))
-        wrench = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
-        whole = wrench
+        whole = bearings.rub(ensemble, state, shared, mine, now, wrench_of(acting))
         if wp.static(kind.parts.tensioners > 0):
             if mine.body >= 0:
-                whole = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
+                whole = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], whole)
         if wp.static(kind.parts.tied > 0):
             trains.tie(ensemble, state, out, shared, mine, now, whole)
         if wp.static(kind.parts.jointed):
             joints.couple(ensemble, shared, mine, now, whole)
         if mine.body >= 0:
-            advance_body(ensemble, state, out, shared, mine, now, acting, wrench, whole)
+            advance_body(ensemble, state, out, shared, mine, now, acting, whole)
         if wp.static(kind.parts.jointed):
             barrier()
             joints.carry(ensemble, shared, mine, now.going)

@@ -8,7 +8,7 @@ from loading import load_script
 
 from warpchain import load_drive
 from warpchain.cli import main
-from warpchain.cli.arguments import angular_speed
+from warpchain.cli.shared_options import angular_speed
 from warpchain.drive import Drive
 from warpchain.drive.quantities import QUANTITY, converted, unit_of
 from warpchain.errors import DriveError

@@ -8,7 +8,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.arguments import (
+from warpchain.cli.commands import DONE, UNFINISHED, interrupted
+from warpchain.cli.shared_options import (
     add_command,
     add_run_options,
     number,
@@ -16,7 +17,6 @@ from warpchain.cli.arguments import (
     say_unless_quiet,
     whole_number,
 )
-from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 
 if TYPE_CHECKING:
     from warpchain.study.optimize.better import Better

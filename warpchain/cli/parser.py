@@ -17,7 +17,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import (
+from warpchain.cli.better_command import add_better
+from warpchain.cli.commands import DONE, UNFINISHED, WRONG
+from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
+from warpchain.cli.shared_options import (
     add_command,
     add_options,
     angular_speed,
@@ -27,9 +30,6 @@ from warpchain.cli.arguments import (
     number_or_auto,
     whole_number,
 )
-from warpchain.cli.better_command import add_better
-from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
 from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from warpchain.cli.arguments import add_command, add_run_options, run_options, say_unless_quiet
 from warpchain.cli.commands import DONE, interrupted
+from warpchain.cli.shared_options import add_command, add_run_options, run_options, say_unless_quiet
 
 
 def add_optimize(commands: Any) -> None:

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.arguments import (
+from warpchain.cli.commands import DONE, UNFINISHED, interrupted
+from warpchain.cli.shared_options import (
     add_command,
     add_options,
     add_run_options,
@@ -21,7 +22,6 @@ from warpchain.cli.arguments import (
     whole_number,
     woehler_curve,
 )
-from warpchain.cli.commands import DONE, UNFINISHED, interrupted
 from warpchain.errors import StudyError
 from warpchain.files import read_text
 from warpchain.progress import clock
