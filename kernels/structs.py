@@ -439,7 +439,7 @@ class ContactLaw:
     speed_floor: wp.float64  # v_min [m/s]
     lag: wp.float64  # h / 2, by which leapfrog's speeds are behind the forces [s]; 0 with stages
     yielding: wp.float64  # the same over a roller's mass [s/kg]
-    most_damping: wp.float64  # bounds the damper [N s/m] (`physics.impact`); 0: nothing does
+    most_damping: wp.float64  # with stages 2 m / h, which bounds the damper [N s/m]; 0 with leapfrog
 
 
 @wp.struct

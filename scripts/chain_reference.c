@@ -11,7 +11,7 @@
 #include <time.h>
 
 typedef struct { double x, y; } Vector;
-typedef struct { double form, stiffness, exponent, damping, speed_floor, lag, yielding, most_damping; } Law;
+typedef struct { double form, stiffness, exponent, damping, speed_floor, lag, yielding; } Law;
 typedef struct { double mu_dynamic, mu_static, stribeck_speed; } Friction;
 typedef struct { double rubs, inertia; Friction law; } Sliding;
 typedef struct { double order, amplitude, phase; } Harmonic;
@@ -120,7 +120,6 @@ static double press(Vector center, double angular, const Law *law, const Sliding
         double kept = before > 0.0 ? before : larger(speed, law->speed_floor);
         double elastic = law->stiffness * (law->exponent == 1.0 ? pen : pow(pen, law->exponent));
         double damper = law->form == 0.0 ? elastic * law->damping / kept : law->damping, fastest = law->form == 0.0 ? kept : 1e30;
-        if (law->most_damping > 0.0 && damper > law->most_damping) damper = law->most_damping;
         double now = (speed + law->lag * growth - law->yielding * elastic) / (1.0 + law->yielding * damper);
         double size = larger(elastic + damper * (now < fastest ? now : fastest), 0.0), px = size * nx, py = size * ny;
         if (sliding->rubs != 0.0) {

@@ -294,6 +294,8 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         Returns 1 if contacts keep something else from now on. Totals stand in memory: handed on by value, they would be
         copied where ways join.
         """
+        if wp.static(plain):
+            law.most_damping = Real(0.0)  # so that the compiler knows
         measured = memory.wanted.measures != 0
         changed = int(0)
         began = int(1)

@@ -72,6 +72,8 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def as_known(law: Any):
         """A contact law with what is known of it when the kernel is made."""
+        if wp.static(not staged):
+            law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
             law.form = 0
             law.exponent = Real(1.0)

@@ -16,14 +16,10 @@ forces' instant is that which solves v' = v + (h / 2) (a - F / m),
     v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
 
 It is of second order in h, and turns no speed around however strong the damper: a seated roller under a load N has
-d N / v0, whatever its speed. The equation takes the partner's acceleration as that of the step before. Where the
-partner gives way, a damper would throw it to and fro that stops in half a step more than the mass which the partner
-shows all its rollers, M = m J / (z m R^2) of z rollers on a wheel, so that
+d N / v0, whatever its speed. A scheme with stages has the speed of the forces' instant; its damper is bounded where its
+step could not follow, by an error of fourth order:
 
-    c <= 2 M / h.
-
-Where one equation for all contacts finds the acceleration (`body.solved`), nothing bounds c. A scheme with stages has
-the speed of the forces' instant, and no equation for the roller: there c <= 2 / (h (1/m + 1/M)).
+    c / (1 + (c h / (2 m))^4)^(1/4).
 
 To add a law: write its function with the arguments of `hysteretic`, put it at the end of `FORCES`, and name it in the
 package's table.
@@ -79,7 +75,8 @@ def damper_of(elastic: Any, impact_speed: Any, law: Any):
         if law.form == form:
             damper, slowest, fastest = wp.static(FORCES[form])(elastic, impact_speed, law.damping)
     if law.most_damping > type(elastic)(0.0):
-        damper = smaller(damper, law.most_damping)
+        part = damper / law.most_damping
+        damper = damper / wp.sqrt(wp.sqrt(type(elastic)(1.0) + part * part * part * part))
     return damper, slowest, fastest
 
 

@@ -43,7 +43,7 @@ def cuda_input(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-LAW = "form stiffness exponent damping speed_floor lag yielding most_damping"
+LAW = "form stiffness exponent damping speed_floor lag yielding"
 FRICTION = "mu_dynamic mu_static stribeck_speed"
 BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"

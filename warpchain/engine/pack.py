@@ -99,6 +99,7 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
+    fill_steps(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
     for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
@@ -106,7 +107,6 @@ def pack(
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
     lightest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
     packed.drives["light"] = lightest < LIGHT
-    fill_steps(packed)
     packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
@@ -115,36 +115,14 @@ def pack(
 
 
 def fill_steps(packed: Packed) -> None:
-    """Fills what of contact laws hangs on the steps of their drives, once `Motion.following` and `light` are known.
-
-    Dampers are bounded by 2 M / h, M the mass that a body shows all its rollers at once; with stages, which have no
-    equation for the roller either, by that of roller and body in series.
-    """
+    """Fills what of contact laws hangs on the steps of their drives."""
     for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
         owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
         row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
         staged = packed.drives["integrator"][owner] > 0
         row["lag"] = np.where(staged, 0.0, 0.5 * step)
         row["yielding"] = row["lag"] / mass
-        answer = staged + _answers(packed, counts, owner)
-        row["most_damping"] = np.divide(2.0 * mass / step, answer, out=np.zeros(len(row)), where=answer > 0.0)
-
-
-def _answers(packed: Packed, counts: str, owner: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Acceleration of each partner's body by all its rollers, over that of a free roller by a like force.
-
-    0 of a body that does not give way, and of one whose acceleration contacts know (`kernels.cpu.steps.is_predicted`).
-    """
-    drives = packed.drives[owner]
-    if counts == "sprockets":
-        place = np.arange(len(owner)) - drives["first_sprocket"]
-    else:
-        place = packed.guides["body"][: len(owner)]
-    body = drives["first_body"] + np.maximum(place, 0)
-    motions, of_arm = packed.motions[body], place >= drives["bodies"] - drives["arms"]
-    held = np.where(of_arm, drives["jointed"], packed.mounts["active"][body]) + motions["prescribed"]
-    known = (drives["light"] > 0) & (drives["integrator"] == 0) & (held == 0)
-    return np.where((place == structs.GROUND) | known, 0.0, 1.0 / motions["following"] - 1.0)
+        row["most_damping"] = np.where(staged, 2.0 * mass / step, 0.0)
 
 
 @dataclass
