@@ -211,7 +211,7 @@ def trains(inertia=2.0):
     values["sprockets"][0] |= {"inertia": 0.7}
     del values["sprockets"][0]["prescribed"]
     drive = Drive(**values)
-    gas = {"angle": [0.0, 0.004, 0.011, 2.0, 4.0 * np.pi], "torque": [0.0, 300.0, -200.0, 100.0, 0.0]}
+    gas = {"angle": [0.0, 0.004, 0.011, 2.0, 4.0 * np.pi], "torque": [0.0, 300.0, -200.0, 100.0, 0.0], "factor": 0.5}
     return [drive, drive.with_values({"couplings.cush.lash": 0.0, "shafts.engine.motor.table": gas})]
 
 

@@ -8,7 +8,7 @@ import pytest
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.schema import Part
-from warpchain.errors import StudyError
+from warpchain.errors import DriveError, StudyError
 from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
 from warpchain.study.spec import factor as spec_factor
 from warpchain.study.spec import study_file as spec
@@ -210,3 +210,10 @@ def test_an_empty_list_that_is_not_the_default_is_written():
     assert study.record.channels == ()
     assert "channels = []" in dumps_study(study)
     assert loads_study(dumps_study(study)) == study
+
+
+def test_a_study_made_in_python_has_no_more_factors_than_a_file():
+    factor = {"path": "chain.roller_mass", "range": [1.0, 2.0]}
+    factors = [factor | {"name": f"f{k}"} for k in range(spec.MOST_FACTORS + 1)]
+    with pytest.raises(DriveError, match=r"^factors: 1001 of them; must be at most 1000$"):
+        spec.Study(study={"drive": "marine"}, design={"kind": "sobol", "count": 4}, factors=factors)

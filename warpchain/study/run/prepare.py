@@ -32,7 +32,7 @@ from warpchain.study.spec import Study, check_drive, dumps_study, load_study
 from warpchain.study.spec.calibration import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.noise import statistic_of
-from warpchain.study.spec.study_file import MOST_FACTORS, Subject
+from warpchain.study.spec.study_file import Subject, too_many_factors
 from warpchain.study.spec.study_tables import (
     SAMPLED,
     Adjust,
@@ -142,7 +142,7 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))
-    if subject is None or len(elements(values, "factors")) > MOST_FACTORS:
+    if subject is None or too_many_factors(values):
         return None
     factors = [valid(Factor, factor) or valid(Factor, _place_only(factor)) for factor in elements(values, "factors")]
     held: dict[str, Any] = {

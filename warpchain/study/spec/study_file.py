@@ -44,7 +44,13 @@ from warpchain.study.spec.study_tables import (
 )
 
 MOST_FACTORS = 1000
-"""Factors of a study file at most."""
+"""Factors of a study at most."""
+
+
+def too_many_factors(study: Any) -> str:
+    """The complaint about a study's number of factors, or ""."""
+    count = len(elements(study, "factors"))
+    return f"{count} of them; must be at most {MOST_FACTORS}" if count > MOST_FACTORS else ""
 
 
 def _targets(factor: Any) -> list[str]:
@@ -291,6 +297,9 @@ class Study(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        if complaint := too_many_factors(node):
+            yield Problem(("factors",), None, complaint, BARE)
+            return
         yield from name_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)
@@ -310,9 +319,8 @@ def loads_study(text: str, source: str = "<text>") -> Study:
         values = drive_toml.parse(text, source)
     except DriveError as error:
         raise StudyError(str(error)) from None
-    count = len(elements(values, "factors"))
-    if count > MOST_FACTORS:
-        raise StudyError(f"{source}: factors: {count} of them; must be at most {MOST_FACTORS}")
+    if complaint := too_many_factors(values):  # before each of them is read
+        raise StudyError(f"{source}: factors: {complaint}")
     try:
         study = Study(**values)
         factors = tuple(with_sample(factor, Path(source).parent) for factor in study.factors)
