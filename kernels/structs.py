@@ -302,7 +302,7 @@ class Tensioner:
     supply_table: Tabulated  # instead of `supply`, once the run has begun [Pa]
     pump: wp.int32  # body of the drive whose forward speed it is over, if over speed
     ambient: wp.float64  # P_0 [Pa]
-    vapor: wp.float64  # P_v [Pa]
+    floor: wp.float64  # z = (P_v / P_0)^(1/7) of the vapor pressure
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
     drained: wp.float64  # share of the chamber that is air at the start
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]

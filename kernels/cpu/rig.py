@@ -8,7 +8,14 @@ import math
 
 import warp as wp
 
-from ..physics.tensioner import damper_power, resting_state, tensioner_energy, tensioner_force, tensioner_step
+from ..physics.tensioner import (
+    damper_power,
+    pressure_at,
+    resting_state,
+    tensioner_energy,
+    tensioner_force,
+    tensioner_step,
+)
 from ..structs import Tensioner
 
 SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")
@@ -123,7 +130,9 @@ def lead(
                 total.leak_loss += flows.leak_loss
                 total.valve_loss += flows.valve_loss
                 total.damper_loss += ride.step * (lost + half * damper_power(x, rate, state, tensioner))
-                if tensioner.hydraulic == 1 and pressure <= tensioner.vapor * wp.float64(1.000001):
+                if tensioner.hydraulic == 1 and pressure <= pressure_at(tensioner.floor, tensioner) * wp.float64(
+                    1.000001
+                ):
                     total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)
         i += 1
     total.gained += tensioner_energy(x, pressure, state, tensioner)

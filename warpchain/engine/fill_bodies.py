@@ -207,7 +207,11 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     assert oil is not None and valve is not None and chamber is not None
     row["area"], row["volume"] = tensioner.area, chamber.volume
     row["leak"], row["drag"] = tensioner.leak_conductance, tensioner.drag_flow
-    row["supply"], row["ambient"], row["vapor"] = oil.supply, oil.ambient, VAPOR_PRESSURE
+    row["supply"], row["ambient"], row["floor"] = (
+        oil.supply,
+        oil.ambient,
+        power(VAPOR_PRESSURE / oil.ambient, 1.0 / 7.0),
+    )
     row["rest"], row["drained"] = static_pressure(tensioner), chamber.drained
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
     row["still"], row["supplied"] = oil_energies(oil)
