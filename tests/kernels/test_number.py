@@ -272,10 +272,10 @@ def faces(
     carrier = blocks_pose(body, wp.float64(0.0))
     q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
     number = tracked_piece(q, -1, exact[0], pieces)
-    penetration, normal = on_profile(q, number, exact[0], pieces)
+    penetration, normal, beyond = on_profile(q, number, exact[0], pieces)
     p = in_frame(difference(vector(x, y), carrier.center), carrier)
     ours = tracked_piece(p, -1, guide[0], rows)
-    deep, facing = on_profile(p, ours, guide[0], rows)
+    deep, facing, past = on_profile(p, ours, guide[0], rows)
     out[i, 0] = wp.float64(wp.abs(tracked_piece(p, wp.max(ours - 1, 0), guide[0], rows) - ours))
     out[i, 1] = wp.float64(wp.abs(ours - number))
     out[i, 2] = wp.float64(deep) - penetration
