@@ -991,7 +991,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
     """The structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by the names that they have here.
 
     Beside them are `Real`, its vectors `vec2`, `Number` (that of `number`), and `Instant`, a body's state in plain
-    numbers, without pairs.
+    numbers: without pairs, at float32 with the `rest` of its speed.
 
     Args:
         blocks: for blocks of a GPU; else what moves bodies is float64 at both precisions.
@@ -1012,7 +1012,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
         made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
-    instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)
+    instant, number = (at_float32(BodyState, {}, rest=wp.float32), Pair) if paired else (BodyState, wp.float64)
     return SimpleNamespace(Real=Real, vec2=vec2, Number=number, Instant=instant, **named)
 
 
