@@ -329,7 +329,7 @@ class TensionerState:
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
-    unfilled: wp.int32  # 1: drained, until oil has filled the chamber
+    unfilled: wp.float64  # 1: drained, until oil has filled the chamber; no whole number, which would leave a gap
 
 
 @wp.struct
@@ -672,7 +672,7 @@ class TensionerFlows:
     supply_work: wp.float64  # [J]
     lift: wp.float64  # y of the valve at the step's end [m]
     filling: wp.float64  # time from the run's beginning until oil has filled the chamber [s]
-    unfilled: wp.int32  # 1: it has not, at the step's end
+    unfilled: wp.float64  # 1: it has not, at the step's end
 
 
 @wp.struct

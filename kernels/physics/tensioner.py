@@ -347,7 +347,7 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any,
 def lowest(state: Any, tensioner: Any):
     """z below which none falls: that of P_0 while there is air in a drained chamber, then that of P_v."""
     z = tensioner.floor
-    if state.unfilled == 1:
+    if state.unfilled > type(z)(0.0):
         z = type(z)(1.0)
     return z
 
@@ -547,7 +547,7 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
         if tensioner.drained > wp.float64(0.0):
             state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(DREGS))))
-            state.unfilled = 1
+            state.unfilled = wp.float64(1.0)
             state.root = wp.float64(0.0)
     return state
 
@@ -588,7 +588,7 @@ def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
     """The oil after a step, and what flowed, eq. (9); with energies where it is metered."""
     before = root_before(state, tensioner)
-    if state.unfilled == 1:
+    if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
     per_volume = quotient(h, volume)
@@ -607,9 +607,9 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     state.root = z
     if metered:
         flows = flow_energies(flows, before, z, tensioner)
-    if state.unfilled == 1:
+    if state.unfilled > type(h)(0.0):
         flows.filling = h
-        state.unfilled = wp.where(pressure > tensioner.ambient, 0, 1)
+        state.unfilled = wp.where(pressure > tensioner.ambient, type(h)(0.0), type(h)(1.0))
     flows.unfilled = state.unfilled
     return state, flows
 
