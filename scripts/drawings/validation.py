@@ -1,41 +1,22 @@
 """Published results beside those of warpchain: the table of docs/validation.md."""
 
 import argparse
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any
 
-from common.cases import ROOT, Line, case, option
+from common.cases import Line, case, option
 
 from drawings.closed_forms import EXACT, Row
 from drawings.efficiency import joints
 from drawings.engines import engines
 from drawings.guides import AMPLITUDE, CYCLES, text_of
+from drawings.marine import marine
 from drawings.other_codes import other_codes
 from drawings.vibration import vibration
 from warpchain import loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.rig import Shake, shake
-
-
-def marine() -> Row:
-    """The paper's drive, as docs/examples.md has it."""
-    page = (ROOT / "docs" / "examples.md").read_text()
-    found = re.search(r"\| mean displacement \| \+([\d.]+) mm", page)
-    tensions = [re.search(rf"^\| marine, now{more} \| ([\d.]+) ", page, re.M) for more in ("", ", without friction")]
-    assert found is not None and tensions[0] is not None and tensions[1] is not None
-    with_friction, without = float(tensions[0][1]), float(tensions[1][1])
-    return Row(
-        name="marine drive",
-        source="Pedersen, Hansen and Ambrósio (2004), figures 9 to 12",
-        states="tight strand without guide-bar: mean displacement 2.7 mm; tension of the chain about 20 kN",
-        drive="`marine`, `marine_no_guides`: a drive of that kind, as the paper's data are not public",
-        gives=f"{found[1]} mm ([figures 9 and 10](examples.md#the-guide-bar-figures-9-and-10-of-the-paper)); "
-        f"mean of the links {with_friction} kN, without friction {without} kN",
-        differs=f"{float(found[1]) - 2.7:+.1f} mm; {with_friction - 20.0:+.1f} and {without - 20.0:+.1f} kN",
-        verdict="displacement does not agree: not the same drive (below); the tightener was set for 20 kN",
-    )
 
 
 def tensioner_work() -> Row:
@@ -83,7 +64,7 @@ PARTS: dict[str, Callable[[], Iterable[Line]]] = {
     "closed-forms": closed_forms,
     "vibration": vibration,
     "joints": joints,
-    "marine": lambda: [marine()],
+    "marine": marine,
     "tensioner": lambda: [tensioner_work()],
     "engines": engines,
     "determinism": lambda: [DETERMINISM],
