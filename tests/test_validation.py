@@ -15,6 +15,7 @@ QUICK = {
     "restitution": 1e-5,  # printed to five digits
     "sag": 1e-3,  # settling ends within 1e-3 of its way
     "centrifugal_tension": 1e-8,  # printed to eight digits; rounding alone is 1e-14
+    "load_of_an_arc": 1e-3,  # printed to four digits
     "orders": 5e-3,  # printed to 0.01; half of rk4's error is rounding, which differs between compilers
     "center_distance": 1e-8,  # centers are rounded to 1e-10 m, 3e-10 of the distance
 }
