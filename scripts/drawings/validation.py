@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any
 
-from common.cases import Line, case, option
+from common.cases import ROOT, Line, case, option
 
 from drawings.closed_forms import EXACT, Row
 from drawings.efficiency import joints
@@ -74,23 +74,44 @@ USUAL = [part for part in PARTS if part != "codes"]
 """Parts that need no other codes."""
 
 
-@case(option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"))
+PAGE = ROOT / "docs" / "validation.md"
+
+
+def with_rows(page: str, rows: Iterable[Row]) -> str:
+    """The page with its rows of these names replaced; a new one goes below the row before it."""
+    lines = page.split("\n")
+    at = max(k for k, line in enumerate(lines) if line.startswith("| polygon action |"))
+    for row in rows:
+        found = [k for k, line in enumerate(lines) if line.startswith(f"| {row.name} |")]
+        at = found[0] if found else at + 1
+        lines[at : at + len(found)] = [f"| {' | '.join(row)} |"]
+    return "\n".join(lines)
+
+
+@case(
+    option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"),
+    option("--write", action="store_true", help="put the rows into docs/validation.md"),
+)
 def validation(asked: argparse.Namespace) -> Iterator[Line]:
     """Closed forms and published results, beside those of warpchain.
 
-    python scripts/figures.py validation
-    python scripts/figures.py validation --part codes
+    python scripts/figures.py validation [--write]
+    python scripts/figures.py validation --part codes [--write]
 
     Prints the table of docs/validation.md and draws its figures. Nothing is tuned: values that a source does not state
     are swept. Helpers of tests/ compute the closed forms; they need the extra `dev`. The part `codes` is left out
     unless it is named; it needs the extra `codes`.
     """
     figures: dict[str, Any] = {}
+    rows: list[Row] = []
     yield ("", "source", "states", "drive here", "warpchain gives", "difference", "verdict")
     for part in asked.part:
         for line in PARTS[part]():
             if isinstance(line, Mapping):
                 figures |= line
             else:
+                rows += [line] if isinstance(line, Row) else []
                 yield line
+    if asked.write:
+        PAGE.write_text(with_rows(PAGE.read_text(), rows))
     yield figures
