@@ -103,9 +103,9 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
             drive = ensemble.drives[r]
             for b in range(drive.first_body, drive.first_body + drive.bodies):
                 if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
-                    expected, wrench = state.poses[b].angular, state.wrenches[b]
+                    wrench = state.wrenches[b]
                     wrench.yielding = yielding_of(ensemble, state, begin, count, b)
-                    angular = solved(expected, state.rates[b][2], wrench, ensemble.motions[b])
+                    angular = solved(state.poses[b].angular, state.rates[b][2], wrench, ensemble.motions[b])
                     state.bodies[b].angular = angular
                     state.poses[b].angular = angular
         for r in range(variant, variant + rings):
