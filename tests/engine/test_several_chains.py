@@ -46,6 +46,14 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(side_b
         assert rows[1][name] == pytest.approx(rows[0][name], rel=1e-9), name
 
 
+def test_two_equal_chains_on_a_light_shaft_are_one_of_twice_the_mass_stiffness_and_contact():
+    """To round-off: what contacts expect of a shaft lighter than its rollers, all chains on it answer together."""
+    drives = [chains.side_by_side(count, duration=0.01, step=2.5e-6) for count in (0, 2)]
+    one, two = simulate([of.with_values({"sprockets.b0.inertia": 0.05}) for of in drives], device="cpu").values()
+    for half in (slice(0, 60), slice(60, 120)):
+        np.testing.assert_allclose(two.position[:, half], one.position, atol=1e-12)
+
+
 def test_shares_of_a_shaft_count_once_in_the_step_limit():
     """omega^2 of a shaft adds up what all its chains' teeth push with, over the inertia of all of it."""
     assert step_limit(chains.side_by_side(2)) == pytest.approx(step_limit(chains.side_by_side(0)), rel=1e-14)
