@@ -5,6 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from parts import coupling, shaft
 
 from warpchain import Limits, Record, dumps_drive, load_drive, loads_drive, simulate
 from warpchain.drive import Drive
@@ -212,24 +213,10 @@ def ran(drive, rate=1e4, **options):
     return run, run.metrics.to_pylist()[0]
 
 
-def swing(lash="", damping=0.0):
+def swing(**values):
     """Two inertias on a coupling, one of which turns at first."""
-    return f"""
-[[shafts]]
-name = "a"
-inertia = 0.5
-initial_speed = 2.0
-[[shafts]]
-name = "b"
-inertia = 0.3
-initial_speed = 0.0
-[[couplings]]
-name = "link"
-between = ["a", "b"]
-stiffness = 3e5
-damping = {damping}
-{lash}
-"""
+    shafts = shaft("a", inertia=0.5, initial_speed=2.0) + shaft("b", inertia=0.3, initial_speed=0.0)
+    return shafts + coupling("link", ["a", "b"], 3e5, **({"damping": 0.0} | values))
 
 
 def periods(time, value):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from assemblies import assert_same, error_of
 from drives import ONE_CHAIN, with_parts
+from parts import gears, shaft
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_paths
@@ -151,11 +152,8 @@ def test_a_tail_of_one_is_assembled_as_if_alone():
 @pytest.mark.parametrize("values", [{"shafts.pump.initial_speed": 60.0}, {"shafts.pump.prescribed": {"speed": 60.0}}])
 def test_shafts_of_a_stack_start_at_their_own_speeds(values):
     """A bare shaft, of which nothing but the start differs; it turns as fast as it is told."""
-    text = '[[shafts]]\nname = "pump"\ninertia = 0.1\n'
-    base = with_parts(
-        text
-        + ("initial_speed = 30.0\n" if "shafts.pump.initial_speed" in values else "prescribed = { speed = 30.0 }\n")
-    )
+    slow = {"initial_speed": 30.0} if "shafts.pump.initial_speed" in values else {"prescribed": {"speed": 30.0}}
+    base = with_parts(shaft("pump", inertia=0.1, **slow))
     drives = [base, base.with_values(values), base]
     stacks = stacks_of(drives)
     assert len(stacks) == 1
@@ -164,10 +162,10 @@ def test_shafts_of_a_stack_start_at_their_own_speeds(values):
 
 def test_drives_with_other_shafts_are_states_of_their_own():
     """Of the same chain and sprockets: gears of unlike teeth, and another shaft."""
-    text = '[[shafts]]\nname = "pump"\ninertia = 0.1\n[[shafts]]\nname = "in"\ninertia = 0.1\ninitial_speed = 30.0\n'
-    gear = '[[gears]]\nname = "pair"\nbetween = ["in", "pump"]\nteeth = [20, {}]\nmodule = 0.002\n'
-    more = '[[shafts]]\nname = "third"\ninertia = 0.1\ninitial_speed = 5.0\n'
-    drives = [with_parts(text + gear.format(teeth) + end) for teeth, end in ((40, ""), (10, ""), (40, more))]
+    text = shaft("pump", inertia=0.1) + shaft("in", inertia=0.1, initial_speed=30.0)
+    more = shaft("third", inertia=0.1, initial_speed=5.0)
+    ends = ((40, ""), (10, ""), (40, more))
+    drives = [with_parts(text + gears("pair", ["in", "pump"], [20, teeth]) + end) for teeth, end in ends]
     speeds = [found.shaft_speed.tolist() for found in assemble_all(stacks_of(drives))]
     assert np.abs(speeds[0]).tolist() == [15.0, 30.0] and np.abs(speeds[1]).tolist() == [60.0, 30.0]
     assert np.abs(speeds[2]).tolist() == [15.0, 30.0, 5.0]

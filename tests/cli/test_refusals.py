@@ -17,6 +17,7 @@ import pytest
 import zstandard
 from command import run as command
 from drives import BLADE, two_sprockets
+from parts import part, shaft
 from pyarrow import parquet
 from small_disk import small_disk
 from study_helpers import write_study
@@ -439,20 +440,9 @@ def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
     assert len(line) < 1000
 
 
-VALVES = """
-[[valves]]
-name = "inlets"
-on = "driven"
-mass = 0.1
-spring = { preload = 100.0, stiffness = 2e4 }
-table = { file = "t.csv" }
-"""
-CRANK = """
-[[shafts]]
-name = "crank"
-inertia = 0.2
-motor = { table = { file = "t.csv" } }
-"""
+FILE, SPRING = {"file": "t.csv"}, {"preload": 100.0, "stiffness": 2e4}
+VALVES = part("valves", "inlets", on="driven", mass=0.1, spring=SPRING, table=FILE)
+CRANK = shaft("crank", inertia=0.2, motor={"table": FILE})
 ENGINES = {
     "lift jumps": (VALVES, "angle_deg,lift_mm\n0,0\n90,9\n180,9\n360,0\n", "jumps from 0; must change by at most"),
     "lift open": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n360,1\n", "must repeat the first element, 0, where"),

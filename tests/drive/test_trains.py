@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 from drives import errors_of, put, two_sprockets
+from parts import coupling, gears, shaft
 
 from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
@@ -16,27 +17,12 @@ from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
 from warpchain.errors import DriveError
 
-PARTS = """
-[[shafts]]
-name = "engine"
-inertia = 0.4
-motor = { torque = 50.0 }
-[[shafts]]
-name = "output"
-inertia = 0.9
-load = { viscous = 5.0 }
-[[gears]]
-name = "primary"
-between = ["driver", "engine"]
-teeth = [40, 20]
-module = 0.004
-[[couplings]]
-name = "cush"
-between = ["driven", "output"]
-stiffness = 4e4
-damping = 15.0
-lash = 0.001
-"""
+PARTS = (
+    shaft("engine", inertia=0.4, motor={"torque": 50.0})
+    + shaft("output", inertia=0.9, load={"viscous": 5.0})
+    + gears("primary", ["driver", "engine"], [40, 20])
+    + coupling("cush", ["driven", "output"], 4e4, damping=15.0, lash=0.001)
+)
 
 
 def values(text=PARTS):

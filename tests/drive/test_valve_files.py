@@ -5,21 +5,14 @@ import math
 import numpy as np
 import pytest
 from drives import AT_REST, two_sprockets
+from parts import part
 
 from warpchain import dumps_drive, load_drive, loads_drive
 from warpchain.assembly.table_cells import cells_of
 from warpchain.errors import DriveError
 
-TEXT = (
-    dumps_drive(two_sprockets(**AT_REST))
-    + """
-[[valves]]
-name = "inlets"
-on = "driven"
-mass = 0.1
-spring = { preload = 100.0, stiffness = 2e4 }
-"""
-)
+SPRING = {"preload": 100.0, "stiffness": 2e4}
+TEXT = dumps_drive(two_sprockets(**AT_REST)) + part("valves", "inlets", on="driven", mass=0.1, spring=SPRING)
 PROFILE = "profile = { lift = 0.01, rise = 60.0, dwell = 10.0, fall = 50.0 }\n"
 ANGLES = np.linspace(0.0, 360.0, 37)
 
