@@ -17,8 +17,7 @@ from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
 from warpchain.examples import drive_path
-from warpchain.modal.campbell import campbell
-from warpchain.modal.phases import over_a_pitch
+from warpchain.modal.campbell import campbell, over_a_pitch
 from warpchain.study.optimize import Bench, Optimizer
 from warpchain.study.spec import Study
 

@@ -9,12 +9,11 @@ from warpchain import load_drive
 from warpchain.assembly.frequencies import Order, orders
 from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
-from warpchain.modal.campbell import Campbell, assurance, campbell
+from warpchain.modal.campbell import Campbell, assurance, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
 from warpchain.modal.mode_figures import campbell_figure, shapes_figure
 from warpchain.modal.mode_page import page
 from warpchain.modal.mode_recording import save_recording
-from warpchain.modal.phases import over_a_pitch
 from warpchain.modal.system import system
 
 

@@ -10,9 +10,8 @@ from parts import coupling, gears, shaft
 from warpchain import loads_drive
 from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
-from warpchain.modal.campbell import assurance, campbell
+from warpchain.modal.campbell import assurance, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.phases import over_a_pitch
 from warpchain.modal.system import system
 
 

@@ -16,8 +16,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.drive.rings import rings_of
-from warpchain.view.figures.dimensions import TRAVEL
-from warpchain.view.figures.drive_figure import drive_figure
+from warpchain.view.figures.drive_figure import TRAVEL, drive_figure
 
 
 def words_of(figure):
