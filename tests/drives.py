@@ -111,6 +111,11 @@ def jointed_blade():
     return found | {"guides": [first, last, found["guides"][1]], "arms": [UPPER, LOWER]}
 
 
+def example(name):
+    """One of the package's example drives."""
+    return load_drive(drive_path(name))
+
+
 def marine_values():
     """The marine drive as plain values."""
     return tomllib.loads(MARINE.read_text())
@@ -224,6 +229,20 @@ def periods(time, value):
     at = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
     crossing = time[at] - value[at] * (time[at + 1] - time[at]) / (value[at + 1] - value[at])
     return np.diff(crossing)
+
+
+def assert_same_frames(one, other):
+    """Trajectories, bitwise, in all that the first holds."""
+    for name, values in one.channels().items():
+        np.testing.assert_array_equal(values, other.channels()[name], err_msg=name)
+
+
+def assert_alone_as_in_a_crowd(drives, **options):
+    """Each drive's trajectory bitwise the same in a run of its own; returns the run of all."""
+    crowd = simulate(drives, **options)
+    for v, drive in enumerate(drives):
+        assert_same_frames(simulate(drive, **options)[0], crowd[v])
+    return crowd
 
 
 def row(drive, **options):

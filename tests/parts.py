@@ -1,10 +1,10 @@
-"""TOML text of shafts, gears and couplings, for drives of tests."""
+"""TOML text of shafts, gears, couplings and other named tables, for drives and studies of tests."""
 
 from warpchain.drive.toml import dumps
 
 
 def part(kind, name, **values):
-    """A further part of a kind, such as "valves"."""
+    """A named element of a list of tables, such as "valves"."""
     return dumps({kind: [{"name": name} | values]})
 
 

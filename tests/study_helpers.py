@@ -31,6 +31,16 @@ duration = 0.0005
 step = 1e-5
 shard = {shard}
 """
+LIMITS = "[limits]\nenergy_residual = inf\nenergy_change = inf\n"
+LINKS = '[[factors]]\nname = "links"\npath = "chain.links"\nlevels = [44, 45]\n'
+SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
+SAMPLED = SAMPLED.replace("range = [0.0, 1.0]\npoints = {points}", "range = [0.0, 20.0]")
+"""Four points of torque and links."""
+NOISY = STUDY.replace('kind = "factorial"', 'kind = "noise"').replace(LINKS, "").replace("0.0005", "0.0003")
+NOISY = NOISY.replace(
+    "range = [0.0, 1.0]\npoints = {points}", 'kind = "noise"\ndistribution = "normal"\nmean = 5.0\nstd = 1.0'
+)
+"""A torque that is noise, in runs that are shorter."""
 
 
 def tiny_drive():

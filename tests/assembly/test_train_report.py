@@ -4,17 +4,16 @@ import math
 import tomllib
 
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from parts import coupling, gears, shaft
 
-from warpchain import Drive, load_drive
+from warpchain import Drive
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.examples import drive_path
 
 
 @pytest.fixture(scope="module")
 def conveyor():
-    return load_drive(drive_path("conveyor"))
+    return example("conveyor")
 
 
 def test_check_tells_of_shafts_gears_and_couplings(conveyor):

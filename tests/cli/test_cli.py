@@ -9,9 +9,10 @@ import sys
 import numpy as np
 import pytest
 from command import run
+from drives import example
 from waiting import bytes_in, wait_for
 
-from warpchain import cli, load_drive, read_archive
+from warpchain import cli, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _status_lines
 from warpchain.drive.examples import drive_path
@@ -45,7 +46,7 @@ def test_check_as_json_in_si(capsys):
 def test_derived_tensions_balance_the_loads():
     """Without weight; z links a turn: the lever is z p / (2 pi), links strained 1e-4. Four states within a tooth pitch
     average the polygon's ripple, (pi / z)^2 / 2 = 1.5e-3."""
-    drive = load_drive(drive_path("marine")).with_values({"run.gravity": (0.0, 0.0)})
+    drive = example("marine").with_values({"run.gravity": (0.0, 0.0)})
     slack, same, tight = derive(drive)["strands"]
     load = 2.0 * np.pi * (9000.0 + 50.0 * 9.53) / (57 * 0.1143)
     assert tight["working_tension"] - same["working_tension"] == pytest.approx(load, rel=2e-3)
@@ -55,7 +56,7 @@ def test_derived_tensions_balance_the_loads():
 
 
 def test_strand_frequency_is_the_closed_form():
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     # many links: the string's f = sqrt(T / mu) / (2 L)
     string = np.sqrt(2e4 / (6.95 / 0.1143)) / (2 * 400 * 0.1143)
     assert strand_frequency(drive, 400, 2e4) == pytest.approx(string, rel=1e-5)

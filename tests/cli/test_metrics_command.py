@@ -4,10 +4,10 @@ import json
 
 import pytest
 from command import run as command
+from drives import example
 from study_helpers import write_study
 
-from warpchain import load_drive, simulate
-from warpchain.drive.examples import drive_path
+from warpchain import simulate
 from warpchain.errors import StudyError
 from warpchain.results.metric_columns import column_of, table_names
 from warpchain.study.results import read_results
@@ -18,7 +18,7 @@ from warpchain.study.results import read_results
 def test_the_list_is_the_table_of_a_run(capsys, name):
     """Every column in its order, and no other, with the unit of the table's field. So short a run has no column of
     standard errors, drifts, the efficiency and ramps that it does not come to."""
-    drive = load_drive(drive_path(name)).with_values({"run.duration": 0.002, "run.settle": False})
+    drive = example(name).with_values({"run.duration": 0.002, "run.settle": False})
     table = simulate(drive, window=(0.001, 0.002)).metrics
     status, out, err = command(capsys, "metrics", name, "--set", "run.settle=false", "--json")
     listed = json.loads("\n".join(out))
@@ -34,7 +34,7 @@ def test_the_list_is_the_table_of_a_run(capsys, name):
 
 def test_lines_for_a_terminal(capsys):
     status, out, _ = command(capsys, "metrics", "motorcycle")
-    assert status == 0 and len(out) == len(table_names(load_drive(drive_path("motorcycle"))))
+    assert status == 0 and len(out) == len(table_names(example("motorcycle")))
     (line,) = [line for line in out if line.startswith("wheel.speed_mean ")]
     assert line.split(maxsplit=2) == ["wheel.speed_mean", "rad/s", "mean angular velocity"]
 

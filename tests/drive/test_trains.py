@@ -5,14 +5,13 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import errors_of, put, two_sprockets
+from drives import errors_of, example, put, two_sprockets
 from parts import coupling, gears, shaft
 
 from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
-from warpchain.drive.examples import drive_path
 from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
 from warpchain.errors import DriveError
@@ -298,7 +297,7 @@ def test_stacks_of_trains_have_the_bits_of_each():
 
 
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
-    drive = load_drive(drive_path("swing_idler"))
+    drive = example("swing_idler")
     led = {"shafts": [{"name": "S", "prescribed": {"speed": 10.0}}], "sprockets.idler.shaft": "S"}
     line = (
         r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'

@@ -3,11 +3,11 @@
 import chains
 import numpy as np
 import pytest
+from drives import example
 from parts import part
 
-from warpchain import load_drive, simulate
+from warpchain import simulate
 from warpchain.assembly.summary import derive
-from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
@@ -53,7 +53,7 @@ def test_their_energy_is_in_the_balance(beside_each_other):
 
 def test_a_v6_with_valves(device):
     """Groups on cams of three chains; metrics have their names once, and all balances close."""
-    car, v6 = (load_drive(drive_path(name)) for name in ("car", "v6"))
+    car, v6 = (example(name) for name in ("car", "v6"))
     cams = ("left cam", "right cam", "exhaust cam")
     groups = [
         car.valves[0].model_copy(update={"name": f"{cam} valves", "on": cam, "phases": (0.0, 120.0, 240.0)})

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from drives import STARTING, ran, with_parts
+from drives import STARTING, assert_alone_as_in_a_crowd, ran, with_parts
 from parts import coupling, shaft
 
 from warpchain import Record, simulate
@@ -133,13 +133,8 @@ def changes():
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_bits_alone_and_in_a_crowd(device, precision):
-    drives = changes()
     options = {"record": Record(rate=2e3), "device": "cpu", "limits": STARTING, "precision": precision}
-    crowd = simulate(drives, **options)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, **options)
-        for name, values in alone[0].channels().items():
-            np.testing.assert_array_equal(values, getattr(crowd[v], name), err_msg=name)
+    crowd = assert_alone_as_in_a_crowd(changes(), **options)
     ends = [tuple(crowd[v].shaft_speed[-1].tolist()) for v in range(4)]
     assert len(set(ends)) == 4
 

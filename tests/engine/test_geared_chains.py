@@ -5,7 +5,7 @@ import math
 import chains
 import numpy as np
 import pytest
-from drives import STARTING, periods, ran, swing
+from drives import STARTING, assert_alone_as_in_a_crowd, periods, ran, swing
 from parts import gears, shaft
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
@@ -124,11 +124,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
         chains.cushed_stages(duration=5e-3),
         chains.two_stages(duration=5e-3),
     ]
-    crowd = simulate(drives, device="cpu", precision=precision, limits=STARTING)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, device="cpu", precision=precision, limits=STARTING)[0]
-        for name, values in alone.channels().items():
-            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+    assert_alone_as_in_a_crowd(drives, device="cpu", precision=precision, limits=STARTING)
 
 
 def test_check_shares_loads_over_gears_couplings_and_chains():

@@ -6,13 +6,12 @@ import math
 import numpy as np
 import pytest
 from command import run as command
-from drives import two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import load_drive, loads_drive
+from warpchain import loads_drive
 from warpchain.assembly import assemble, statics
 from warpchain.assembly.tooth_hold import ratio_held, top_radius
 from warpchain.drive import dumps_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.reversing import reverse
 from warpchain.engine.jump import find_jumps, jumped_on
 from warpchain.errors import DriveError, SimulationError
@@ -129,7 +128,7 @@ def test_a_chain_that_leaves_its_teeth_has_jumped(triangle):
 @pytest.mark.parametrize("name", ["car", "engine", "marine", "v6"])
 def test_a_drive_in_reverse_stands_where_it_stood(name):
     """The same arcs and strands the other way around; twice in reverse is the drive itself."""
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     back = reverse(drive)
     assert [(s.name, s.wrap) for s in reverse(back).sprockets] == [(s.name, s.wrap) for s in drive.sprockets]
     if drive.chains:

@@ -5,7 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import STARTING, periods, ran, swing, two_sprockets, with_parts
+from drives import STARTING, assert_alone_as_in_a_crowd, example, periods, ran, swing, two_sprockets, with_parts
 from parts import coupling, gears, shaft
 
 from warpchain import Drive, Record, dumps_drive, simulate
@@ -150,19 +150,14 @@ def test_a_sprocket_on_a_shaft_turns_as_one_with_it(device):
 
 def conveyor(**values):
     """The first part of the conveyor's start."""
-    from warpchain import load_drive
-    from warpchain.drive.examples import drive_path
 
-    return load_drive(drive_path("conveyor")).with_values({"run.duration": 0.06, "run.settle": False} | values)
+    return example("conveyor").with_values({"run.duration": 0.06, "run.settle": False} | values)
 
 
 def test_a_variant_has_the_same_bits_alone_and_in_a_crowd():
     drives = [conveyor(**{"shafts.motor.motor.table.factor": factor}) for factor in (1.0, 0.8, 1.2)]
     drives.append(conveyor(**{"couplings.coupling.lash": 0.0}))
-    crowd = simulate(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
-    alone = simulate(drives[2], record=Record(rate=2e3), device="cpu", limits=STARTING)
-    for name, values in alone[0].channels().items():
-        np.testing.assert_array_equal(values, getattr(crowd[2], name), err_msg=name)
+    crowd = assert_alone_as_in_a_crowd(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
     speeds = [float(crowd[v].shaft_speed[-1, 0]) for v in range(3)]
     assert speeds[1] < speeds[0] < speeds[2]
 

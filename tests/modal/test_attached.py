@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 from command import run
-from drives import two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import bulk_modulus, oil_stiffness, static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
@@ -246,7 +244,7 @@ def test_an_arm_pressed_on_a_strand():
 
 @pytest.fixture(scope="module")
 def car():
-    return load_drive(drive_path("car"))
+    return example("car")
 
 
 def test_pictures_page_and_arrays_have_arms(car, tmp_path):

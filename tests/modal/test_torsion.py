@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from parts import coupling, gears, part, shaft
 
-from warpchain import dumps_drive, load_drive, loads_drive
-from warpchain.drive.examples import drive_path
+from warpchain import dumps_drive, loads_drive
 from warpchain.modal.eigenmodes import modes
 
 SOFT = shaft("a", inertia=0.5) + coupling("soft", ["driven", "a"], 1e3)
@@ -73,7 +72,7 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     # as steep as its torque falls near its final speed the motor is a damper of 25 * 75 / 7 = 270 N m s at the driver,
     # which stands beside the drum's swing; the drum, 12 kg m^2, hangs on the coupling and the tight strand in series,
     # k R^2 / n = 3.2e5 N m/rad beside 2.5e4; chain, driven sprocket and what the driver gives are within 3 %
-    drive = load_drive(drive_path("conveyor"))
+    drive = example("conveyor")
     found = modes(drive, count=8, speed=drive.driver_speed)
     strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 39.0
     omega = math.sqrt(1.0 / (1.0 / 2.5e4 + 1.0 / strand) / 12.0)

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command import run as command
-from drives import BLADE, two_sprockets
+from drives import BLADE, example, two_sprockets
 from pyarrow.csv import read_csv
 
 from warpchain import Record, loads_drive, simulate, write_archive
 from warpchain.archive.export import export, export_orders
-from warpchain.drive import load_drive
-from warpchain.drive.examples import FOLDER
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.results import housing
 from warpchain.results.channels import NAMES
@@ -120,7 +118,7 @@ def test_an_arm_on_another_one_loads_the_pivot_of_that():
 
 
 def test_several_chains_have_their_hubs_each():
-    drive = load_drive(FOLDER / "v6.toml").with_values({"run.settle": False})
+    drive = example("v6").with_values({"run.settle": False})
     trajectory = simulate(drive, record=Record(rate=1e9), duration=2e-5, device="cpu")[0]
     names = [load.name for load in housing_loads(trajectory)]
     assert len(set(names)) == len(names) and {f"hub {s.name}" for s in drive.sprockets} <= set(names)

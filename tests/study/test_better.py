@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command import run
 from scipy.stats import t
-from study_helpers import STUDY, tiny_drive, write_study
+from study_helpers import NOISY, STUDY, tiny_drive, write_study
 
 from warpchain.drive import dumps_drive
 from warpchain.study.analysis.paired import LEAST, half_width, mean_difference
@@ -76,14 +76,6 @@ def test_interval_of_skewed_differences_is_wider():
     of = mean_difference(np.tile([1.0] * 19 + [2.0], 5), 0.95)
     wider = 25.0 * 0.9**2 / (0.05 * 0.95) * 0.99**3 / 100
     assert of.half == pytest.approx(wider * half_width(100, of.deviation, 0.0, 0.95), rel=1e-9)
-
-
-NOISY = (
-    STUDY.replace('kind = "factorial"', 'kind = "noise"')
-    .replace("range = [0.0, 1.0]\npoints = {points}", 'kind = "noise"\ndistribution = "normal"\nmean = 5.0\nstd = 1.0')
-    .replace('[[factors]]\nname = "links"\npath = "chain.links"\nlevels = [44, 45]\n', "")
-    .replace("duration = 0.0005", "duration = 0.0003")
-)
 
 
 def written(folder, **changes):

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 from command import run
 from stopping import interruptions
-from study_helpers import STUDY, write_study
+from study_helpers import LIMITS, SAMPLED, write_study
 from waiting import wait_for
 
 import warpchain
@@ -136,12 +136,8 @@ limits = [{{ energy_residual = inf, energy_change = inf }}, {{ metric = "tension
 optimize = {{ engine = "ENGINE", count = 10, batch = 3 }}
 record = {{ rate = 1e5 }}
 """
-WANTED = GOALS + (
-    STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
-    .replace("range = [0.0, 1.0]\npoints = {points}", 'range = [0.0, 20.0]\nunit = "N m"')
-    .replace("[limits]\nenergy_residual = inf\nenergy_change = inf\n", "")
-    .replace("duration = 0.0005", "duration = 0.0003")
-)
+WANTED = GOALS + SAMPLED.replace("range = [0.0, 20.0]", 'range = [0.0, 20.0]\nunit = "N m"').replace(LIMITS, "")
+WANTED = WANTED.replace("duration = 0.0005", "duration = 0.0003")
 
 
 def written(folder, engine="bayes"):

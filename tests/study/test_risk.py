@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from command import run
 from scipy.stats import norm
-from study_helpers import STUDY, write_study
+from study_helpers import LIMITS, NOISY, write_study
 
 import warpchain
 from warpchain.errors import StudyError
@@ -76,13 +76,7 @@ def test_what_cannot_fail_is_said():
         subset_simulation(lambda u: np.full(len(u), 1.0), 2, 50, 3, 0)
 
 
-TINY = (
-    STUDY.replace('kind = "factorial"', 'kind = "noise"')
-    .replace("range = [0.0, 1.0]\npoints = {points}", 'kind = "noise"\ndistribution = "normal"\nmean = 5.0\nstd = 1.0')
-    .replace('[[factors]]\nname = "links"\npath = "chain.links"\nlevels = [44, 45]\n', "")
-    .replace("[limits]\nenergy_residual = inf\nenergy_change = inf\n", "")
-    .replace("duration = 0.0005", "duration = 0.0003")
-)
+TINY = NOISY.replace(LIMITS, "")
 HEAD = """
 limits = [{{ energy_residual = inf, energy_change = inf }}, {{ metric = "{metric}", max = {most} }}]
 risk = {{ count = 50, repeats = 3, samples = 100 }}

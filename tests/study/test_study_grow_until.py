@@ -5,16 +5,13 @@ import pyarrow as pa
 import pytest
 from command import run
 from pyarrow import parquet
-from study_helpers import STUDY, write_study
+from study_helpers import SAMPLED, write_study
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects
 from warpchain.study.grow_until import Until, largest_error
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
-
-SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
-SAMPLED = SAMPLED.replace("range = [0.0, 1.0]\npoints = {points}", "range = [0.0, 20.0]")
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 from command import run as command
+from drives import example
 from waiting import wait_for
 
-from warpchain import load_drive
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path, example_names
@@ -26,7 +26,7 @@ def words_of(figure):
 @pytest.mark.parametrize("name", example_names())
 def test_radii_wraps_links_and_travel_are_in_the_picture(name):
     """Radii p / (2 sin(pi/z)) and wraps as of the path, to the digits that are shown; links add up with the seated."""
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     words = words_of(drive_figure(drive))
     for ring in rings_of(drive):
         path, whole = chain_path(ring.drive), ring.drive
@@ -50,7 +50,7 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
 
 def test_arms_are_drawn_on_their_stops():
     """The blade's end lies on the circle about the pivot, a stop's angle from where the drawing has it: exact."""
-    drive = load_drive(drive_path("car"))
+    drive = example("car")
     (axis,) = drive_figure(drive).axes
     dashed = [line.get_xydata() for line in axis.lines if line.get_linewidth() == TRAVEL["lw"]]
     pivot, end = 1e3 * np.array(drive.arms[0].pivot), 1e3 * np.array(drive.profile(0).face[0].start)
@@ -64,13 +64,13 @@ def test_arms_are_drawn_on_their_stops():
 
 
 def test_texts_of_sprockets_on_one_shaft_stand_below_one_another():
-    axis = drive_figure(load_drive(drive_path("v6"))).axes[0]
+    axis = drive_figure(example("v6")).axes[0]
     at = [(tuple(np.round(text.xy, 6)), text.xyann) for text in axis.texts]
     assert len(at) == len(set(at))
 
 
 def test_a_chain_that_does_not_fit_has_lengths_in_pitches():
-    words = words_of(drive_figure(load_drive(drive_path("car")).with_values({"chain.links": 140})))
+    words = words_of(drive_figure(example("car").with_values({"chain.links": 140})))
     assert sum(word.endswith(" pitches") for word in words) == 3 and not any(w.endswith(" links") for w in words)
 
 
