@@ -133,7 +133,7 @@ def changes():
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_bits_alone_and_in_a_crowd(device, precision):
-    options = {"record": Record(rate=2e3), "device": "cpu", "limits": STARTING, "precision": precision}
+    options = {"record": Record(rate=2e3), "limits": STARTING, "precision": precision}
     crowd = assert_alone_as_in_a_crowd(changes(), **options)
     ends = [tuple(crowd[v].shaft_speed[-1].tolist()) for v in range(4)]
     assert len(set(ends)) == 4
@@ -143,7 +143,7 @@ def test_a_longer_run_goes_on_in_the_gear_that_is_in(device):
     # kept after the change: ratio, twist and slip are of the state
     step = 2.0**-18
     drives = [drive.with_values({"run.step": step}) for drive in changes()]
-    same = {"step": None, "record": Record("none"), "device": "cpu", "limits": STARTING}
+    same = {"step": None, "record": Record("none"), "limits": STARTING}
     short, on = States(), States()
     start, end = 8192 * step, 14000 * step  # the change is at 10486 and 13107
     simulate(drives, duration=end, window=(start, end), states=short, **same)

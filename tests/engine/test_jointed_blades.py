@@ -43,7 +43,7 @@ def test_the_chain_moves_no_arm_from_its_balance():
         assert moment == pytest.approx(-pull * slope, rel=1e-5)
 
 
-def test_settling_agrees_with_the_balance():
+def test_settling_agrees_with_the_balance(device):
     # to 0.6 degrees, as a single arm's: settling has rollers on seats and faces, balance a taut string
     drive = blade()
     laid = assemble(drive)
@@ -54,7 +54,7 @@ def test_settling_agrees_with_the_balance():
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-def test_energy_of_a_drive_with_a_jointed_blade(precision):
+def test_energy_of_a_drive_with_a_jointed_blade(precision, device):
     # as of one arm with a blade 4e-4 at "auto", which is twice this step, and it falls with its square
     row = simulate(
         blade(**{"run.step": 1.6e-6}), duration=0.04, window=(0.01, 0.04), record=Record("none"), precision=precision
@@ -65,7 +65,7 @@ def test_energy_of_a_drive_with_a_jointed_blade(precision):
     assert row["lower blade.dissipated"] > 0.0
 
 
-def test_the_same_bits_alone_and_in_a_crowd():
+def test_the_same_bits_alone_and_in_a_crowd(device):
     drives = [blade(**{"arms.lower.stiffness": k}) for k in (7.0, 8.0, 9.0)]
     assert_alone_as_in_a_crowd(drives, record=Record(rate=5000.0), duration=3e-3)
 
