@@ -1,6 +1,7 @@
 """Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it, whatever its energy."""
 
 from layouts import Placed, drive_of
+from pyarrow import parquet
 
 from warpchain.drive import dumps_drive
 
@@ -55,3 +56,9 @@ def write_study(folder, more="", points=6, shard=2, text=STUDY):
     path = folder / "study.toml"
     path.write_text(text.format(points=points, shard=shard) + more)
     return path
+
+
+def rows_of(folder, *left_out, name="results"):
+    """The rows of a table, but for where their recordings are and columns that begin as `left_out`."""
+    rows = parquet.read_table(folder / f"{name}.parquet").to_pylist()
+    return [{key: value for key, value in row.items() if not key.startswith(("archive", *left_out))} for row in rows]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from archives import assert_same
-from drives import example, two_sprockets
+from archives import assert_same, unlike
+from drives import example
 
 from warpchain import ArchiveOptions, Record, Trajectory, read_archive, simulate, write_archive
 from warpchain.archive.file_parts import Parts
@@ -22,8 +22,7 @@ from warpchain.results.channels import CHANNEL, UNITS
 
 @pytest.fixture(scope="module")
 def run():
-    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
-    return simulate([two_sprockets(duration=0.003, settle="false"), other], record=Record(rate=1e5))
+    return simulate(unlike(), record=Record(rate=1e5))
 
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])

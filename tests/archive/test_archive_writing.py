@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from archives import assert_same
+from archives import assert_same, unlike
 from command import refused
 from command import run as command
-from drives import two_sprockets
 from mcap.reader import make_reader
 from rerun_check import rerun_accepts
 from study_helpers import tiny_drive
@@ -26,8 +25,7 @@ from warpchain.results.engineering_report import handed_in
 
 @pytest.fixture(scope="module")
 def run():
-    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
-    first = two_sprockets(duration=0.003, settle="false")
+    first, other = unlike()
     return simulate([first, other, other, first, first], record=Record(variants=[0, 1, 3, 4], rate=5e4))
 
 

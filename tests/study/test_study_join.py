@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from command import refused, run
 from pyarrow import parquet
-from study_helpers import STUDY, write_study
+from study_helpers import STUDY, rows_of, write_study
 
 import warpchain
 from warpchain.archive import read_archive
@@ -34,11 +34,6 @@ def studied(folder, *changes, part=None, **values):
     (folder / "tiny.toml").write_text(warpchain.dumps_drive(drive))
     run_study(source, folder / "out", part=part)
     return source, folder / "out"
-
-
-def rows_of(folder, *left_out):
-    rows = parquet.read_table(folder / "results.parquet").to_pylist()
-    return [{k: v for k, v in row.items() if not k.startswith(("archive", *left_out))} for row in rows]
 
 
 def content(folder):
