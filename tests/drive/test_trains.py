@@ -24,9 +24,9 @@ PARTS = (
 )
 
 
-def values(text=PARTS):
+def values():
     """Two equal sprockets, the first geared to a motor, the second coupled to a load."""
-    found = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, settle="false")) + text)
+    found = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, settle="false")) + PARTS)
     del found["sprockets"][0]["prescribed"], found["sprockets"][1]["load"]
     found["sprockets"][0]["inertia"] = 0.7
     return found

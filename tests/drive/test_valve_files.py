@@ -17,9 +17,9 @@ PROFILE = "profile = { lift = 0.01, rise = 60.0, dwell = 10.0, fall = 50.0 }\n"
 ANGLES = np.linspace(0.0, 360.0, 37)
 
 
-def csv(folder, lifts, angles=ANGLES, head="angle_deg,lift_mm"):
+def csv(folder, lifts, angles=ANGLES):
     rows = (f"{angle!r},{lift!r}" for angle, lift in zip(angles.tolist(), lifts.tolist(), strict=True))
-    (folder / "lift.csv").write_text("\n".join([head, *rows]))
+    (folder / "lift.csv").write_text("\n".join(["angle_deg,lift_mm", *rows]))
     (folder / "drive.toml").write_text(TEXT + 'table = { file = "lift.csv", factor = 1.1 }\n')
     return folder / "drive.toml"
 

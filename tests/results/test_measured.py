@@ -19,9 +19,9 @@ from warpchain.results.measured_file import Columns, Measured, read_signal
 TEETH, TURNS = 20, 10.0
 
 
-def signal(time, gain=1.0, late=0.0):
+def signal(time, gain=1.0):
     """A mean, and a sine of 100 N of the twentieth order at ten revolutions a second."""
-    return gain * (2000.0 + 100.0 * np.sin(2.0 * pi * TEETH * TURNS * (time - late)))
+    return gain * (2000.0 + 100.0 * np.sin(2.0 * pi * TEETH * TURNS * time))
 
 
 @pytest.fixture(scope="module")

@@ -22,12 +22,12 @@ from warpchain.results.signals import (
 )
 
 
-def turning(driver, driven=None, time=None, teeth=20):
+def turning(driver, driven=None, time=None):
     """A trajectory of angles (F,) [rad] alone."""
     time = np.linspace(0.0, 10.0, 20001) if time is None else time
     angle = np.stack([driver, driver if driven is None else driven], axis=1)
     speed = np.gradient(angle, time, axis=0)
-    return Trajectory(two_sprockets(teeth=teeth), time, sprocket_angle=angle, sprocket_speed=speed)
+    return Trajectory(two_sprockets(), time, sprocket_angle=angle, sprocket_speed=speed)
 
 
 def test_a_sine_shows_its_amplitude_at_its_frequency():

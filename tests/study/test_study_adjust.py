@@ -14,9 +14,9 @@ from warpchain.study.run.row_drives import adjusted_all
 from warpchain.study.spec.study_tables import Adjust
 
 
-def pair(span, links=44, teeth=12):
+def pair(span, teeth=12):
     """Two equal sprockets: half of each is wrapped, each strand has span / (pitch (1 + strain)) links."""
-    return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], links)
+    return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], 44)
 
 
 def adjusted(drive, adjust, row):

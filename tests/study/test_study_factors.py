@@ -29,10 +29,10 @@ def study_of(factors, design="factorial"):
     return loads_study(HEAD.format(design) + "".join(f"[[factors]]\n{factor}\n" for factor in factors))
 
 
-def errors_of(factors, drive=None):
+def errors_of(factors):
     with pytest.raises(StudyError) as caught:
         study = study_of(factors)
-        check_drive(study, drive or example("marine"), "s")
+        check_drive(study, example("marine"), "s")
     return str(caught.value)
 
 
