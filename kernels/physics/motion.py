@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401  # noqa: F401
+from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401
 
 CELL_VALUES = wp.constant(5)
 
