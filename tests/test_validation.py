@@ -15,6 +15,7 @@ QUICK = {
     "restitution": 1e-5,  # printed to five digits
     "sag": 1e-3,  # settling ends within 1e-3 of its way
     "centrifugal_tension": 1e-8,  # printed to eight digits; rounding alone is 1e-14
+    "load_of_an_arc": 1e-3,  # printed to four digits
     "orders": 5e-3,  # printed to 0.01; half of rk4's error is rounding, which differs between compilers
     "center_distance": 1e-8,  # centers are rounded to 1e-10 m, 3e-10 of the distance
 }
@@ -50,3 +51,13 @@ def test_rigid_links_close_as_the_source_has_it():
     centers = 1e3 * np.array(module.rigid_centers((11, 20), 0.0254, 47))
     assert centers.min() < 398.338658801 < centers.max() < centers.min() + 0.011
     assert module.rigid_centers((20, 20), 0.05, 60, 1) == pytest.approx([1.0], abs=1e-12)
+
+
+def test_rows_are_written_in_place_and_new_ones_below_the_one_before():
+    made = load_script("drawings.closed_forms").restitution()
+    stated = PAGE.split("\n")
+    place = next(k for k, line in enumerate(stated) if line.startswith("| restitution |"))
+    new = made._replace(name="a new row")
+    written = load_script("drawings.validation").with_rows(PAGE, [made._replace(gives="other"), new]).split("\n")
+    assert written[place].split(" | ")[4] == "other" and written[place + 1].startswith("| a new row |")
+    assert written[:place] + written[place + 2 :] == stated[:place] + stated[place + 1 :]

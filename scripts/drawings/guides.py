@@ -24,7 +24,9 @@ from warpchain.view.figures.drive_figure import draw_parts
 from warpchain.view.figures.rig_figures import loop_figure, sweep_figure
 
 STRAND = 2  # camshaft -> crankshaft: the tight one, "segment number one" of the paper
-RAMP, START, DURATION = 6.0, 8.0, 14.0  # s
+START, DURATION = 8.0, 14.0  # s
+RAMPS = ("sprockets.crankshaft.prescribed.ramp_time", "sprockets.camshaft.load.ramp_time")
+SLOWLY = {"run.duration": DURATION} | dict.fromkeys(RAMPS, 6.0)
 
 
 def indented(drive: Drive, strand: int, indentation: float) -> Drive:
@@ -57,12 +59,10 @@ def guide_bar(asked: argparse.Namespace) -> Iterator[Line]:
     Speed and load come on within 6 s, so that little is left of the swing of the start: joint friction takes a constant
     amount off it a cycle. Shown and averaged are the 6 s from 8 s on.
     """
-    ramps = ("sprockets.crankshaft.prescribed.ramp_time", "sprockets.camshaft.load.ramp_time")
-    slowly = {"run.duration": DURATION} | dict.fromkeys(ramps, RAMP)
     record, window = Record(channels=("position", "guide_force"), rate=1000.0), (START, DURATION)
-    free = simulate(example("marine_no_guides", slowly), record=record, window=window)
+    free = simulate(example("marine_no_guides", SLOWLY), record=record, window=window)
     mean = float(displacement(free).mean())
-    guided = simulate(indented(example("marine", slowly), STRAND, 1e-3 * mean), record=record, window=window)
+    guided = simulate(indented(example("marine", SLOWLY), STRAND, 1e-3 * mean), record=record, window=window)
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     titles = ("without guide-bar (Figure 9)", f"guide-bar indented by {mean:.1f} mm (Figure 10)")

@@ -1,7 +1,6 @@
 """Published results beside those of warpchain: the table of docs/validation.md."""
 
 import argparse
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any
@@ -12,30 +11,12 @@ from drawings.closed_forms import EXACT, Row
 from drawings.efficiency import joints
 from drawings.engines import engines
 from drawings.guides import AMPLITUDE, CYCLES, text_of
+from drawings.marine import marine
 from drawings.other_codes import other_codes
 from drawings.vibration import vibration
 from warpchain import loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.rig import Shake, shake
-
-
-def marine() -> Row:
-    """The paper's drive, as docs/examples.md has it."""
-    page = (ROOT / "docs" / "examples.md").read_text()
-    found = re.search(r"\| mean displacement \| \+([\d.]+) mm", page)
-    tensions = [re.search(rf"^\| marine, now{more} \| ([\d.]+) ", page, re.M) for more in ("", ", without friction")]
-    assert found is not None and tensions[0] is not None and tensions[1] is not None
-    with_friction, without = float(tensions[0][1]), float(tensions[1][1])
-    return Row(
-        name="marine drive",
-        source="Pedersen, Hansen and Ambrósio (2004), figures 9 to 12",
-        states="tight strand without guide-bar: mean displacement 2.7 mm; tension of the chain about 20 kN",
-        drive="`marine`, `marine_no_guides`: a drive of that kind, as the paper's data are not public",
-        gives=f"{found[1]} mm ([figures 9 and 10](examples.md#the-guide-bar-figures-9-and-10-of-the-paper)); "
-        f"mean of the links {with_friction} kN, without friction {without} kN",
-        differs=f"{float(found[1]) - 2.7:+.1f} mm; {with_friction - 20.0:+.1f} and {without - 20.0:+.1f} kN",
-        verdict="displacement does not agree: not the same drive (below); the tightener was set for 20 kN",
-    )
 
 
 def tensioner_work() -> Row:
@@ -83,7 +64,7 @@ PARTS: dict[str, Callable[[], Iterable[Line]]] = {
     "closed-forms": closed_forms,
     "vibration": vibration,
     "joints": joints,
-    "marine": lambda: [marine()],
+    "marine": marine,
     "tensioner": lambda: [tensioner_work()],
     "engines": engines,
     "determinism": lambda: [DETERMINISM],
@@ -93,23 +74,44 @@ USUAL = [part for part in PARTS if part != "codes"]
 """Parts that need no other codes."""
 
 
-@case(option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"))
+PAGE = ROOT / "docs" / "validation.md"
+
+
+def with_rows(page: str, rows: Iterable[Row]) -> str:
+    """The page with its rows of these names replaced; a new one goes below the row before it."""
+    lines = page.split("\n")
+    at = max(k for k, line in enumerate(lines) if line.startswith("| polygon action |"))
+    for row in rows:
+        found = [k for k, line in enumerate(lines) if line.startswith(f"| {row.name} |")]
+        at = found[0] if found else at + 1
+        lines[at : at + len(found)] = [f"| {' | '.join(row)} |"]
+    return "\n".join(lines)
+
+
+@case(
+    option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"),
+    option("--write", action="store_true", help="put the rows into docs/validation.md"),
+)
 def validation(asked: argparse.Namespace) -> Iterator[Line]:
     """Closed forms and published results, beside those of warpchain.
 
-    python scripts/figures.py validation
-    python scripts/figures.py validation --part codes
+    python scripts/figures.py validation [--write]
+    python scripts/figures.py validation --part codes [--write]
 
     Prints the table of docs/validation.md and draws its figures. Nothing is tuned: values that a source does not state
     are swept. Helpers of tests/ compute the closed forms; they need the extra `dev`. The part `codes` is left out
     unless it is named; it needs the extra `codes`.
     """
     figures: dict[str, Any] = {}
+    rows: list[Row] = []
     yield ("", "source", "states", "drive here", "warpchain gives", "difference", "verdict")
     for part in asked.part:
         for line in PARTS[part]():
             if isinstance(line, Mapping):
                 figures |= line
             else:
+                rows += [line] if isinstance(line, Row) else []
                 yield line
+    if asked.write:
+        PAGE.write_text(with_rows(PAGE.read_text(), rows))
     yield figures

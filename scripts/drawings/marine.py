@@ -1,0 +1,160 @@
+"""The paper's figures 9 to 12 beside the marine example: rows of docs/validation.md."""
+
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from common.cases import ROOT, Line
+from common.drives import Values, example
+from matplotlib.figure import Figure
+
+from drawings.closed_forms import Row
+from drawings.examples import NO_FRICTION, SMOOTH_BARS
+from drawings.guides import DURATION, SLOWLY, START, STRAND, displacement, indented
+from warpchain import Record, Run, Trajectory, simulate
+from warpchain.results.run import need
+from warpchain.results.scene import nearest_sprocket
+from warpchain.results.signals import last_round
+from warpchain.view.figures.chain_figures import telling_roller
+
+PAPER = "Pedersen, Hansen and Ambrósio (2004), figures"
+CASES: dict[str, Values] = {"with friction": {}, "without friction": {**NO_FRICTION, **SMOOTH_BARS}}
+STEEL = {"contact.guide.partner": {"youngs_modulus": 210e9, "poissons_ratio": 0.3}}
+SEEN = Record(channels=("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"))
+LENGTH, FROM = {"run.duration": 4.2}, 2.1
+"""Of the runs with a bar, and where the swing of the start has gone [s]; a round of the chain takes 1.9 s."""
+
+
+class Bare(NamedTuple):
+    """The drive without its bar.
+
+    Attributes:
+        mean, rms: of the tight strand's displacement at mid-span, and of its swing about the mean [mm].
+        tension: mean of the links [kN].
+    """
+
+    mean: float
+    rms: float
+    tension: float
+
+
+class Forces(NamedTuple):
+    """Forces of the drive with its bar [kN].
+
+    Attributes:
+        strands, sprockets: mean tension of links that are on no sprocket, and on one, in a round of the chain.
+        teeth, bar, steel: largest force on a roller of crankshaft and camshaft, of the bar, and of a bar of steel.
+    """
+
+    strands: float
+    sprockets: float
+    teeth: float
+    bar: float
+    steel: float
+
+
+def bare(values: Values) -> Bare:
+    """The drive that starts slowly without a bar, as docs/examples.md has it."""
+    unguided = {key: value for key, value in values.items() if "guide" not in key}
+    record = Record(channels=("position",), rate=1000.0)
+    run = simulate(example("marine_no_guides", unguided | SLOWLY), record=record, window=(START, DURATION))
+    seen = displacement(run)
+    return Bare(float(seen.mean()), float(seen.std()), 1e-3 * run.metrics["tension_mean"][0].as_py())
+
+
+def largest(run: Run, *parts: str) -> float:
+    """Largest force of parts on a roller [kN]."""
+    return 1e-3 * max(run.metrics[f"{part}.force_max"][0].as_py() for part in parts)
+
+
+def guided(values: Values, indentation: float) -> tuple[Trajectory, Forces]:
+    """The last round of the drive with its bar indented [mm]."""
+    drive = indented(example("marine", values | LENGTH), STRAND, 1e-3 * indentation)
+    window, (bar,) = (FROM, LENGTH["run.duration"]), drive.guides
+    run = simulate(drive, record=SEEN, window=window)
+    steel = simulate(drive.with_values(STEEL), record=Record("none"), window=window)
+    seen = run[0].at(last_round(run[0]))
+    (tension,), on = need(seen, "tension"), nearest_sprocket(seen) >= 0
+    return seen, Forces(
+        strands=1e-3 * float(tension[~on].mean()),
+        sprockets=1e-3 * float(tension[on].mean()),
+        teeth=largest(run, "crankshaft", "camshaft"),
+        bar=largest(run, bar.name),
+        steel=largest(steel, bar.name),
+    )
+
+
+def draw(axes: Any, trajectory: Trajectory, title: str) -> None:
+    """Tension of a link, and contact forces on a roller, over a round."""
+    roller = telling_roller(trajectory)
+    tension, teeth, bar = need(trajectory, "tension", "sprocket_force", "guide_force")
+    near = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
+    turned = np.linspace(0.0, 1.0, len(near))
+    axes[0].set_title(title)
+    axes[-1].set_xlabel("share of the chain's round")
+    for axis, force in zip(axes, (tension, teeth, bar), strict=True):
+        axis.plot(turned, 1e-3 * force[:, roller], lw=0.7, color="black")
+        for s, sprocket in enumerate(trajectory.drive.sprockets):
+            upright = {"transform": axis.get_xaxis_transform(), "color": f"C{s}", "alpha": 0.2, "lw": 0.0}
+            axis.fill_between(turned, 0.0, 1.0, where=near == s, label=f"on the {sprocket.name}", **upright)
+        axis.grid(alpha=0.3)
+
+
+def means() -> tuple[float, float]:
+    """Mean tension of the links with and without friction [kN], of eight builds: from docs/examples.md."""
+    page = (ROOT / "docs" / "examples.md").read_text()
+    found = [re.search(rf"^\| marine, now{more} \| ([\d.]+) ", page, re.M) for more in ("", ", without friction")]
+    assert found[0] is not None and found[1] is not None
+    return float(found[0][1]), float(found[1][1])
+
+
+def displacement_row(own: Bare, smooth: Bare) -> Row:
+    """Displacement of the tight strand without its bar."""
+    return Row(
+        name="marine drive: displacement",
+        source=f"{PAPER} 9 and 10",
+        states="tight strand without guide-bar: mean displacement 2.7 mm",
+        drive="`marine_no_guides`: a drive of that kind, as the paper's data are not public",
+        gives=f"{own.mean:.1f} mm ([with the bar](examples.md#the-guide-bar-figures-9-and-10-of-the-paper)); without "
+        f"friction {smooth.mean:.1f} mm, swinging by {smooth.rms:.1f} mm rms, links at {smooth.tension:.0f} kN",
+        differs=f"{own.mean - 2.7:+.1f} mm; without friction {smooth.mean - 2.7:+.1f} mm",
+        verdict="does not agree: not the same drive (below)",
+    )
+
+
+def forces_row(own: Forces, smooth: Forces) -> Row:
+    """Tension of links and contact forces of rollers."""
+    mean, smooth_mean = means()
+    return Row(
+        name="marine drive: forces",
+        source=f"{PAPER} 11 and 12",
+        states="tension about 20 kN, another on sprockets than off them; sprockets press a roller harder than "
+        "guide-bars, as these are of rubber",
+        drive="`marine`, its bar indented as in the paper; a bar of steel for comparison",
+        gives=f"mean of the links {mean} kN, without friction {smooth_mean} kN. Off and on sprockets {own.strands:.0f} "
+        f"and {own.sprockets:.0f}, {smooth.strands:.0f} and {smooth.sprockets:.0f} kN. Largest on a roller: crankshaft "
+        f"and camshaft {own.teeth:.0f} and {smooth.teeth:.0f} kN, bar {own.bar:.2f} and {smooth.bar:.1f} kN, bar of "
+        f"steel {own.steel:.1f} and {smooth.steel:.0f} kN",
+        differs=f"{mean - 20.0:+.1f} and {smooth_mean - 20.0:+.1f} kN",
+        verdict="tension on and off sprockets and order of forces agree; the tightener was set for 20 kN (below)",
+    )
+
+
+def marine() -> Iterator[Line]:
+    """The paper's drive, with and without friction."""
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    axes: Any = figure.subplots(3, 2, sharex=True, sharey="row")
+    free = [bare(values) for values in CASES.values()]
+    forces = []
+    for column, (title, values), one in zip(axes.T, CASES.items(), free, strict=True):
+        seen, found = guided(values, one.mean)
+        forces.append(found)
+        draw(column, seen, title)
+    labels = ("tension of a link", "sprockets on a roller", "guide-bar on a roller")
+    for axis, label in zip(axes[:, 0], labels, strict=True):
+        axis.set_ylabel(f"{label} [kN]")
+    axes[1, 0].legend(fontsize=9, loc="upper right")
+    yield displacement_row(*free)
+    yield forces_row(*forces)
+    yield {"validation-marine": figure}
