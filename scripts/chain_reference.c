@@ -34,7 +34,7 @@ typedef struct { double stiffness, free_angle, damping, low, high, stop_stiffnes
 typedef struct {
     double body;
     Vector point, home, direction;
-    double stiffness, preload, damping, hydraulic, area, volume, leak, drag, supply, ambient, vapor, bulk_modulus, air, hole_area;
+    double stiffness, preload, damping, hydraulic, area, volume, leak, drag, supply, ambient, floor, bulk_modulus, air, hole_area;
     double valve_preload, valve_stiffness, lift_max, seat_width, seat_growth, discharge, density, laminar_limit;
     double bottom, stop_stiffness, stop_damping, content, pressure;
 } Tensioner;
@@ -282,20 +282,16 @@ static double inflow(double pressure, double rate, const Tensioner *t, double *s
 
 // z of the oil's pressure, by Newton's method in a bracket; with what flows in a step h, or at h = 0 as the oil is.
 static double solved_root(double volume, double h, double rate, const Tensioner *t) {
-    double low = 0.0, high = 8.0, z = root_of(t->pressure, t), change = high, floor = 0.0;
+    double low = 0.0, high = 8.0, z = root_of(t->pressure, t), change = high;
     for (int rounds = 0; rounds < 60 && fabs(change) > 1e-7 * z; rounds++) {
         double slope, phi = compression(z, t, &slope), room = volume;
         if (h > 0.0) {
             double fall, pressure = pressure_at(z, t), flow = inflow(pressure, rate, t, &fall);
             room = larger(volume - h * flow, 0.01 * volume), slope -= h * fall * 7.0 * pressure / (z * room);
         }
-        double rest = phi + log(room / t->volume) - t->content, after = z - rest / slope;
+        double rest = phi + log(room / t->volume) - t->content, after = larger(z - rest / slope, t->floor);
         if (rest > 0.0) high = z; else low = z;
-        if (after <= 0.0 || pressure_at(after, t) < t->vapor) {
-            if (floor == 0.0) floor = root_of(t->vapor, t);
-            after = floor;
-        }
-        if (after < low || after > high || (z > floor && low == floor && after == floor)) after = 0.5 * (low + high);
+        if ((after <= low && z > low) || after > high) after = 0.5 * (low + high);
         change = after - z, z = after;
     }
     return z;

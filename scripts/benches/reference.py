@@ -56,7 +56,7 @@ GUIDE = """
 PIECE = "start direction curvature"
 ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"
 TENSIONER = """
-    body point home direction stiffness preload damping hydraulic area volume leak drag supply ambient vapor
+    body point home direction stiffness preload damping hydraulic area volume leak drag supply ambient floor
     bulk_modulus air
 """
 VALVE = "hole_area preload stiffness lift_max seat_width seat_growth discharge"
