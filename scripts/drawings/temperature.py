@@ -1,10 +1,10 @@
-"""What of a drive's change with temperature is due to its oil, and what to its sizes."""
+"""Causes of a drive's change with temperature: its oil, its sizes."""
 
 import argparse
 from collections.abc import Iterator
 
 from common.cases import Line, case
-from common.drives import example
+from common.drives import Values, example
 
 from warpchain import Record, simulate
 
@@ -12,7 +12,11 @@ OIL = "tensioners.tensioner.oil"
 WINTER = {f"{OIL}.viscosity_40": 62e-6, f"{OIL}.viscosity_100": 10.3e-6}
 HOT_ALWAYS = {f"{OIL}.viscosity_40": 12.00001e-6, f"{OIL}.viscosity_100": 12e-6}
 """An oil that hardly thins: the drive's own, which is that of 95 degrees C."""
-CASES = {"as it is": WINTER, "a block of steel": {"expansion.block": "steel"} | WINTER, "oil of 12 mm^2/s": HOT_ALWAYS}
+CASES: dict[str, Values] = {
+    "as it is": WINTER,
+    "a block of steel": {"expansion.block": "steel"} | WINTER,
+    "oil of 12 mm^2/s": HOT_ALWAYS,
+}
 DURATION, WINDOW, LONG = 0.4, 0.16, 1.2
 """Of the study's runs and its window at their end, and of a longer run [s]."""
 

@@ -61,9 +61,9 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
         write(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
     for arm, angle in zip(drive.arms, pose.arm, strict=True):
-        stops = ", no stops" if arm.stops is None else ", {:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
+        stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
         away = 1.0 if arm.pivot[0] > middle[0] else -1.0
-        text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}{stops}"
+        text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
         write(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
     for points in travel:
         axis.plot(*factor * points.T, **TRAVEL)

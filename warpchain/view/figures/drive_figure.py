@@ -24,6 +24,7 @@ from warpchain.results.scene import (
 )
 from warpchain.results.units import display_unit, shown
 from warpchain.view.figures.dimensions import LINE, arm_travel, draw_dimensions, written
+from warpchain.view.figures.labels import spread
 from warpchain.view.figures.style import about
 from warpchain.view.palette import scale_top, tension_colormap
 
@@ -103,6 +104,10 @@ def drive_figure(
     axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
+    if isinstance(of, Drive):
+        centers = factor * np.concatenate([chain.pose.center for chain in chains])
+        texts: list[Any] = list(axis.texts)
+        spread(axis, [text for text in texts if not np.isclose(centers, text.xy).all(axis=1).any()])
     return figure
 
 
