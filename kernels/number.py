@@ -304,9 +304,9 @@ def mul(a: wp.float32, b: wp.float64):
 @wp.func
 def div(a: Pair, b: Pair):
     """a / b."""
-    q = a.high / b.high
+    q = quotient(a.high, b.high)
     p = exact_product(q, b.high)
-    return settled(q, (((a.high - p.high) - p.low) + (a.low - q * b.low)) / b.high)
+    return settled(q, quotient(((a.high - p.high) - p.low) + (a.low - q * b.low), b.high))
 
 
 @wp.func

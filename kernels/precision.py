@@ -39,7 +39,7 @@ def at_float32(
         recent: sums that every step adds to (`number.RecentSum`).
         kept: fields that stay as they are.
         rows: fills it up to whole rows of `ROW` bytes, for arrays that `native.aligned` reads.
-        other: types of fields that become something else.
+        other: types of fields that become something else, or that come beside them.
     """
 
     def kind_of(name: str, kind: Any) -> Any:
@@ -51,7 +51,7 @@ def at_float32(
             return RecentSum
         return PAIRED[kind] if name in pairs else SINGLE.get(kind) or nested.get(kind, kind)
 
-    kinds = {name: other.get(name) or kind_of(name, var.type) for name, var in full.vars.items()}
+    kinds = {name: other.get(name) or kind_of(name, var.type) for name, var in full.vars.items()} | other
     made = _struct(full, kinds)
     if rows:
         short = -wp.types.type_size_in_bytes(made) % ROW // 4

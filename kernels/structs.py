@@ -302,7 +302,7 @@ class Tensioner:
     supply_table: Tabulated  # instead of `supply`, once the run has begun [Pa]
     pump: wp.int32  # body of the drive whose forward speed it is over, if over speed
     ambient: wp.float64  # P_0 [Pa]
-    vapor: wp.float64  # P_v [Pa]
+    floor: wp.float64  # z = (P_v / P_0)^(1/7) of the vapor pressure
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
     drained: wp.float64  # share of the chamber that is air at the start
     bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
@@ -329,7 +329,7 @@ class TensionerState:
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
-    unfilled: wp.int32  # 1: drained, until oil has filled the chamber
+    unfilled: wp.float64  # 1: drained, until oil has filled the chamber; no whole number, which would leave a gap
 
 
 @wp.struct
@@ -672,7 +672,7 @@ class TensionerFlows:
     supply_work: wp.float64  # [J]
     lift: wp.float64  # y of the valve at the step's end [m]
     filling: wp.float64  # time from the run's beginning until oil has filled the chamber [s]
-    unfilled: wp.int32  # 1: it has not, at the step's end
+    unfilled: wp.float64  # 1: it has not, at the step's end
 
 
 @wp.struct
@@ -991,7 +991,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
     """The structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by the names that they have here.
 
     Beside them are `Real`, its vectors `vec2`, `Number` (that of `number`), and `Instant`, a body's state in plain
-    numbers, without pairs.
+    numbers: without pairs, at float32 with the `rest` of its speed.
 
     Args:
         blocks: for blocks of a GPU; else what moves bodies is float64 at both precisions.
@@ -1012,7 +1012,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
         made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
-    instant, number = (at_float32(BodyState, {}), Pair) if paired else (BodyState, wp.float64)
+    instant, number = (at_float32(BodyState, {}, rest=wp.float32), Pair) if paired else (BodyState, wp.float64)
     return SimpleNamespace(Real=Real, vec2=vec2, Number=number, Instant=instant, **named)
 
 

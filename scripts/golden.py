@@ -109,9 +109,9 @@ def only_added(name: str, old: np.ndarray, new: np.ndarray) -> bool:
     return facts == new_facts and all(column in rest for column in before)
 
 
-def some(found: Sequence[str], most: int = 5) -> str:
-    """The first of them, and how many more there are."""
-    return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
+def some(found: Sequence[str]) -> str:
+    """The first five of them, and how many more there are."""
+    return "; ".join(found[:5]) + (f"; and {len(found) - 5} more" if len(found) > 5 else "")
 
 
 def compare(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:

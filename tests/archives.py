@@ -1,6 +1,13 @@
-"""Trajectories compared, for the tests of archives."""
+"""Trajectories compared, for the tests of archives, and two drives unlike each other."""
 
 import numpy as np
+from drives import two_sprockets
+
+
+def unlike():
+    """Two drives of other lengths, that run for other times."""
+    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
+    return [two_sprockets(duration=0.003, settle="false"), other]
 
 
 def assert_same(one, other):

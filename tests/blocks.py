@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 from drives import jointed_blade, timing, two_sprockets
+from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
@@ -173,36 +174,15 @@ def arms():
     return [timing(), timing().with_values(latched)]
 
 
-TRAINS = """
-[[shafts]]
-name = "engine"
-inertia = 0.4
-motor = { table = { speed = [0.0, 12.0, 20.0], torque = [300.0, 400.0, 0.0] }, ramp_time = 1e-4 }
-initial_speed = 10.0
-[[shafts]]
-name = "cross"
-inertia = 0.6
-load = { torque = 80.0, viscous = 2.0 }
-[[shafts]]
-name = "governor"
-prescribed = { speed = 9.0, harmonics = [{ order = 1.0, amplitude = 0.05 }] }
-[[gears]]
-name = "primary"
-between = ["driver", "engine"]
-teeth = [41, 20]
-module = 0.004
-[[couplings]]
-name = "cush"
-between = ["driven", "cross"]
-stiffness = 4e4
-damping = 15.0
-lash = 1e-4
-[[couplings]]
-name = "slack"
-between = ["cross", "governor"]
-stiffness = 1e3
-damping = 3.0
-"""
+MOTOR = {"table": {"speed": [0.0, 12.0, 20.0], "torque": [300.0, 400.0, 0.0]}, "ramp_time": 1e-4}
+TRAINS = (
+    shaft("engine", inertia=0.4, motor=MOTOR, initial_speed=10.0)
+    + shaft("cross", inertia=0.6, load={"torque": 80.0, "viscous": 2.0})
+    + shaft("governor", prescribed={"speed": 9.0, "harmonics": [{"order": 1.0, "amplitude": 0.05}]})
+    + gears("primary", ["driver", "engine"], [41, 20])
+    + coupling("cush", ["driven", "cross"], 4e4, damping=15.0, lash=1e-4)
+    + coupling("slack", ["cross", "governor"], 1e3, damping=3.0)
+)
 """A motor geared to the driver, a shaft with play on the driven sprocket, and a third that leads it a little."""
 
 

@@ -3,6 +3,8 @@
 import math
 import tomllib
 
+from parts import coupling, gears, shaft
+
 from warpchain import Drive, dumps_drive, loads_drive
 
 
@@ -84,7 +86,7 @@ def two_stages(teeth=(20, 30, 18, 36), links=(66, 68), pitches=(0.05, 0.04), spe
     return loads_drive(
         chain("first", links[0], pitches[0])
         + chain("second", links[1], pitches[1], mass=0.7, stiffness=4e7)
-        + '[[shafts]]\nname = "mid"\n'
+        + shaft("mid")
         + sprocket("crank", z[0], (0.0, 0.0), "first", more=f"prescribed = {{ speed = {speed} }}")
         + sprocket("mid in", z[1], (mid, 0.0), "first", "mid", "inertia = 1.0")
         + sprocket("mid out", z[2], (mid, 0.0), "second", "mid", "inertia = 1.0")
@@ -101,7 +103,7 @@ def side_by_side(count, **settings):
     text = ""
     for k in range(max(count, 1)):
         text += chain(f"c{k}", links, mass=twice, stiffness=5e7 * twice, damping=2000.0 * twice)
-    text += '[[shafts]]\nname = "A"\n[[shafts]]\nname = "B"\n'
+    text += shaft("A") + shaft("B")
     for k in range(max(count, 1)):
         own = "prescribed = { speed = 10.0 }" if k == 0 else ""
         text += sprocket(f"a{k}", z[0], (0.0, 0.0), f"c{k}", "A", own)
@@ -134,38 +136,12 @@ def plus(drive, text, **values):
     return loads_drive(dumps_drive(drive) + text).with_values(values)
 
 
-PUMP = """
-[[shafts]]
-name = "pump"
-inertia = 0.8
-load = { viscous = 2.0 }
-[[gears]]
-name = "pair"
-between = ["mid", "pump"]
-teeth = [20, 40]
-module = 0.004
-"""
+PUMP = shaft("pump", inertia=0.8, load={"viscous": 2.0}) + gears("pair", ["mid", "pump"], [20, 40])
 """Geared to the shaft between two stages."""
-WHEEL = """
-[[shafts]]
-name = "wheel"
-inertia = 3.0
-load = { torque = 250.0 }
-[[couplings]]
-name = "joint"
-between = ["out", "wheel"]
-stiffness = 4e4
-damping = 20.0
-lash = 1e-3
-"""
+WHEEL = shaft("wheel", inertia=3.0, load={"torque": 250.0})
+WHEEL += coupling("joint", ["out", "wheel"], 4e4, damping=20.0, lash=1e-3)
 """On a coupling, turned by the last of two stages."""
-CUSH = """
-[[couplings]]
-name = "cush"
-between = ["mid", "mid out"]
-stiffness = 3e4
-damping = 15.0
-"""
+CUSH = coupling("cush", ["mid", "mid out"], 3e4, damping=15.0)
 """Between a shaft and a sprocket on it, of the second of two stages."""
 
 
@@ -181,6 +157,6 @@ def cushed_stages(**settings):
 
 def motored_stages(**settings):
     """Geared stages that a motor starts, on the crank's shaft."""
-    motor = '[[shafts]]\nname = "engine"\ninertia = 0.4\nmotor = { torque = 300.0, power = 3e3 }\n'
+    motor = shaft("engine", inertia=0.4, motor={"torque": 300.0, "power": 3e3})
     text = dumps_drive(geared_stages(**settings)).replace("prescribed = { speed = 10.0, ramp_time = 0.0 }\n", "", 1)
     return loads_drive(text.replace('name = "crank"\n', 'name = "crank"\ninertia = 0.1\nshaft = "engine"\n', 1) + motor)

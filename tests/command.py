@@ -11,3 +11,11 @@ def run(capsys, *words):
         status = leave.code
     captured = capsys.readouterr()
     return status, captured.out.splitlines(), captured.err.splitlines()
+
+
+def refused(capsys, *words):
+    """The one line that a command is refused with, which prints nothing else."""
+    status, out, err = run(capsys, *words)
+    assert (status, out, len(err)) == (2, [], 1), (out, err)
+    assert err[0].startswith("warpchain") and ": error: " in err[0]
+    return err[0]

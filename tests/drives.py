@@ -5,6 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from parts import coupling, shaft
 
 from warpchain import Limits, Record, dumps_drive, load_drive, loads_drive, simulate
 from warpchain.drive import Drive
@@ -110,6 +111,11 @@ def jointed_blade():
     return found | {"guides": [first, last, found["guides"][1]], "arms": [UPPER, LOWER]}
 
 
+def example(name):
+    """One of the package's example drives."""
+    return load_drive(drive_path(name))
+
+
 def marine_values():
     """The marine drive as plain values."""
     return tomllib.loads(MARINE.read_text())
@@ -212,24 +218,10 @@ def ran(drive, rate=1e4, **options):
     return run, run.metrics.to_pylist()[0]
 
 
-def swing(lash="", damping=0.0):
+def swing(**values):
     """Two inertias on a coupling, one of which turns at first."""
-    return f"""
-[[shafts]]
-name = "a"
-inertia = 0.5
-initial_speed = 2.0
-[[shafts]]
-name = "b"
-inertia = 0.3
-initial_speed = 0.0
-[[couplings]]
-name = "link"
-between = ["a", "b"]
-stiffness = 3e5
-damping = {damping}
-{lash}
-"""
+    shafts = shaft("a", inertia=0.5, initial_speed=2.0) + shaft("b", inertia=0.3, initial_speed=0.0)
+    return shafts + coupling("link", ["a", "b"], 3e5, **({"damping": 0.0} | values))
 
 
 def periods(time, value):
@@ -237,6 +229,20 @@ def periods(time, value):
     at = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
     crossing = time[at] - value[at] * (time[at + 1] - time[at]) / (value[at + 1] - value[at])
     return np.diff(crossing)
+
+
+def assert_same_frames(one, other, channels=()):
+    """Trajectories, bitwise, in some channels, or in all that the first holds."""
+    for name in channels or one.channels():
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def assert_alone_as_in_a_crowd(drives, channels=(), **options):
+    """Each drive's trajectory bitwise the same in a run of its own; returns the run of all."""
+    crowd = simulate(drives, **options)
+    for v, drive in enumerate(drives):
+        assert_same_frames(simulate(drive, **options)[0], crowd[v], channels)
+    return crowd
 
 
 def row(drive, **options):

@@ -2,9 +2,9 @@
 
 import math
 
-from warpchain import load_drive
+from drives import example
+
 from warpchain.drive import Drive
-from warpchain.drive.examples import drive_path
 
 CYCLE = [math.radians(degrees) for degrees in range(0, 721, 10)]
 """Angles of two turns [rad]."""
@@ -32,4 +32,4 @@ VALUES = {
 def fired(**changes) -> Drive:
     """The drive with all of that, from its first step on."""
     at_once = {"sprockets.crank.prescribed.ramp_time": 0.0}
-    return load_drive(drive_path("car")).with_values(VALUES | at_once | changes)
+    return example("car").with_values(VALUES | at_once | changes)

@@ -1,6 +1,7 @@
 """Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it, whatever its energy."""
 
 from layouts import Placed, drive_of
+from pyarrow import parquet
 
 from warpchain.drive import dumps_drive
 
@@ -31,6 +32,16 @@ duration = 0.0005
 step = 1e-5
 shard = {shard}
 """
+LIMITS = "[limits]\nenergy_residual = inf\nenergy_change = inf\n"
+LINKS = '[[factors]]\nname = "links"\npath = "chain.links"\nlevels = [44, 45]\n'
+SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = 4')
+SAMPLED = SAMPLED.replace("range = [0.0, 1.0]\npoints = {points}", "range = [0.0, 20.0]")
+"""Four points of torque and links."""
+NOISY = STUDY.replace('kind = "factorial"', 'kind = "noise"').replace(LINKS, "").replace("0.0005", "0.0003")
+NOISY = NOISY.replace(
+    "range = [0.0, 1.0]\npoints = {points}", 'kind = "noise"\ndistribution = "normal"\nmean = 5.0\nstd = 1.0'
+)
+"""A torque that is noise, in runs that are shorter."""
 
 
 def tiny_drive():
@@ -45,3 +56,9 @@ def write_study(folder, more="", points=6, shard=2, text=STUDY):
     path = folder / "study.toml"
     path.write_text(text.format(points=points, shard=shard) + more)
     return path
+
+
+def rows_of(folder, *left_out, name="results"):
+    """The rows of a table, but for where their recordings are and columns that begin as `left_out`."""
+    rows = parquet.read_table(folder / f"{name}.parquet").to_pylist()
+    return [{key: value for key, value in row.items() if not key.startswith(("archive", *left_out))} for row in rows]

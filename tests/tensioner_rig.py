@@ -72,7 +72,8 @@ def tensioner(**values):
     numbers = {
         "direction": wp.vec2d(1.0, 0.0), "stiffness": 3500.0, "preload": 90.0, "hydraulic": 1,
         "area": 0.25 * math.pi * DIAMETER**2, "volume": 1e-6, "leak": leak, "drag": 0.5 * math.pi * DIAMETER * GAP,
-        "supply": 3e5, "ambient": 1e5, "vapor": 1e3, "rest": 250824.87602763646, "bulk_modulus": 8e8, "air": 0.01,
+        "supply": 3e5, "ambient": 1e5, "floor": 0.01 ** (1 / 7), "rest": 250824.87602763646,
+        "bulk_modulus": 8e8, "air": 0.01,
         "check.hole_area": 0.25 * math.pi * HOLE**2, "check.preload": 0.075, "check.stiffness": 75.0,
         "check.lift_max": 1e-3, "check.seat_width": 6e-3 * math.tan(slope),
         "check.seat_growth": math.sin(slope) / math.cos(slope) ** 2, "check.discharge": 0.2, "density": DENSITY,

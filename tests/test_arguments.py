@@ -8,17 +8,16 @@ from typing import Any, TypeVar
 import numpy as np
 import pyarrow as pa
 import pytest
+from drives import example
 from pydantic import BaseModel
 from typing_extensions import TypeAliasType
 
 import warpchain
-from warpchain import ArchiveOptions, Record, arguments, fit, load_drive, modes, simulate
+from warpchain import ArchiveOptions, Record, arguments, fit, modes, simulate
 from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
-from warpchain.examples import drive_path
-from warpchain.modal.campbell import campbell
-from warpchain.modal.phases import over_a_pitch
+from warpchain.modal.campbell import campbell, over_a_pitch
 from warpchain.study.optimize import Bench, Optimizer
 from warpchain.study.spec import Study
 
@@ -38,7 +37,7 @@ FUNCTIONS = [
     *(fit.fit_angle, fit.fit_links, fit.fit_position, save_drive, campbell, over_a_pitch),
     *METHODS,
 ]
-CAR = load_drive(drive_path("car"))
+CAR = example("car")
 RIGHT = {"amplitude": 1e-4, "frequency": 10.0, "direction": (1, 0), "angle": {}, "values": {}, "variant": 0}
 RIGHT |= {"drive": CAR, "drives": CAR, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
 RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}

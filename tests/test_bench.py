@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import example
 from loading import load_script
 from matplotlib.figure import Figure
 
-from warpchain import assemble, load_drive
+from warpchain import assemble
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
@@ -35,7 +35,7 @@ def test_the_kinds_are_224_and_can_be_assembled(drives):
 
 
 def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(drives):
-    marine = load_drive(drive_path("marine"))
+    marine = example("marine")
     ends = [drives.other(marine, 0), drives.other(marine, 9_999)]  # of those that are measured
     pack(ends, [Schedule(1e-6, 10, 0, 10, 0)] * 2)
     a, b = (drive.chain for drive in ends)
@@ -64,7 +64,7 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
 
     monkeypatch.setattr(gpu, "timed", timed)
     row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, ""))
-    step = resolve_step(load_drive(drive_path("marine")))
+    step = resolve_step(example("marine"))
     last = (2.0 - step, 2.0)  # its last step
     assert asked == [(16896, last, "float32"), (16896, None, "float32")] * rounds
     best = 10.0 if rounds == 1 else 8.5

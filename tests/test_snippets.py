@@ -4,8 +4,9 @@ import re
 from pathlib import Path
 
 import pytest
+from drives import example
 
-from warpchain import load_drive, run_study, simulate, write_archive
+from warpchain import run_study, simulate, write_archive
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.errors import WarpchainError
 
@@ -38,7 +39,7 @@ def setting(page, folder, drive):
     for name in set(re.findall(r'load_drive\("([\w.]+)"\)', code)):
         (folder / name).write_text(drive)
     if '"marine.mcap"' in code:
-        write_archive(simulate(load_drive(drive_path("marine")), duration=0.004), folder / "marine.mcap")
+        write_archive(simulate(example("marine"), duration=0.004), folder / "marine.mcap")
     study = shown(page, ("study", "design"))
     if study:
         (folder / "study.toml").write_text(re.sub(r"^duration = .*$", "duration = 0.004", study, flags=re.MULTILINE))

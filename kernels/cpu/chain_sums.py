@@ -1,6 +1,6 @@
 """Sums over the chain of one variant: tensions by link and by strand, mid-strand displacement, energy, statistics.
 
-Every link has a tally of its own, a value in each of three rows, so that a step adds to all in a loop that vectorizes;
+Every link has a tally of its own, a value in each of four rows, so that a step adds to all in a loop that vectorizes;
 every `MERGE_EVERY` steps, before strands change their links, tallies are merged into the sums of chain and strands.
 Every `look_every` steps tensions, mid-strands and slips are looked at.
 """
@@ -47,6 +47,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             store_row(w, row.least + i, Real(wp.inf))
             store_row(w, row.greatest + i, Real(-wp.inf))
             store_row(w, row.rates + i, Real(0.0))
+            store_row(w, row.rubbing + i, Real(0.0))
             i = i + 1
 
     @wp.func
@@ -104,6 +105,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             if links.varied_links != 0:
                 mine = link_chain(i, chain, links)
             sums.dissipated = sums.dissipated + step * wp.float64(mine.damping * load_row(w, row.rates + i))
+            sums.friction = sums.friction + step * wp.float64(load_row(w, row.rubbing + i))
         return sums
 
     @wp.func

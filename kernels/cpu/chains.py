@@ -103,9 +103,9 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
             drive = ensemble.drives[r]
             for b in range(drive.first_body, drive.first_body + drive.bodies):
                 if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
-                    expected, wrench = state.poses[b].angular, state.wrenches[b]
+                    wrench = state.wrenches[b]
                     wrench.yielding = yielding_of(ensemble, state, begin, count, b)
-                    angular = solved(expected, state.rates[b][2], wrench, ensemble.motions[b])
+                    angular = solved(state.poses[b].angular, state.rates[b][2], wrench, ensemble.motions[b])
                     state.bodies[b].angular = angular
                     state.poses[b].angular = angular
         for r in range(variant, variant + rings):
@@ -126,54 +126,39 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
     neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
 
     @wp.func
-    def memory_at(ensemble: Ensemble, state: State, drive: Drive, at: Stage, wanted: Now):
-        """The memory of contacts of one chain at a stage."""
-        memory = near.memory_of(state, drive)
-        memory.stage = at.number
-        memory.wanted = wanted
-        memory.time = at.time
-        memory.stretched = stretching(drive.integrator, at.number, Real(1.0))
-        return memory
-
-    @wp.func
     def pull(ensemble: Ensemble, state: State, r: int, drive: Drive, w: wp.array[Real], memory: kinds.Memory):
         """`steps.evaluating`'s, of the chain in row r."""
         forces.pull(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
 
     @wp.func
-    def evaluate_alone(ensemble: Ensemble, state: State, r: int, w: wp.array[Real], at: Stage, wanted: Now):
-        """`evaluate`, of a drive of one chain, which may have trains of its own."""
-        drive = ensemble.drives[r]
-        memory = memory_at(ensemble, state, drive, at, wanted)
-        forces.evaluate(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
-        together.find_rates(ensemble, state, drive, at.number, at.time)
-
-    @wp.func
     def evaluate(
-        ensemble: Ensemble, state: State, variant: int, rings: int, scratch: wp.array2d[Real], at: Stage, wanted: Now
+        ensemble: Ensemble, state: State, variant: int, rings: int, scratch: wp.array2d[Real], memory: kinds.Memory
     ):
-        """Forces on all rollers and wrenches on all bodies, then the bodies' accelerations."""
-        if rings == 1:
-            evaluate_alone(ensemble, state, variant, scratch[0], at, wanted)
-            return
+        """Forces on all rollers and wrenches on all bodies, then the bodies' accelerations.
+
+        A drive of one chain may have trains of its own.
+        """
         predicted = int(0)
         if wp.static(not plain):
             if ensemble.drives[variant].light != 0 and ensemble.drives[variant].integrator == 0:
                 predicted = int(1)
                 for c in range(rings):
                     drive = ensemble.drives[variant + c]
-                    memory = memory_at(ensemble, state, drive, at, wanted)
+                    memory.first = drive.first_contact
                     pull(ensemble, state, variant + c, drive, scratch[c], memory)
                     forces.try_contacts(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
-                together.predict(ensemble, state, variant, rings, at.time)
+                if rings == 1:
+                    forces.predict(ensemble, state, ensemble.drives[variant], memory.time)
+                else:
+                    together.predict(ensemble, state, variant, rings, memory.time)
         for c in range(rings):
             drive = ensemble.drives[variant + c]
-            memory = memory_at(ensemble, state, drive, at, wanted)
+            memory.first = drive.first_contact
             if predicted == 0:
                 pull(ensemble, state, variant + c, drive, scratch[c], memory)
             forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
-            together.find_rates(ensemble, state, drive, at.number, at.time)
-        together.join_all(ensemble, state, variant, rings, at.time)
+            together.find_rates(ensemble, state, drive, memory.stage, memory.time)
+        together.join_all(ensemble, state, variant, rings, memory.time)
 
     @wp.func
     def observe(
@@ -229,6 +214,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
         """One variant, whose chains begin at row `variant`: `steps` steps on, as `serial.march`."""
         whole = ensemble.drives[variant]
         rings = whole.rings
+        memory = near.memory_of(state, whole)
         progress = state.progress[variant]
         for c in range(rings):
             drive = ensemble.drives[variant + c]
@@ -247,10 +233,13 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
             stage = int(0)
             while stage < stages_of(whole.integrator):
                 at = stage_at(whole.integrator, stage, now.time, whole.step)
-                wanted = now
+                memory.stage = stage
+                memory.wanted = now
                 if stage != 0:
-                    wanted = Now()
-                evaluate(ensemble, state, variant, rings, scratch, at, wanted)
+                    memory.wanted = Now()
+                memory.time = at.time
+                memory.stretched = stretching(whole.integrator, stage, Real(1.0))
+                evaluate(ensemble, state, variant, rings, scratch, memory)
                 checks = step % DIVERGENCE_CHECK == 0 or step == whole.steps
                 if stage == 0 and (checks or now.measures != 0 or now.sizes != 0):
                     progress.diverged = observe(ensemble, state, sums, variant, frames, scratch, now, taken)

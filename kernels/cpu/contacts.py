@@ -11,8 +11,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors
-from ..physics.contact import gained, power_taken, pressed, reaction, rub_at, sliding_coefficient, stored
+from ..native import accessors, product, products
+from ..physics.contact import gained, power_taken, pressed, reaction, stored
+from ..physics.friction import coefficient, held_back
 from ..physics.impact import elastic_force, force_by_growth
 from ..structs import Now, Totals, types
 from .neighbor_list import Group, is_near
@@ -91,11 +92,6 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     def normal_of(w: wp.array[Real], i: int):
         """Normal of roller i's contact."""
         return vec2(load_row(w, row.normal_x + i), load_row(w, row.normal_y + i))
-
-    @wp.func
-    def relative_of(w: wp.array[Real], i: int):
-        """Relative velocity of roller i's contact [m/s]."""
-        return vec2(load_row(w, row.relative_x + i), load_row(w, row.relative_y + i))
 
     @wp.func
     def where_touching(w: wp.array[Real], i: int, value: Real):
@@ -244,16 +240,20 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
     """Friction of contacts whose normal forces are in the rows."""
     kinds = types(Real)
-    Memory, vec2 = kinds.Memory, kinds.vec2
-    force, row = contact_forces(Real, capacity), rows(capacity)
-    where_touching, normal_of, relative_of = force.where_touching, force.normal_of, force.relative_of
+    Memory, row, where_touching = kinds.Memory, rows(capacity), contact_forces(Real, capacity).where_touching
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
 
     @wp.func
-    def add_drag(w: wp.array[Real], i: int, drag: vec2, holds: Real):
-        """Adds friction to the force on roller i, and sets what its contact holds."""
-        x = where_touching(w, i, drag[0])
-        y = where_touching(w, i, drag[1])
+    def sliding_speed(w: wp.array[Real], i: int):
+        """Speed at which roller i's contact slides [m/s]."""
+        x, y = load_row(w, row.relative_x + i), load_row(w, row.relative_y + i)
+        return products(x, -load_row(w, row.normal_y + i), y, load_row(w, row.normal_x + i))
+
+    @wp.func
+    def add_drag(w: wp.array[Real], i: int, drag: Real, holds: Real):
+        """Adds friction to the force on roller i, and sets what its contact holds; in numbers, not vectors."""
+        x = where_touching(w, i, product(drag, -load_row(w, row.normal_y + i)))
+        y = where_touching(w, i, product(drag, load_row(w, row.normal_x + i)))
         store_row(w, row.drag_x + i, x)
         store_row(w, row.drag_y + i, y)
         store_row(w, row.press_x + i, load_row(w, row.press_x + i) + x)
@@ -292,12 +292,12 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
             i = group.low
             while i < group.high:
                 if load_row(w, row.size + i) > Real(0.0):
-                    store_row(w, row.mu + i, sliding_coefficient(normal_of(w, i), relative_of(w, i), sliding))
+                    store_row(w, row.mu + i, coefficient(wp.abs(sliding_speed(w, i)), sliding.law))
                 i = i + 1
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = rub_at(mu, size, normal_of(w, i), relative_of(w, i), held, sliding, memory.stretched)
+            drag, holds = held_back(mu * size, sliding_speed(w, i), held, sliding.inertia, memory.stretched)
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:

@@ -51,15 +51,14 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             left = next_bits(left)
 
     @wp.func
-    def touch_face(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2, guide: Guide):
-        """Stores roller i's contact with a guide; one that did not come in through the face does not touch it."""
+    def came_in(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
+        """Penetration of roller i in a guide, 0 of one that did not come in through the face; notes which is so."""
         kept = Real(UNTOUCHED)
         if penetration > Real(0.0) and misses(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
             penetration = Real(0.0)
-        place_arm(w, i, arm[0], arm[1])
-        touch(w, i, penetration, normal[0], normal[1], relative[0], relative[1])
         store_row(w, row.open + i, kept)
+        return penetration
 
     @wp.func
     def touch_bar(w: wp.array[Real], group: Group, bar: Guide, body: Pose, memory: Memory):
@@ -73,7 +72,8 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
             recall(w, i, group, memory)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
-            touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), depth, normal, relative, bar)
+            place_arm(w, i, Real(arm[0]), Real(arm[1]))
+            touch(w, i, came_in(w, i, depth, bar), normal[0], normal[1], relative[0], relative[1])
             i = i + 1
 
     @wp.func
@@ -140,9 +140,10 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         penetration, facing, beyond = on_piece(in_frame(arm, body), piece, following, guide)
         facing = turned(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
-        relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
-        normal = vec2(Real(facing[0]), Real(facing[1]))
-        touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), penetration, normal, relative, guide)
+        speed_x, speed_y = Real(surface[0]) - load_row(w, row.vx + i), Real(surface[1]) - load_row(w, row.vy + i)
+        place_arm(w, i, Real(arm[0]), Real(arm[1]))
+        depth = came_in(w, i, penetration, guide)
+        touch(w, i, depth, Real(facing[0]), Real(facing[1]), speed_x, speed_y)
         return beyond
 
     @wp.func

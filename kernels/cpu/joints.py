@@ -24,7 +24,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     vec2 = kinds.vec2
     part = passes(Real, capacity)
     apart, parting, store_link, close = part.apart, part.parting, part.store_link, part.close
-    acceleration = part.acceleration
+    acceleration, accelerations = part.acceleration, part.accelerations
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     row = rows(capacity)
 
@@ -104,23 +104,21 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
             store_row(w, row.bend_x + k * wp.static(capacity), load_row(w, row.bend_x + k * wp.static(capacity) + n))
 
     @wp.func
-    def friction_power(w: wp.array[Real], n: int, chain: Chain, lag: Real):
-        """Power that the joints dissipate [W], at the mean of the velocities before and after a leapfrog kick.
+    def add_friction(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
+        """Adds the powers that the joints dissipate to the rollers' tallies, at the mean of the velocities before and
+        after a leapfrog kick.
 
-        `lag` is the time from the velocities' instant to that of the forces, half a step.
+        `lag` is the time from the velocities' instant to that of the forces, half a step; `share` is the part of a
+        step that these stand for.
         """
-        total = wp.float64(0.0)
         i = int(0)
-        while i < n:
-            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-            force = vec2(
-                load_row(w, row.bend_x + i + 1) - load_row(w, row.bend_x + i),
-                load_row(w, row.bend_y + i + 1) - load_row(w, row.bend_y + i),
-            )
-            velocity = vec2(load_row(w, row.vx + i) + lag * a[0], load_row(w, row.vy + i) + lag * a[1])
-            total -= wp.float64(wp.dot(force, velocity))
+        while i < whole(n):
+            ax, ay = accelerations(w, i, chain.inverse_mass, chain.gravity)
+            x = load_row(w, row.bend_x + i + 1) - load_row(w, row.bend_x + i)
+            y = load_row(w, row.bend_y + i + 1) - load_row(w, row.bend_y + i)
+            given = x * (load_row(w, row.vx + i) + lag * ax) + y * (load_row(w, row.vy + i) + lag * ay)
+            store_row(w, row.rubbing + i, load_row(w, row.rubbing + i) - share * given)
             i = i + 1
-        return total
 
     @wp.func
     def turn_at(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
@@ -132,7 +130,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def joint_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Power that joint i dissipates [W]; over all joints the sum is `friction_power`."""
+        """Power that joint i dissipates [W]; over all joints the sum is that of `add_friction`."""
         turn = turn_at(w, i, n, chain, lag)
         return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before(i, n), n, chain, lag), turn)
 

@@ -147,7 +147,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     """The functions that add evaluated steps of one variant to the sums of the window."""
     kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real, plain)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
-    friction_power, body_now = joint_passes(Real, capacity).friction_power, bodies.body_now
+    add_friction, body_now = joint_passes(Real, capacity).add_friction, bodies.body_now
     add_trains = measuring_trains(Real, plain).add_trains
 
     @wp.func(inline=False)
@@ -269,10 +269,10 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             sums_of.gather(ensemble, state, sums, variant, drive, w, now.step)
         sums_of.widen(w, n)
-        sums_of.add_rates(w, n, Real(now.weight / drive.step))
+        share = Real(now.weight / drive.step)
+        sums_of.add_rates(w, n, share)
         if ensemble.joints[variant].rubs != 0:
-            lost = now.weight * friction_power(w, n, chain, Real(now.lag))
-            sums.chain[variant].friction = sums.chain[variant].friction + lost
+            add_friction(w, n, chain, Real(now.lag), share)
         if now.ends != 0:
             energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, now)
             sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)

@@ -8,8 +8,16 @@ import math
 
 import warp as wp
 
-from ..physics.tensioner import damper_power, resting_state, tensioner_energy, tensioner_force, tensioner_step
-from ..structs import Tensioner
+from ..physics.tensioner import (
+    damper_power,
+    pressure_at,
+    resting_state,
+    tensioner_energy,
+    tensioner_force,
+    tensioner_step,
+)
+from ..structs import Tensioner, TensionerFlows
+from ..sums import add_flows
 
 SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")
 """What a sample holds; flows since the start."""
@@ -37,14 +45,8 @@ class RideSums:
     pressure_max: wp.float64
     lift_max: wp.float64  # of the valve [m]
     openings: wp.int32  # of the valve
-    leaked: wp.float64  # [m^3]
-    supplied: wp.float64  # [m^3]
-    relieved: wp.float64  # [m^3]
-    vented: wp.float64  # [m^3]
     work: wp.float64  # on the plunger [J]
-    supply_work: wp.float64  # [J]
-    leak_loss: wp.float64  # [J]
-    valve_loss: wp.float64  # [J]
+    flows: TensionerFlows
     damper_loss: wp.float64  # [J]
     gained: wp.float64  # energy stored at its end less that at its beginning [J]
     vapor: wp.float64  # share of it at the vapor pressure
@@ -114,16 +116,12 @@ def lead(
                 total.lift_max = wp.max(total.lift_max, lift)
                 if lift > wp.float64(0.0) and opened <= wp.float64(0.0):
                     total.openings += 1
-                total.leaked += flows.leaked
-                total.supplied += flows.supplied
-                total.relieved += flows.relieved
-                total.vented += flows.vented
+                total.flows = add_flows(total.flows, flows, True)
                 total.work -= half * (pushed + force) * (x - before)
-                total.supply_work += flows.supply_work
-                total.leak_loss += flows.leak_loss
-                total.valve_loss += flows.valve_loss
                 total.damper_loss += ride.step * (lost + half * damper_power(x, rate, state, tensioner))
-                if tensioner.hydraulic == 1 and pressure <= tensioner.vapor * wp.float64(1.000001):
+                if tensioner.hydraulic == 1 and pressure <= pressure_at(tensioner.floor, tensioner) * wp.float64(
+                    1.000001
+                ):
                     total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)
         i += 1
     total.gained += tensioner_energy(x, pressure, state, tensioner)

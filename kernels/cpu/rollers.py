@@ -92,6 +92,7 @@ class Rows:
     run_count: int  # and how many they are
     runs: int  # of partner i of the drive
     room: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
+    rubbing: int  # tally of the powers that the roller's joints take [W]
 
 
 ROWS = tuple(field.name for field in fields(Rows))

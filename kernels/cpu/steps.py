@@ -318,7 +318,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 tensioner.supply = state.tensioners[t].supply
             after, flows = tensioner_step(x, rate, drive.step, True, state.tensioners[t], tensioner)
             state.tensioners[t] = after
-            state.meters[t] = add_flows(state.meters[t], flows)
+            state.meters[t] = add_flows(state.meters[t], flows, True)
 
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
@@ -447,21 +447,13 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         clear(w, row.fx, row.fy, drive.rollers)
 
     @wp.func
-    def predict(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
+    def predict(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64):
         """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
-        try_contacts(ensemble, state, drive, chain, w, memory)
         if drive.tied != 0:
-            pass_on(ensemble, state, drive, PREDICTING, memory.time)
+            pass_on(ensemble, state, drive, PREDICTING, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
-                rates = rates_of(ensemble, state, drive, b, memory.time)
+                rates = rates_of(ensemble, state, drive, b, time)
                 before = state.poses[b].angular
                 state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
                 state.poses[b].angular = state.bodies[b].angular
@@ -531,7 +523,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         pull(ensemble, state, drive, chain, links, joint, w, memory)
         if wp.static(not plain):
             if drive.light != 0 and memory.lag > Real(0.0):
-                predict(ensemble, state, drive, chain, w, memory)
+                try_contacts(ensemble, state, drive, chain, w, memory)
+                predict(ensemble, state, drive, memory.time)
         push(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())

@@ -130,7 +130,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                             tensioner.supply = state.tensioners[t].supply
                     after, flows = tensioner_step(x, rate, h, window, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
-                    state.meters[t] = add_flows(state.meters[t], flows)
+                    state.meters[t] = add_flows(state.meters[t], flows, window)
 
     return SimpleNamespace(**locals())
 
@@ -555,7 +555,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def advance(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body, now at `pose`, on by a step, or a stage.
 

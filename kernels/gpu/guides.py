@@ -43,10 +43,15 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         kept = load_whole(state.seat, at)
         arm, q = in_carrier(shared, j, bar.body)
         pieces = rows_of_pieces(ensemble.pieces)
-        number = tracked_piece(q, kept, bar, pieces)
+        number = int(kept)
+        if kept < 0:
+            number = tracked_piece(q, kept, bar, pieces)
+        penetration, facing, beyond = on_profile(q, number, bar, pieces)
+        if beyond != 0 and kept >= 0:
+            number = wp.clamp(kept + beyond, 0, bar.pieces - 1)
+            penetration, facing, beyond = on_profile(q, number, bar, pieces)
         if number != kept:
             store_whole(state.seat, at, number)
-        penetration, facing = on_profile(q, number, bar, pieces)
         pose = shared.poses[bar.body]
         relative = surface_velocity(pose, leading(arm)) - velocity(shared.rows, j)
         return penetration, turned(facing, leading(pose.cosine), leading(pose.sine)), relative

@@ -20,6 +20,7 @@ from ..physics.body import (
     held_by,
     own_moment,
     pivot_power,
+    whole_speed,
 )
 from ..physics.link import roller_energy
 from ..physics.motion import load_moment_at_speed
@@ -369,14 +370,14 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 if wp.static(kind.parts.jointed):
-                    energy = energy + of_joints(shared, mine.arm, ENERGY)
+                    energy = energy + wp.float64(of_joints(shared, mine.arm, ENERGY))
                 turned = as_its_spring(shared, mine, seen)
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                energy = own_energy(energy, seen.speed, ensemble.ties[at], motion)
+                energy = own_energy(energy, whole_speed(seen), ensemble.ties[at], motion)
                 if wp.static(kind.parts.valves > 0):
-                    energy = energy + cam_energy(seen.speed, shared.cams[mine.body], motion)
-        tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, wp.float64(energy))
+                    energy = energy + wp.float64(cam_energy(seen.speed, shared.cams[mine.body], motion))
+        tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
 
     return SimpleNamespace(**locals())

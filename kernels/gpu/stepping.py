@@ -121,7 +121,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             advance_rollers(state, shared, mine, now)
         return acting_on(shared, mine.thread, moment, now.measured)
 
-    @wp.func
+    @wp.func(inline=True)  # a call takes structs through memory, where the kernel would then keep them
     def advance_body(
         ensemble: Ensemble,
         state: State,
@@ -168,7 +168,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(ahead):
             flow(ensemble, state, shared, mine, now)
 
-    @wp.func
+    @wp.func(inline=True)  # as `advance_body`
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
 
@@ -266,7 +266,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.summed = now.driven
         return plain(now)
 
-    @wp.func(inline=True)  # else the kernel's structs go through memory where the compiler finds the code too long
+    @wp.func(inline=True)  # as `advance_body`
     def step_of_a_warp(
         ensemble: Ensemble,
         state: State,
@@ -297,7 +297,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
-    @wp.func(inline=True)  # as that
+    @wp.func(inline=True)  # as `advance_body`
     def to_event(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
     ):

@@ -18,7 +18,20 @@ from typing import Any
 import warp as wp
 
 from ..native import reciprocal
-from ..number import Pair, add, difference, leading, mul, number_of, rounded, settled, sine_cosine, sub, trimmed  # noqa: F401
+from ..number import (  # noqa: F401
+    Pair,
+    add,
+    difference,
+    leading,
+    mul,
+    number_of,
+    rounded,
+    rounded_sum,
+    settled,
+    sine_cosine,
+    sub,
+    trimmed,
+)
 from ..structs import BodyState, Pose, types
 from .motion import prescribed_acceleration, prescribed_at
 from .mount import PRESCRIBED, accelerations, holding_force, mounted_energy, prescribed_center, prescribing_power
@@ -117,9 +130,38 @@ def in_plain(body: BLOCKS.BodyState):
     plain = BLOCKS.Instant()
     plain.angle = rounded(body.angle)
     plain.speed = leading(body.speed)
+    plain.rest = body.speed.low
     plain.center = leading(body.center)
     plain.velocity = leading(body.velocity)
     return plain
+
+
+@wp.func
+def hastened(body: BodyState, change: wp.float64):
+    """A body in plain numbers that turns faster by `change` [rad/s]."""
+    body.speed = body.speed + change
+    return body
+
+
+@wp.func
+def hastened(body: BLOCKS.Instant, change: wp.float32):
+    """The same at float32."""
+    speed = body.speed + change
+    body.rest = rounded_sum(rounded_sum(body.speed, -speed), change) + body.rest
+    body.speed = speed
+    return body
+
+
+@wp.func
+def whole_speed(body: BodyState):
+    """Angular velocity of a body in plain numbers [rad/s], as float64."""
+    return body.speed
+
+
+@wp.func
+def whole_speed(body: BLOCKS.Instant):
+    """The same at float32, which its energy is too large for."""
+    return wp.float64(body.speed) + wp.float64(body.rest)
 
 
 @wp.func
@@ -258,7 +300,10 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
     prescribed angle.
     """
     seen = in_plain(body)
-    seen.speed = wp.where(motion.prescribed == 1, driven, seen.speed + lag * rates[2])
+    if motion.prescribed == 1:
+        seen.speed = driven
+    else:
+        seen = hastened(seen, lag * rates[2])
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount, curves)
         seen.velocity = velocity
@@ -270,11 +315,12 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
 @wp.func
 def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
     """Kinetic and potential energy of a body with its rates at one instant [J]; 0 of one that is led."""
-    energy = type(body.speed)(0.0)
+    energy = wp.float64(0.0)
     if mount.active != 0:
-        energy = mounted_energy(off, body, heading, mount)
+        energy = wp.float64(mounted_energy(off, body, heading, mount))
     elif motion.prescribed == 0:
-        energy = type(body.speed)(0.5) * body.speed * body.speed / motion.inverse_inertia
+        speed = whole_speed(body)
+        energy = wp.float64(0.5) * speed * speed / wp.float64(motion.inverse_inertia)
     return energy
 
 
@@ -357,16 +403,16 @@ def relaxed_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64)
 
 
 @wp.func
-def arm_energy(kinetic: Any, body: Any, heading: Any, arm: Any):
+def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
     """Energy of an arm [J]: what it has as a body, `kinetic`, and that of its springs and its weight."""
     half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
-    energy = kinetic + half * arm.stiffness * turned * turned
+    energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
     beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
-    energy += half * arm.stop_stiffness * beyond * beyond
+    energy += wp.float64(half * arm.stop_stiffness * beyond * beyond)
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1] + arm.mass * (body.center[0] - arm.pivot[0])
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0] + arm.mass * (body.center[1] - arm.pivot[1])
-    return energy - x * arm.gravity[0] - y * arm.gravity[1]
+    return energy - wp.float64(x * arm.gravity[0]) - wp.float64(y * arm.gravity[1])
 
 
 @wp.func

@@ -29,7 +29,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root
+from ..native import inverse_root, quotient
 
 SPRING = 0.2
 """s: of the speed in a step, what a bristle takes; it oscillates at 0.45 / h."""
@@ -47,7 +47,7 @@ def coefficient(speed: Any, law: Any):
     """
     mu = law.mu_dynamic
     if law.mu_static != law.mu_dynamic:
-        part = speed / law.stribeck_speed
+        part = quotient(speed, law.stribeck_speed)
         mu += (law.mu_static - law.mu_dynamic) * wp.exp(-part * part)
     return mu
 

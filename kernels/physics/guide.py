@@ -247,29 +247,30 @@ def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
 
 @wp.func
 def on_profile(q: Any, number: int, guide: Any, pieces: Any):
-    """Penetration [m] of a roller on a guide's profile and the normal, in the frame of the guide's body.
+    """As `on_piece`, of piece `number` of a guide's profile.
+
+    Args:
+        q: in the frame of the guide's body [m].
+        number: of the piece.
+        guide: `structs.Guide`, its `first_piece` counted among all.
+        pieces: of all.
+    """
+    first = guide.first_piece + number
+    penetration, facing, beyond = on_piece(q, load_constant(pieces, first), load_constant(pieces, first + 1), guide)
+    return penetration, facing, beyond
+
+
+@wp.func
+def on_piece(q: Any, piece: Any, following: Any, guide: Any):
+    """Penetration [m] of a roller on a piece of a guide's profile and the normal, in the frame of the guide's body; and
+    +1 where the roller is past the piece, -1 where it is before, else 0.
 
     The penetration is not positive where they do not touch, and where the roller is behind the guide.
 
     Args:
         q: in that frame [m].
-        number: of the roller's piece.
-        guide: `structs.Guide`, its `first_piece` counted among all; the penetration has the type of its lengths.
-        pieces: of all.
-    """
-    first = guide.first_piece + number
-    penetration, facing, beyond = on_piece(q, load_constant(pieces, first), load_constant(pieces, first + 1), guide)
-    return penetration, facing
-
-
-@wp.func
-def on_piece(q: Any, piece: Any, following: Any, guide: Any):
-    """As `on_profile`, of one piece; and +1 where the roller is past it, -1 where it is before, else 0.
-
-    Args:
-        q: in the frame of the guide's body [m].
         piece, following: of the profile (`structs.Piece`).
-        guide: `structs.Guide`.
+        guide: `structs.Guide`; the penetration has the type of its lengths.
     """
     length = guide.length
     u, w = line_coordinates(difference(q, piece.start), piece.direction)

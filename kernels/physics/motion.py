@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401  # noqa: F401
+from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401
 
 CELL_VALUES = wp.constant(5)
 
@@ -64,7 +64,7 @@ def slope_at(x: Any, table: Any, values: Any):
     at = table.first + CELL_VALUES * cell
     w = rounded(place)
     c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
-    slope = (c1 + w * (2.0 * c2 + 3.0 * w * c3)) / rounded(table.spacing)
+    slope = quotient(c1 + w * (2.0 * c2 + 3.0 * w * c3), rounded(table.spacing))
     return wp.where(rounded(beyond) == type(w)(0.0), slope, type(w)(0.0))
 
 
@@ -114,8 +114,8 @@ def ramp_slope(time: Any, duration: Any):
     """Derivative of `ramp` [1/s]."""
     if time >= duration:
         return type(time)(0.0)
-    u = time / duration
-    return type(time)(6.0) * u * (type(time)(1.0) - u) / duration
+    u = quotient(time, duration)
+    return quotient(type(time)(6.0) * u * (type(time)(1.0) - u), duration)
 
 
 @wp.func

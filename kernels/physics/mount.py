@@ -19,6 +19,7 @@ from typing import Any
 
 import warp as wp
 
+from ..native import quotient
 from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub, vector  # noqa: F401
 from .motion import track_at
 
@@ -102,7 +103,7 @@ def accelerations(driven: Any, apart: Any, body: Any, heading: Any, wrench: Any,
     angular = turning[1]
     if turning[0] == type(turning[0])(0.0):
         moment = wrench.moment + turning[2] + wp.dot(q, mount.gravity)
-        angular = (moment - wp.dot(q, straight)) / (mount.inertia - wp.dot(q, mount.inverse_mass * q))
+        angular = quotient(moment - wp.dot(q, straight), mount.inertia - wp.dot(q, mount.inverse_mass * q))
     straight = straight - angular * (mount.inverse_mass * q)
     return type(turning)(straight[0], straight[1], angular)
 

@@ -65,7 +65,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import quotient, root
+from ..native import inverse_root, quotient
 from ..number import (  # noqa: F401
     Pair,
     add,
@@ -221,13 +221,12 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
         around = valve.discharge * type(drop)(wp.static(math.pi))
         curtain = around * y * (valve.seat_width + y * valve.seat_growth)
         hole = valve.hole_area
-        part = quotient(hole, root(curtain * curtain + hole * hole))
+        part = hole * inverse_root(curtain * curtain + hole * hole)
         limit = wp.max(drop, tensioner.laminar_limit)
-        speed = root(quotient(two * limit, tensioner.density))
-        quicker = quotient(speed, two * limit)
+        quicker = inverse_root(two * limit * tensioner.density)
+        speed = two * drop * quicker
         if drop < limit:
-            speed = quotient(speed * drop, limit)
-            quicker = quotient(speed, drop)
+            quicker = two * quicker
         flow = part * curtain * speed
         slope = part * curtain * quicker
         if y < valve.lift_max:
@@ -279,7 +278,7 @@ def exponential(x: Any):
 
 @wp.func
 def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6).
+    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6). Both times a number above 0.
 
     Args:
         z: of the pressure.
@@ -294,8 +293,9 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
         pressure = pressure_at(z, t)
         supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
         part = wp.max(per_volume * (leaked + relieved + vented - supplied), type(z)(-0.99))
-        rest += log_of_sum(part)
-        slope -= quotient(per_volume * flow_slope * type(z)(7.0) * pressure, z * (type(z)(1.0) + part))
+        whole = z * (type(z)(1.0) + part)
+        rest = whole * (rest + log_of_sum(part))
+        slope = whole * slope - per_volume * flow_slope * type(z)(7.0) * pressure
     return rest, slope
 
 
@@ -312,35 +312,30 @@ def close_to(z: wp.float32):
 
 
 @wp.func
-def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, tensioner: Any):
-    """z of eq. (9), or of eq. (6) where h = 0, not below that of the vapor pressure; by Newton's method in a bracket.
+def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
+    """z of eq. (9), or of eq. (6) where h = 0, or the lowest z where that is below it; by Newton's method in a bracket.
 
     Args:
         content: mu - ln(V/V_0) of the oil, as `filling` gives it.
         per_volume: h / V [s/m^3].
         rate: x' [m/s].
         near: a z to begin at.
+        floor: the lowest z.
         tensioner: its data.
     """
-    zero = type(near)(0.0)
-    floor = zero  # z of the vapor pressure, once it is wanted
-    low = zero
+    low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST))
     z = near
     change = high
     rounds = int(0)
     while rounds < ROUNDS and wp.abs(change) > close_to(z):
         rest, slope = imbalance(z, content, per_volume, rate, tensioner)
-        if rest > zero:
+        if rest > type(near)(0.0):
             high = z
         else:
             low = z
-        after = z - quotient(rest, slope)
-        if after <= zero or pressure_at(after, tensioner) < tensioner.vapor:
-            if floor == zero:
-                floor = root_of(tensioner.vapor, tensioner)
-            after = floor
-        if after < low or after > high or (z > floor and low == floor and after == floor):
+        after = wp.max(z - quotient(rest, slope), floor)
+        if (after <= low and z > low) or after > high:
             after = type(near)(0.5) * (low + high)
         change = after - z
         z = after
@@ -350,11 +345,11 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, tensioner: 
 
 @wp.func
 def lowest(state: Any, tensioner: Any):
-    """Pressure below which none falls [Pa]: P_0 while there is air in a drained chamber, then P_v."""
-    pressure = tensioner.vapor
-    if state.unfilled == 1:
-        pressure = tensioner.ambient
-    return pressure
+    """z below which none falls: that of P_0 while there is air in a drained chamber, then that of P_v."""
+    z = tensioner.floor
+    if state.unfilled > type(z)(0.0):
+        z = type(z)(1.0)
+    return z
 
 
 @wp.func
@@ -380,10 +375,10 @@ def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
     if tensioner.hydraulic == 1:
         z = state.root
         if not kept or z <= type(z)(0.0):
-            tensioner.vapor = lowest(state, tensioner)
             volume, content = filling(x, state, tensioner)
             zero = type(z)(0.0)
-            z = solved_root(content, zero, zero, root_before(state, tensioner), tensioner)
+            before = root_before(state, tensioner)
+            z = solved_root(content, zero, zero, before, lowest(state, tensioner), tensioner)
         pressure = pressure_at(z, tensioner)
     return pressure
 
@@ -552,7 +547,7 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
         if tensioner.drained > wp.float64(0.0):
             state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(DREGS))))
-            state.unfilled = 1
+            state.unfilled = wp.float64(1.0)
             state.root = wp.float64(0.0)
     return state
 
@@ -593,12 +588,11 @@ def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
     """The oil after a step, and what flowed, eq. (9); with energies where it is metered."""
     before = root_before(state, tensioner)
-    tensioner.vapor = lowest(state, tensioner)
-    if state.unfilled == 1:
+    if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
     per_volume = quotient(h, volume)
-    z = solved_root(content, per_volume, rate, before, tensioner)
+    z = solved_root(content, per_volume, rate, before, lowest(state, tensioner), tensioner)
     pressure = pressure_at(z, tensioner)
     supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)
     flows = no_flows(h)
@@ -613,9 +607,9 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     state.root = z
     if metered:
         flows = flow_energies(flows, before, z, tensioner)
-    if state.unfilled == 1:
+    if state.unfilled > type(h)(0.0):
         flows.filling = h
-        state.unfilled = wp.where(pressure > tensioner.ambient, 0, 1)
+        state.unfilled = wp.where(pressure > tensioner.ambient, type(h)(0.0), type(h)(1.0))
     flows.unfilled = state.unfilled
     return state, flows
 

@@ -1,10 +1,14 @@
-"""The drives of scripts: examples with other values, and two equal sprockets."""
+"""The drives and studies of scripts: examples with other values, and two equal sprockets."""
 
+import tempfile
+from pathlib import Path
 from typing import Any
 
+import warpchain.study
 from common.cases import SCRIPTS
-from warpchain import Drive, load_drive
+from warpchain import Drive, load_drive, run_study
 from warpchain.drive.examples import drive_path
+from warpchain.study.results import Results, read_results
 
 Values = dict[str, Any]
 TWO = SCRIPTS / "common" / "two.toml"
@@ -13,6 +17,14 @@ TWO = SCRIPTS / "common" / "two.toml"
 def example(name: str, values: Values | None = None) -> Drive:
     """One of the package's examples, with other values."""
     return load_drive(drive_path(name)).with_values(values or {})
+
+
+def study_of_example(name: str) -> Results:
+    """The results of one of the package's example studies, run now."""
+    file = Path(warpchain.study.__file__).parent / "examples" / f"{name}.toml"
+    with tempfile.TemporaryDirectory() as folder:
+        run_study(file, Path(folder) / "study")
+        return read_results(Path(folder) / "study" / "results.parquet")
 
 
 def pair(values: Values | None = None) -> Drive:

@@ -2,20 +2,16 @@
 
 import argparse
 import math
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import example
+from common.drives import example, study_of_example
 from matplotlib.figure import Figure
 
-import warpchain.study
-from warpchain import Record, run_study, simulate
-from warpchain.study.results import Results, read_results
+from warpchain import Record, simulate
+from warpchain.study.results import Results
 
-STUDY = Path(warpchain.study.__file__).parent / "examples" / "marine-lever.toml"
 COLORS = ("tab:red", "tab:blue", "tab:green")
 
 
@@ -59,9 +55,7 @@ def marine_lever(asked: argparse.Namespace) -> Iterator[Line]:
     """
     run = simulate(example("marine"), record=Record("none"), duration=1.5, window=(0.8, 1.5))
     fixed = run.metrics.to_pylist()[0]["tightener.force_max"]
-    with tempfile.TemporaryDirectory() as folder:
-        run_study(STUDY, Path(folder) / "study")
-        results = read_results(Path(folder) / "study" / "results.parquet")
+    results = study_of_example("marine-lever")
     names = ("teeth", "stiffness", "tightener.force_max", "tightener.dissipated", "tension_max", "lever.angle_std")
     teeth, stiffness, force, lost, tension, angle = (results.values(name) for name in names)
     yield (

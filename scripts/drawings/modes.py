@@ -15,10 +15,9 @@ from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assembled_path
 from warpchain.assembly.frequencies import orders
 from warpchain.assembly.timestep import step_limit
-from warpchain.modal.campbell import Campbell, campbell
+from warpchain.modal.campbell import Campbell, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_figures import campbell_figure, shapes_figure
-from warpchain.modal.phases import over_a_pitch
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import seen_at
 from warpchain.view.figures.style import arrowed

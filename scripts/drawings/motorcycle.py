@@ -10,7 +10,7 @@ from common.drives import example
 
 from warpchain import Limits, Record, simulate
 from warpchain.results.losses import losses
-from warpchain.view.figures.style import panels, save_figure
+from warpchain.view.figures.style import panels
 
 PHASES = {
     "second gear": (0.08, 0.2),
@@ -62,4 +62,4 @@ def gear_change(asked: argparse.Namespace) -> Iterator[Line]:
     axes[3].set_xlabel("time [s]")
     for axis in axes[:3]:
         axis.legend(loc="upper right", fontsize="small")
-    save_figure(figure, asked.output / "gear-change.png")
+    yield {"gear-change": figure}

@@ -8,7 +8,7 @@ from common.cases import Line, case
 from common.drives import example
 
 from warpchain import Limits, Record, simulate
-from warpchain.view.figures.style import panels, save_figure
+from warpchain.view.figures.style import panels
 
 
 @case()
@@ -37,7 +37,6 @@ def starting(asked: argparse.Namespace) -> Iterator[Line]:
     axes[2].set_ylabel("torque of the coupling [kN m]")
     axes[2].set_xlabel("time [s]")
     axes[2].set_xlim(0.0, 1.0)
-    save_figure(figure, asked.output / "conveyor-start.png")
     tight = row["driven->driver.tension_mean"]
     torque = np.abs(np.asarray(part.coupling_torque, float)[:, 0])
     yield ("", "largest", "at [s]", "steady", "ratio")
@@ -50,3 +49,4 @@ def starting(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("motor [rad/s]", "", "", f"{abs(row['motor.speed_mean']):.1f}", "")
     yield ("efficiency", "", "", f"{row['efficiency']:.4f}", "")
     yield ("energy_residual_relative", "", "", f"{row['energy_residual_relative']:.1e}", "")
+    yield {"conveyor-start": figure}

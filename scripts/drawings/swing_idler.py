@@ -1,38 +1,29 @@
 """The spring of the auger drive's swing arm: what the example study gives."""
 
 import argparse
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import example
+from common.drives import example, study_of_example
 from matplotlib.figure import Figure
 
-import warpchain.study
-from warpchain import Drive, run_study
+from warpchain import Drive
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.study.results import Results, read_results
+from warpchain.results.scene import chain_line
+from warpchain.study.results import Results
 
-STUDY = Path(warpchain.study.__file__).parent / "examples" / "swing-idler.toml"
 STRAND, COLORS = "idler->auger", ("tab:blue", "tab:green", "tab:red")
 
 
 def drawn(axes: Any, drive: Drive, color: str, label: str) -> None:
     """The chain's path and its arm."""
-    path, turn = chain_path(drive), np.linspace(0.0, 1.0, 60)
-    line = []
-    for s, sprocket in enumerate(drive.sprockets):
-        angle = path.arrival_angle[s] + sprocket.sign * turn * path.wrap_angle[s]
-        line.append(path.center[s] + path.radius[s] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-        around = path.center[s] + path.radius[s] * np.stack(
-            [np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)], axis=1
-        )
+    path, turn = chain_path(drive), np.linspace(0.0, 2.0 * np.pi, 60)
+    for center, radius in zip(path.center, path.radius, strict=True):
+        around = center + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         axes.plot(*(1e3 * around).T, color=color, lw=0.6, alpha=0.6)
-    whole = np.concatenate([*line, line[0][:1]])
-    axes.plot(*(1e3 * whole).T, color=color, label=label)
+    axes.plot(*(1e3 * chain_line(drive, path)).T, color=color, label=label)
     axes.plot(*(1e3 * np.array([drive.arms[0].pivot, path.center[1]])).T, "o-", color=color, ms=4)
 
 
@@ -69,9 +60,7 @@ def swing_idler(asked: argparse.Namespace) -> Iterator[Line]:
 
     Prints the table of docs/swing-idler.md and draws its figure, from the example study `swing-idler`.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        run_study(STUDY, Path(folder) / "study")
-        results = read_results(Path(folder) / "study" / "results.parquet")
+    results = study_of_example("swing-idler")
     columns = ("swing arm.angle_mean", f"{STRAND}.tension_mean", f"{STRAND}.slack", f"{STRAND}.displacement_std")
     values = [results.values(name) for name in ("moment", "stiffness", "wear", *columns, "efficiency")]
     head = ("moment [N m]", "stiffness [N m/rad]", "wear", "arm [deg]", "slack strand [N]", "of it slack", "swing [mm]")

@@ -16,7 +16,7 @@ from drawings.closed_forms import Row
 from drawings.modes import spectrum, top_speed
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.frequencies import moving_frequency
-from warpchain.modal.phases import over_a_pitch
+from warpchain.modal.campbell import over_a_pitch
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import strand_tension

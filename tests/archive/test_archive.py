@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from archives import assert_same
+from archives import assert_same, unlike
 from blocks import trains
 from drives import timing, two_sprockets
 from rerun_check import rerun_accepts
@@ -16,14 +16,9 @@ from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.channels import DEFAULT, NAMES, OF_BODIES
 
 
-def drives():
-    first = two_sprockets(duration=0.003, settle="false")
-    return [first, two_sprockets(duration=0.002, settle="false", teeth=24, links=64)]
-
-
 @pytest.fixture(scope="module")
 def run():
-    return simulate(drives())
+    return simulate(unlike())
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
@@ -48,7 +43,7 @@ SOME = Record(variants=[1], channels=("tension", "sprocket_speed"))
     ids=["float32", "some", "metrics alone"],
 )
 def test_whatever_was_recorded_comes_back_bitwise(tmp_path, settings, variants, channels):
-    kept = simulate(drives(), **settings)
+    kept = simulate(unlike(), **settings)
     back = read_archive(write_archive(kept, tmp_path / "a.mcap"))
     assert_same(kept, back)
     assert list(back) == variants
@@ -67,7 +62,7 @@ def test_a_variant_that_is_not_there_is_one_line(run, tmp_path, variant):
 
 def test_streamed_while_running_equals_written_afterwards(run, tmp_path, monkeypatch):
     monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
-    streamed = simulate(drives(), archive=tmp_path / "s.mcap")
+    streamed = simulate(unlike(), archive=tmp_path / "s.mcap")
     assert_same(run, streamed)
     assert [path.name for path in tmp_path.iterdir()] == ["s.mcap"]
 
@@ -192,7 +187,7 @@ def test_an_error_on_the_way_leaves_nothing(run, tmp_path):
 
 def test_a_run_refused_for_memory_leaves_nothing(tmp_path):
     with pytest.raises(SimulationError, match="memory budget"):
-        simulate(drives(), archive=tmp_path / "a.mcap", memory=1000)
+        simulate(unlike(), archive=tmp_path / "a.mcap", memory=1000)
     assert list(tmp_path.iterdir()) == []
 
 

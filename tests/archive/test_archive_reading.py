@@ -9,22 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from archives import assert_same
-from drives import two_sprockets
+from archives import assert_same, unlike
+from drives import example
 
-from warpchain import ArchiveOptions, Record, Trajectory, load_drive, read_archive, simulate, write_archive
+from warpchain import ArchiveOptions, Record, Trajectory, read_archive, simulate, write_archive
 from warpchain.archive.file_parts import Parts
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
-from warpchain.examples import drive_path
 from warpchain.results.channels import CHANNEL, UNITS
 
 
 @pytest.fixture(scope="module")
 def run():
-    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
-    return simulate([two_sprockets(duration=0.003, settle="false"), other], record=Record(rate=1e5))
+    return simulate(unlike(), record=Record(rate=1e5))
 
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])
@@ -190,7 +188,7 @@ def test_xarray_dataset_has_dimensions_units_and_names(run):
         assert np.shares_memory(data[name].values, values)
     speed = data["sprocket_speed"].sel(sprocket="driven").sel(time=0.001, method="nearest")
     assert float(speed) == run[1].sprocket_speed[np.abs(run[1].time - 0.001).argmin(), 1]
-    moved = Trajectory(load_drive(drive_path("car")), np.zeros(1), arm_angle=np.zeros((1, 1))).to_xarray()
+    moved = Trajectory(example("car"), np.zeros(1), arm_angle=np.zeros((1, 1))).to_xarray()
     assert moved["arm"].values.tolist() == ["arm"]
 
 

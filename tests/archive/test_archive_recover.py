@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 import pytest
-from archives import assert_same
+from archives import assert_same, unlike
 from command import run as command
 from drives import two_sprockets
 from rerun_check import rerun_accepts
@@ -24,8 +24,7 @@ from warpchain.errors import ArchiveError, WarpchainError
 
 @pytest.fixture(scope="module")
 def run():
-    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
-    return simulate([two_sprockets(duration=0.003, settle="false"), other], record=Record(rate=1e5))
+    return simulate(unlike(), record=Record(rate=1e5))
 
 
 @pytest.fixture(scope="module")

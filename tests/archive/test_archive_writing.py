@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from archives import assert_same
+from archives import assert_same, unlike
+from command import refused
 from command import run as command
-from drives import two_sprockets
 from mcap.reader import make_reader
 from rerun_check import rerun_accepts
 from study_helpers import tiny_drive
@@ -17,16 +17,15 @@ from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
-from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.recover import recover_archive
+from warpchain.archive.writer import Pipeline
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.engineering_report import handed_in
 
 
 @pytest.fixture(scope="module")
 def run():
-    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
-    first = two_sprockets(duration=0.003, settle="false")
+    first, other = unlike()
     return simulate([first, other, other, first, first], record=Record(variants=[0, 1, 3, 4], rate=5e4))
 
 
@@ -263,8 +262,7 @@ def test_options_of_the_command_line(capsys, tmp_path):
     assert len(back.files) > 1
     assert back[0].tension.dtype == np.float32
     for more, told in ((["--exact-positions"], "exists already"), (["--split-size", "-1"], "above 0 (MiB)")):
-        status, _, err = command(capsys, *words, *more)
-        assert status == 2 and told in err[0]
+        assert told in refused(capsys, *words, *more)
 
 
 NUMBERS = (40, 7, 123456)

@@ -4,13 +4,12 @@ import math
 
 import pytest
 from command import run as command
-from drives import SPRUNG, timing, two_sprockets, with_bar
+from drives import SPRUNG, example, timing, two_sprockets, with_bar
 
-from warpchain import load_drive, loads_drive
+from warpchain import loads_drive
 from warpchain.assembly.layout_checks import advice
 from warpchain.assembly.strength import peaks, strength, strength_advice
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.examples import drive_path
 
 PITCH, ROLLER = 0.05, 0.015
 DROP = PITCH / (2.0 * math.sin(math.pi / 20))
@@ -30,9 +29,9 @@ def test_equal_sprockets_are_told_nothing():
 
 def test_an_idler_with_few_teeth_in_mesh():
     """The marine tightener turns the chain by 18 degrees: 25 * 18 / 360 = 1.2 teeth."""
-    (line,) = advice(load_drive(drive_path("marine")))
+    (line,) = advice(example("marine"))
     assert line.startswith("sprockets.tightener: 1.2 teeth in mesh (18 degrees), where an idler wants 3")
-    assert f"LOOK AT {line}" in report(derive(load_drive(drive_path("marine"))))
+    assert f"LOOK AT {line}" in report(derive(example("marine")))
 
 
 VENTED = {"relief": {"pressure": 4e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}, "vent": {"diameter": 1e-4}}
@@ -104,7 +103,7 @@ def test_a_bar_past_all_strands_misses():
 def test_tension_against_the_breaking_load_at_speed():
     """The motorcycle pulls 1.6 kN of 17.8; at four times the torque about 6.4, a safety of 2.8. Centrifugal force at
     five times the speed, m v^2 / p = 0.69 * 32^2 N, adds 0.7 kN of the rest."""
-    drive = load_drive(drive_path("motorcycle"))
+    drive = example("motorcycle")
     assert advice(drive, tensions=[k["working_tension"] for k in derive(drive)["strands"]]) == ()
     assert advice(drive, tensions=[]) == ()
     (line,) = advice(drive, tensions=[100.0, 17.8e3 / 5.0])
@@ -117,7 +116,7 @@ def test_tension_against_the_breaking_load_at_speed():
 def test_a_chain_that_runs_off_the_end_of_its_shoe():
     """`car`'s fixed guide covers 169.5 to 156.3 degrees at 0.8 m, and at work the chain lies on 23 to 159 mm; ended
     at 161 degrees the face is 8.5 degrees long, 0.8 m times 0.148 = 118.7 mm, and the chain goes beyond."""
-    car = load_drive(drive_path("car"))
+    car = example("car")
     assert derive(car)["advice"] == []
     (line,) = derive(car.with_values({"guides.fixed guide.arcs.0.to": 161.0}))["advice"]
     assert line.startswith("guides.fixed guide: the chain runs off its end: it lies on 23.1 to 119")
@@ -126,7 +125,7 @@ def test_a_chain_that_runs_off_the_end_of_its_shoe():
 
 def test_a_shoe_that_never_touches():
     """The fixed guide indents its strand by up to 9 mm: moved back by 20 it is free of it."""
-    away = load_drive(drive_path("car")).with_values({"guides.fixed guide.arcs.0.center": (0.851728, -0.094911)})
+    away = example("car").with_values({"guides.fixed guide.arcs.0.center": (0.851728, -0.094911)})
     (line,) = derive(away)["advice"]
     assert line.startswith('guides.fixed guide: never touches the chain: strand "exhaust cam->crank" passes')
 
@@ -142,7 +141,7 @@ def test_an_arm_at_the_free_angle_of_its_spring():
 
 def test_a_step_beyond_the_largest_that_keeps_a_percent():
     """The automatic step of `engine` is 3.43 us; files round it."""
-    engine = load_drive(drive_path("engine"))
+    engine = example("engine")
     (line,) = [line for line in derive(engine.with_values({"run.step": 5e-6}))["advice"] if "run.step" in line]
     assert line.startswith("run.step: 5e-06 s is 1.46 of the largest step that keeps 1 %, 3.42")
     assert not [line for line in derive(engine.with_values({"run.step": 3.43e-6}))["advice"] if "run.step" in line]
@@ -175,7 +174,7 @@ def test_strength_of_a_chain_at_work_and_at_its_loads_peaks():
 
 def test_advice_names_the_first_strength_that_is_too_small():
     """Of 17.8 kN: a harmonic of 2.5 kN makes 4 kN of 1.5, a dynamic safety of 4.45; 13.5 kN of 11, beyond 0.7 of it."""
-    drive = load_drive(drive_path("motorcycle"))
+    drive = example("motorcycle")
     radius = drive.pitch_radius(1)
     beating = drive.with_values({"sprockets.wheel.load.harmonics": ({"order": 1.0, "amplitude": 2500.0 * radius},)})
     assert strength_advice(drive, [1500.0]) == []
@@ -187,7 +186,7 @@ def test_advice_names_the_first_strength_that_is_too_small():
 
 def test_check_prints_strength_with_its_sources(capsys):
     status, out, _ = command(capsys, "check", "car")
-    found = derive(load_drive(drive_path("car")))["strength"]
+    found = derive(example("car"))["strength"]
     text = "\n".join(out)
     assert status == 0 and f"static {found['static_safety']:.3g} (at least 7)" in text
     assert "from about 6.23 kN on, 70 % of the breaking load (Tsubaki)" in text

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from assemblies import link_lengths, strand_of_link, strand_rollers
-from drives import MARINE
+from drives import example
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from layouts import PITCH, Placed, drive_of, loops, tangles
@@ -13,9 +13,7 @@ from layouts import PITCH, Placed, drive_of, loops, tangles
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.assemble_batch import assemble_all
-from warpchain.drive import load_drive
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
@@ -324,7 +322,7 @@ def test_strand_velocities_run_between_the_end_seats():
 
 
 def test_marine_drive():
-    drive = load_drive(MARINE)
+    drive = example("marine")
     assembly = assemble(drive)
     assert assembly.strain == pytest.approx(2.81e-4, rel=0.01)
     tension = drive.chain.stiffness * (link_lengths(assembly) - drive.chain.pitch)
@@ -340,7 +338,7 @@ def test_marine_drive():
 
 def test_what_the_initial_state_hangs_on_is_all_that_tells_drives_apart():
     # drives with the same layout share their state: every value that changes the state must change the layout
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     before, kept = assemble(drive), []
     for path, value in {
         "chain.pitch": 0.11431,

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from drives import MARINE, SPRUNG
+from drives import MARINE, SPRUNG, example
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from layouts import PITCH, Placed, drive_of, loops
@@ -62,7 +62,7 @@ def test_moves_along_any_line_to_the_nearest_place():
 
 def test_moves_back_to_where_it_was():
     """The marine tightener, moved off, finds its place for the preload it had: T = k p strain = 2470 N."""
-    marine = load_drive(MARINE)
+    marine = example("marine")
     preload = derive(marine)["preload"]
     off = marine.with_values({"sprockets.tightener.center.0": 1.5})
     back = fit_position(off, "tightener", (1.0, 0.0), preload=preload)
@@ -259,7 +259,7 @@ def test_any_way_to_write_a_file_is_kept():
 
 def scattered(count):
     """Marine drives with places and numbers of teeth of their own, some of which no place makes fit."""
-    random, base, found = np.random.default_rng(4), load_drive(MARINE), []
+    random, base, found = np.random.default_rng(4), example("marine"), []
     for v in range(count):
         x, y = base.sprockets[2].center
         apart = random.normal(0.0, 0.2 * base.chain.pitch, 2)  # so far that some chains go around the bar

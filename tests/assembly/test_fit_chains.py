@@ -2,12 +2,12 @@
 
 import chains
 import pytest
+from drives import example
 
 from warpchain import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
 from warpchain.cli import main
 from warpchain.drive import load_drive, save_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
@@ -54,7 +54,7 @@ def test_each_chain_has_its_links():
 
 
 def test_an_arm_of_one_of_the_chains_of_v6_comes_to_its_angle():
-    drive = load_drive(drive_path("v6"))
+    drive = example("v6")
     fitted = fit_angle(drive, "left cam", (0.0, 1.0), {"left arm": -0.5}, travel=0.005)
     assert fitted.sprockets[3].center != drive.sprockets[3].center
     (left,) = (ring.drive for ring in rings_of(fitted) if ring.name == "left")
@@ -63,7 +63,7 @@ def test_an_arm_of_one_of_the_chains_of_v6_comes_to_its_angle():
 
 def test_what_gears_and_couplings_turn_stays_as_it_is():
     """Beside two chains of one shaft, which has gears: the wheel of one of them moves, a rotor on its coupling."""
-    drive = load_drive(drive_path("balance_shafts"))
+    drive = example("balance_shafts")
     assert fit_links(drive.with_values({"chains.pump.links": 60}), chain="pump") == drive
     fitted = fit_position(drive, "pump wheel", (0.3, -1.0), strain=1e-3)
     assert strains(fitted) == pytest.approx([strains(drive)[0], 1e-3], abs=1e-8)

@@ -10,15 +10,14 @@ import math
 import numpy as np
 import pytest
 from assemblies import error_of
+from drives import example
 
 from warpchain import assemble
 from warpchain.assembly import path
 from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.layout_checks import findings, suspects
-from warpchain.drive import load_drive
 from warpchain.drive.batch import picked, stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import dtype_of
 from warpchain.engine.fill_bodies import fill_element
 from warpchain.engine.pack import pack
@@ -35,7 +34,7 @@ def _stacks_of_few(monkeypatch):
 
 
 def car(**values):
-    return load_drive(drive_path("car")).with_values(values)
+    return example("car").with_values(values)
 
 
 def cars(count, seed=1):

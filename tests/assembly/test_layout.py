@@ -3,15 +3,14 @@
 import math
 
 import pytest
-from drives import with_bar
+from drives import example, with_bar
 from hypothesis import given
 from layouts import Placed, drive_of, loops
 
-from warpchain import load_drive
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.layout_checks import findings, meeting
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.examples import example_names
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
@@ -22,7 +21,7 @@ DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 
 @pytest.mark.parametrize("name", example_names())
 def test_no_example_is_told_anything(name):
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     assert all(findings(ring.drive) == () for ring in rings_of(drive))
     assert "LAYOUT" not in report(derive(drive))
 

@@ -5,16 +5,15 @@ import math
 import numpy as np
 import pytest
 from blocks import folded
-from drives import SPRUNG, jointed_blade, two_sprockets
+from drives import SPRUNG, example, jointed_blade, two_sprockets
 from scipy.linalg import eig
 
-from warpchain import Drive, Record, load_drive, loads_drive, simulate
+from warpchain import Drive, Record, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _assembled, _coordinate, _Solver, at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.examples import drive_path
 
 ISO = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"} | {
     f"contact.sprocket.{key}": None for key in ("clearance", "seat_angle")
@@ -28,7 +27,7 @@ def pair(**options):
 
 
 def engine():
-    return load_drive(drive_path("engine"))
+    return example("engine")
 
 
 @pytest.mark.parametrize("changes", [{}, ISO | {"contact.guide.exponent": 1.5}])
@@ -135,7 +134,7 @@ def test_a_quiet_run_shows_these_tensions(changes):
 def test_examples_run_at_what_check_prints(name, step, start, end):
     """Each strand within 15 % of the tightest one's mean; friction and vibration add 1 to 3 %, 14 to the marine drive
     (docs/check.md)."""
-    drive = load_drive(drive_path(name)).with_values({"run.step": step})
+    drive = example(name).with_values({"run.step": step})
     (row,) = simulate(drive, record=Record("none"), duration=end, window=(start, end)).metrics.to_pylist()
     found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
     strands = derive(drive)["strands"]

@@ -5,27 +5,24 @@ import warnings
 import numpy as np
 import pytest
 from assemblies import assert_same, error_of
-from drives import ONE_CHAIN, with_parts
+from drives import ONE_CHAIN, example, with_parts
+from parts import gears, shaft
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_paths
 from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.layout_checks import findings, suspects
-from warpchain.drive import load_drive
 from warpchain.drive.batch import LARGEST, arrays_of, picked, size_of, stacked, stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
 
 
 def marine(**values):
-    return load_drive(drive_path("marine")).with_values(
-        {key.replace("__", "."): value for key, value in values.items()}
-    )
+    return example("marine").with_values({key.replace("__", "."): value for key, value in values.items()})
 
 
 def scattered(name, count, seed=1):
     """Variants of an example with sprockets elsewhere: taut and slack, worn, turned on, under another gravity."""
-    base, random = load_drive(drive_path(name)), np.random.default_rng(seed)
+    base, random = example(name), np.random.default_rng(seed)
     found = []
     for v in range(count):
         values = {"chain.elongation": float(random.uniform(-0.001, 0.004))}
@@ -105,7 +102,7 @@ def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():
 
 def test_a_car_stands_by_its_own_stiffness():
     """The chain's stiffness moves its tensioner's arm; before stacks, variants that differed in it shared one state."""
-    base = load_drive(drive_path("car"))
+    base = example("car")
     other = base.with_values({"chain.stiffness": 1.1 * base.chain.stiffness})
     together = assemble_all(stacks_of([base, other]))
     assert together[0].arm_angle[0] != together[1].arm_angle[0]
@@ -129,7 +126,7 @@ def test_zeros_given_values_and_counts_make_kinds():
 
 def test_drives_of_unlike_sprockets_may_each_have_a_phase():
     """Phases part drives with tables alone, which are looked for in drives of a kind."""
-    engine = load_drive(drive_path("engine"))
+    engine = example("engine")
     drives = [of.with_values({"run.phase": 0.1 * k}) for k in range(1, 3) for of in (marine(), engine)]
     assert [stack.members.tolist() for stack in stacks_of(drives)] == [[0, 2], [1, 3]]
     table = {"sprockets.camshaft.load.table": {"time": [0.0, 1.0], "torque": [0.0, 5.0]}}
@@ -151,11 +148,8 @@ def test_a_tail_of_one_is_assembled_as_if_alone():
 @pytest.mark.parametrize("values", [{"shafts.pump.initial_speed": 60.0}, {"shafts.pump.prescribed": {"speed": 60.0}}])
 def test_shafts_of_a_stack_start_at_their_own_speeds(values):
     """A bare shaft, of which nothing but the start differs; it turns as fast as it is told."""
-    text = '[[shafts]]\nname = "pump"\ninertia = 0.1\n'
-    base = with_parts(
-        text
-        + ("initial_speed = 30.0\n" if "shafts.pump.initial_speed" in values else "prescribed = { speed = 30.0 }\n")
-    )
+    slow = {"initial_speed": 30.0} if "shafts.pump.initial_speed" in values else {"prescribed": {"speed": 30.0}}
+    base = with_parts(shaft("pump", inertia=0.1, **slow))
     drives = [base, base.with_values(values), base]
     stacks = stacks_of(drives)
     assert len(stacks) == 1
@@ -164,10 +158,10 @@ def test_shafts_of_a_stack_start_at_their_own_speeds(values):
 
 def test_drives_with_other_shafts_are_states_of_their_own():
     """Of the same chain and sprockets: gears of unlike teeth, and another shaft."""
-    text = '[[shafts]]\nname = "pump"\ninertia = 0.1\n[[shafts]]\nname = "in"\ninertia = 0.1\ninitial_speed = 30.0\n'
-    gear = '[[gears]]\nname = "pair"\nbetween = ["in", "pump"]\nteeth = [20, {}]\nmodule = 0.002\n'
-    more = '[[shafts]]\nname = "third"\ninertia = 0.1\ninitial_speed = 5.0\n'
-    drives = [with_parts(text + gear.format(teeth) + end) for teeth, end in ((40, ""), (10, ""), (40, more))]
+    text = shaft("pump", inertia=0.1) + shaft("in", inertia=0.1, initial_speed=30.0)
+    more = shaft("third", inertia=0.1, initial_speed=5.0)
+    ends = ((40, ""), (10, ""), (40, more))
+    drives = [with_parts(text + gears("pair", ["in", "pump"], [20, teeth]) + end) for teeth, end in ends]
     speeds = [found.shaft_speed.tolist() for found in assemble_all(stacks_of(drives))]
     assert np.abs(speeds[0]).tolist() == [15.0, 30.0] and np.abs(speeds[1]).tolist() == [60.0, 30.0]
     assert np.abs(speeds[2]).tolist() == [15.0, 30.0, 5.0]

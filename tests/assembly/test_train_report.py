@@ -4,16 +4,16 @@ import math
 import tomllib
 
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
+from parts import coupling, gears, shaft
 
-from warpchain import Drive, load_drive
+from warpchain import Drive
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.examples import drive_path
 
 
 @pytest.fixture(scope="module")
 def conveyor():
-    return load_drive(drive_path("conveyor"))
+    return example("conveyor")
 
 
 def test_check_tells_of_shafts_gears_and_couplings(conveyor):
@@ -63,24 +63,9 @@ def test_a_coupling_is_twisted_by_what_it_passes_on(conveyor):
     assert cells.endswith("torque at work")
 
 
-GEARED = """
-[[shafts]]
-name = "second shaft"
-inertia = 0.1
-[[shafts]]
-name = "third shaft"
-inertia = 0.1
-load = { torque = 300.0 }
-[[gears]]
-name = "pair"
-between = ["second shaft", "third shaft"]
-teeth = [30, 30]
-internal = true
-module = 0.004
-"""
-COUPLED = GEARED.partition("[[gears]]")[0] + (
-    '[[couplings]]\nname = "pair"\nbetween = ["second shaft", "third shaft"]\nstiffness = STIFF\n'
-)
+SHAFTS = shaft("second shaft", inertia=0.1) + shaft("third shaft", inertia=0.1, load={"torque": 300.0})
+BOTH = ["second shaft", "third shaft"]
+GEARED = SHAFTS + gears("pair", BOTH, [30, 30], internal=True)
 
 
 def triangle(text):
@@ -112,7 +97,7 @@ def test_geared_sprockets_share_what_the_chain_passes_on():
 
 def test_coupled_sprockets_share_by_how_stiff_the_coupling_is():
     # a soft one leaves all to the sprocket that is loaded, a stiff one makes them share as gears do
-    soft, stiff = (derive(triangle(COUPLED.replace("STIFF", str(k)))) for k in (1.0, 1e10))
+    soft, stiff = (derive(triangle(SHAFTS + coupling("pair", BOTH, k))) for k in (1.0, 1e10))
     assert abs(soft["couplings"][0]["working_torque"]) < 0.01
     assert abs(stiff["couplings"][0]["working_torque"]) == pytest.approx(150.0, rel=0.05)
     geared = derive(triangle(GEARED))

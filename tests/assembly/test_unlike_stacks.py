@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from assemblies import assert_same, error_of
+from drives import example
 
 from warpchain.assembly import assemble, path
 from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.drive import load_drive
 from warpchain.drive.batch import arrays_of, picked, size_of, stacked, stacks_of
 from warpchain.drive.batch_math import many
-from warpchain.drive.examples import drive_path
 
 COUNT = 24
 
@@ -52,7 +51,7 @@ KINDS = [worn, lengthened, stiff, played, everything]
 
 def variants(kind, name="marine", count=COUNT, own=None):
     """Variants of an example whose links are unlike, taut and slack, with a sprocket elsewhere."""
-    random, base, found = np.random.default_rng(7), load_drive(drive_path(name)), []
+    random, base, found = np.random.default_rng(7), example(name), []
     for v in range(count):
         values = kind(random, v, base.chain.links)
         values["sprockets.1.center"] = tuple(
@@ -112,14 +111,14 @@ def test_links_lie_where_each_variant_has_them():
 
 def test_what_does_not_move_rollers_makes_no_states():
     """Outer links' stiffness and damping alone: one state for all of them."""
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     drives = [base.with_values({"chain.outer": {"stiffness": 1e9 + v, "damping": 1.0 + v}}) for v in range(5)]
     states = assemble_all(stacks_of(drives))
     assert len(states.blocks) == 1 and states.row.tolist() == [0] * 5
 
 
 def test_numbers_of_worn_links_and_what_is_given_make_kinds():
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     one, other = {"link": 3, "elongation": 0.01}, {"link": 8, "elongation": 0.0}
     changes = [{"chain.worn_links": [one]}, {"chain.worn_links": [other]}, {"chain.worn_links": [one, other]},
                {"chain.outer": {"elongation": 0.01}}, {"chain.outer": {"stiffness": 1e9}}, {"chain.play": 0.0},

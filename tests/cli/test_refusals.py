@@ -15,8 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import zstandard
+from command import refused as refusal
 from command import run as command
 from drives import BLADE, two_sprockets
+from parts import part, shaft
 from pyarrow import parquet
 from small_disk import small_disk
 from study_helpers import write_study
@@ -24,9 +26,9 @@ from study_helpers import write_study
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions, mcap_write
 from warpchain.archive import file_parts as parts
-from warpchain.archive.arrow import MAGIC, plain_table
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
+from warpchain.archive.read import MAGIC, plain_table
 from warpchain.drive import dumps_drive
 from warpchain.errors import ArchiveError, WarpchainError
 
@@ -46,12 +48,10 @@ def archive(run, tmp_path):
 def refused(capsys, *words, limit=30.0):
     """The one line that a command is refused with, at once."""
     begin = time.perf_counter()
-    status, _, err = command(capsys, *words)
+    line = refusal(capsys, *words)
     assert time.perf_counter() - begin < limit
-    assert status == 2, err
-    assert len(err) == 1, err
-    assert err[0].startswith("warpchain: error: ")
-    return err[0]
+    assert line.startswith("warpchain: error: ")
+    return line
 
 
 @pytest.mark.parametrize(
@@ -439,20 +439,9 @@ def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
     assert len(line) < 1000
 
 
-VALVES = """
-[[valves]]
-name = "inlets"
-on = "driven"
-mass = 0.1
-spring = { preload = 100.0, stiffness = 2e4 }
-table = { file = "t.csv" }
-"""
-CRANK = """
-[[shafts]]
-name = "crank"
-inertia = 0.2
-motor = { table = { file = "t.csv" } }
-"""
+FILE, SPRING = {"file": "t.csv"}, {"preload": 100.0, "stiffness": 2e4}
+VALVES = part("valves", "inlets", on="driven", mass=0.1, spring=SPRING, table=FILE)
+CRANK = shaft("crank", inertia=0.2, motor={"table": FILE})
 ENGINES = {
     "lift jumps": (VALVES, "angle_deg,lift_mm\n0,0\n90,9\n180,9\n360,0\n", "jumps from 0; must change by at most"),
     "lift open": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n360,1\n", "must repeat the first element, 0, where"),

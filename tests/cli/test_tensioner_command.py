@@ -4,6 +4,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+from command import refused
 from command import run as command
 from tensioner_rig import TEXT
 
@@ -105,6 +106,5 @@ def test_it_writes_tables(capsys, path, tmp_path):
     ],
 )
 def test_mistakes_are_one_line(capsys, path, words, told):
-    status, _, err = command(capsys, "tensioner", path, *words)
-    assert status == 2 and len(err) == 1, err
-    assert err[0].startswith("warpchain: error: ") and told in err[0]
+    line = refused(capsys, "tensioner", path, *words)
+    assert line.startswith("warpchain: error: ") and told in line

@@ -1,14 +1,12 @@
 """Shared by the tests of drives: the marine drive, as data and as values to be spoiled."""
 
 import pytest
-from drives import MARINE, marine_values
-
-from warpchain.drive import load_drive
+from drives import example, marine_values
 
 
 @pytest.fixture
 def marine():
-    return load_drive(MARINE)
+    return example("marine")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, put
+from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, example, put
 from wrong_values import lines_of, wrong
 
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive
@@ -43,7 +43,7 @@ def test_every_shape_reads_back_equal(values):
 
 def test_without_bodies_a_drive_is_written_as_before():
     """No key of guides, arms and tensioners that is not given stands in the file."""
-    text = dumps_drive(load_drive(drive_path("marine")))
+    text = dumps_drive(example("marine"))
     assert not any(word in text for word in ("arms", "tensioners", "side", "offset", "arcs", "points"))
 
 
@@ -339,7 +339,7 @@ def test_rule_of_valves_and_supply(path, value, line):
 
 
 def test_a_pump_of_several_chains_is_on_the_tensioner_s_own():
-    base, path = load_drive(drive_path("v6")), "tensioners.right tensioner.oil.supply_table"
+    base, path = example("v6"), "tensioners.right tensioner.oil.supply_table"
     table = {"speed": [0.0, 100.0], "pressure": [1e5, 4e5]}
     assert base.with_values({path: table | {"shaft": "right cam"}}).tensioners[2].oil.supply_table.shaft == "right cam"
     with pytest.raises(

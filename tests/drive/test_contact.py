@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from drives import MARINE
+from drives import example
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive import Material, load_drive
+from warpchain.drive import Material
 from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
@@ -23,7 +23,7 @@ def drive(**changes):
     plain = {"chain.joint": None, "contact.sprocket.friction": None, "contact.sprocket.bush_stiffness": None}
     plain |= {"contact.guide.friction": None, "contact.guide.rolling": False, "contact.guide.reference_load": 10e3}
     plain |= {"contact.guide.partner": {"youngs_modulus": 10e6, "poissons_ratio": 0.49}, "guides.0.name": "bar"}
-    return load_drive(MARINE).with_values(plain).with_values(changes)
+    return example("marine").with_values(plain).with_values(changes)
 
 
 def test_steel_seat_of_a_72b_roller():

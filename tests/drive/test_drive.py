@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from drives import BLADE, MARINE, errors_of, put
+from drives import BLADE, MARINE, errors_of, example, put
 
 from warpchain.drive import Drive, Load, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.schema import Part
@@ -55,7 +55,7 @@ def test_text_reads_back_equal_and_needs_no_defaults(marine):
     assert dumps_drive(loads_drive(text)) == text
 
 
-@pytest.mark.parametrize("drive", [load_drive(MARINE), loads_drive(BLADE)], ids=["marine", "blade"])
+@pytest.mark.parametrize("drive", [example("marine"), loads_drive(BLADE)], ids=["marine", "blade"])
 def test_save_replaces_whole_and_leaves_nothing_behind(drive, tmp_path):
     path = tmp_path / "my drive.toml"
     path.write_text("old")

@@ -5,11 +5,11 @@ import tomllib
 import warnings
 
 import tomlkit
-from drives import BLADE, MARINE
+from drives import BLADE, example
 from hypothesis import given
 from hypothesis import strategies as st
 
-from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+from warpchain.drive import Drive, dumps_drive, loads_drive
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.schema import is_name
 from warpchain.errors import DriveError
@@ -114,7 +114,7 @@ def test_any_path_of_any_drive_can_be_set_to_its_value(drive, data):
        st.data())  # fmt: skip
 def test_any_wrong_value_anywhere_is_a_drive_error_or_nothing(value, data):
     """No value whatever, at any place of the file, makes anything but a drive or lines of errors."""
-    drive = data.draw(st.sampled_from([load_drive(MARINE), loads_drive(BLADE)]))
+    drive = data.draw(st.sampled_from([example("marine"), loads_drive(BLADE)]))
     path = data.draw(st.sampled_from(drive.paths()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an odd number of links

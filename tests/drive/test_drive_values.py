@@ -4,11 +4,11 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, MARINE, ONE_CHAIN, POSITIVE, STEEL, numbers, put
+from drives import BLADE, ONE_CHAIN, POSITIVE, STEEL, example, numbers, put
 
-from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, load_drive, loads_drive
+from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, loads_drive
 from warpchain.drive.drive import NUMBER_RULES
-from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.examples import example_names
 from warpchain.drive.replace import Changes
 from warpchain.errors import DriveError
 
@@ -26,7 +26,7 @@ MATERIALS = {
 def test_with_values_changes_a_copy_and_shares_the_rest(marine):
     other = marine.with_values({"sprockets.camshaft.load.torque": 8e3, "run.gravity.1": 0, "guides.0.end_radius": 1})
     assert other.sprockets[2].load.torque == 8e3 and other.run.gravity == (0.0, 0.0) and other.guides[0].end_radius == 1
-    assert marine == load_drive(MARINE)
+    assert marine == example("marine")
     assert other.chain is marine.chain and other.sprockets[0] is marine.sprockets[0]
     assert other.sprockets[2].load.harmonics == marine.sprockets[2].load.harmonics
     assert marine.with_values({}) == marine
@@ -169,7 +169,7 @@ def test_numpy_numbers_are_numbers(marine):
 
 @pytest.mark.parametrize(
     ("drive", "left_out"),
-    [(load_drive(MARINE), "-"), (loads_drive(BLADE), "chain")],  # a size needs the stiffness with it
+    [(example("marine"), "-"), (loads_drive(BLADE), "chain")],  # a size needs the stiffness with it
     ids=["marine", "blade"],
 )
 def test_every_listed_path_can_be_got_and_set_to_its_value(drive, left_out):
@@ -187,7 +187,7 @@ def test_paths_of_optional_tables_are_listed(marine):
 @pytest.mark.filterwarnings("ignore")
 def test_copies_and_errors_are_those_of_with_values(name):
     """Each number of each example times factors of which some are not allowed: first alone, then two at a time."""
-    base, random = load_drive(drive_path(name)), np.random.default_rng(1)
+    base, random = example(name), np.random.default_rng(1)
     every, refused = numbers(base), 0
     pairs = [(path,) for path in every] + [tuple(random.choice(every, 2, replace=False)) for _ in range(30)]
     for paths in pairs:
@@ -207,7 +207,7 @@ def test_copies_and_errors_are_those_of_with_values(name):
 
 
 def test_numbers_that_stand_for_others_replace_them():
-    changes = Changes(load_drive(drive_path("marine")))
+    changes = Changes(example("marine"))
     for mass in (60.0, 61.0):
         made = changes.drive({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
         assert made == changes.base.with_values({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
@@ -251,7 +251,7 @@ class Read(dict):
 def test_rules_read_no_more_than_they_say(name):
     for rule, keys in NUMBER_RULES.items():
         notes = set()
-        assert not list(rule(Read(load_drive(drive_path(name)), notes)))
+        assert not list(rule(Read(example(name), notes)))
         assert {note for note in notes if note.partition(".")[0] not in keys} <= keys
 
 
@@ -300,7 +300,7 @@ def test_each_rule_is_asked_where_its_numbers_change(allowed, refused):
 
 
 def test_other_values_go_the_long_way():
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     changes = Changes(base)
     for values in ({"sprockets.1.load": {"torque": 1.0}}, {"sprockets.1.center": [1.2, 3.0]}):
         for _ in range(2):
@@ -312,7 +312,7 @@ def test_other_values_go_the_long_way():
 
 
 def test_what_is_not_changed_is_shared():
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     changes = Changes(base)
     first, second = (changes.drive({"chain.stiffness": stiffness}) for stiffness in (1e9, 2e9))
     assert second.chain.stiffness == 2e9 and second.sprockets is first.sprockets and second.contact is first.contact

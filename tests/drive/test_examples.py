@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import STARTING
+from drives import STARTING, example
 from loading import load_script
 
-from warpchain import Record, cli, load_drive, simulate
+from warpchain import Record, cli, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.fitting import strand_sag
@@ -24,7 +24,7 @@ STEADY = tuple(name for name in NAMES if name != "motorcycle_drivetrain")
 
 
 def load(name):
-    return load_drive(drive_path(name))
+    return example(name)
 
 
 def test_names():

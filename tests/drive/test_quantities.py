@@ -4,18 +4,17 @@ import math
 from argparse import ArgumentTypeError
 
 import pytest
+from drives import example
 from loading import load_script
 
-from warpchain import load_drive
 from warpchain.cli import main
 from warpchain.cli.shared_options import angular_speed
 from warpchain.drive import Drive
 from warpchain.drive.quantities import QUANTITY, converted, unit_of
 from warpchain.errors import DriveError
-from warpchain.examples import drive_path
 
 sections = load_script("pages.reference").sections
-CAR = load_drive(drive_path("car"))
+CAR = example("car")
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,13 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, example, two_sprockets
 
-from warpchain import Record, dumps_drive, load_drive, loads_drive, read_archive, simulate, write_archive
+from warpchain import Record, dumps_drive, loads_drive, read_archive, simulate, write_archive
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.examples import example_names
 from warpchain.drive.quantities import unit_of
 from warpchain.drive.replace import Changes
 from warpchain.drive.rings import rings_of
@@ -55,7 +55,7 @@ def lengths(kind=Drive, above=()):
 
 
 def car(**values):
-    return load_drive(drive_path("car")).with_values(POINTS | values)
+    return example("car").with_values(POINTS | values)
 
 
 def packed(drive):
@@ -105,8 +105,8 @@ def test_wheels_of_another_material_with_teeth_of_iso_606():
 
 def test_one_material_throughout_leaves_strain_and_angles():
     """All is larger by one factor: a figure that is similar to the cold one."""
-    hot = assemble(load_drive(drive_path("marine")).with_values({"temperature": 140.0} | STEEL))
-    cold = assemble(load_drive(drive_path("marine")))
+    hot = assemble(example("marine").with_values({"temperature": 140.0} | STEEL))
+    cold = assemble(example("marine"))
     assert hot.strain == pytest.approx(cold.strain, abs=1e-12)
     np.testing.assert_allclose(hot.sprocket_angle, cold.sprocket_angle, atol=1e-10)
 
@@ -122,7 +122,7 @@ def test_a_block_of_aluminum_stretches_the_chain():
 
 @pytest.mark.parametrize("name", ["car", "marine", "v6"])
 def test_at_20_degrees_all_bits_are_as_without(name):
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     same = drive.with_values({"temperature": 20.0, "expansion.block": "cast iron"})
     assert same.as_read is same and same.expansion.block == MATERIALS["cast iron"]
     for ring, other in zip(rings_of(drive), rings_of(same), strict=True):
@@ -134,7 +134,7 @@ def test_at_20_degrees_all_bits_are_as_without(name):
 
 def test_every_example_can_be_warmed():
     for name in example_names():
-        drive = load_drive(drive_path(name))
+        drive = example(name)
         oils = [f"tensioners.{t.name}.oil" for t in drive.tensioners if t.oil is not None]
         oil = {f"{at}.{key}": value for at in oils for key, value in (("viscosity_40", 6e-5), ("viscosity_100", 1e-5))}
         hot = drive.with_values({"temperature": 60.0, "expansion.block": "cast iron"} | oil)
@@ -180,7 +180,7 @@ def test_a_copy_with_other_parts_is_as_it_stands():
 
 
 def test_variants_at_several_temperatures_are_packed_as_each_alone():
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     drives = [base.with_values({"temperature": t}) for t in (20.0, -20.0, 0.0, 60.0)]
     assert len(stacks_of(drives)) == 1  # straight bars on the ground
     together = pack(drives, [PLAN] * 4)
@@ -277,9 +277,9 @@ def test_what_is_refused_is_said_in_one_line(values, line):
 
 def test_a_temperature_needs_the_oils_two_viscosities():
     with pytest.raises(DriveError) as caught:
-        load_drive(drive_path("car")).with_values({"temperature": 95.0})
+        example("car").with_values({"temperature": 95.0})
     assert caught.value.errors == (
         f"{OIL}.viscosity_40: missing; needed with viscosity_100 where temperature is not 20 degrees C",
     )
     with pytest.raises(DriveError, match="viscosity_100: missing"):
-        load_drive(drive_path("car")).with_values({f"{OIL}.viscosity_40": 62e-6})
+        example("car").with_values({f"{OIL}.viscosity_40": 62e-6})

@@ -5,43 +5,28 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import errors_of, put, two_sprockets
+from drives import errors_of, example, put, two_sprockets
+from parts import coupling, gears, shaft
 
 from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
-from warpchain.drive.examples import drive_path
 from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
 from warpchain.errors import DriveError
 
-PARTS = """
-[[shafts]]
-name = "engine"
-inertia = 0.4
-motor = { torque = 50.0 }
-[[shafts]]
-name = "output"
-inertia = 0.9
-load = { viscous = 5.0 }
-[[gears]]
-name = "primary"
-between = ["driver", "engine"]
-teeth = [40, 20]
-module = 0.004
-[[couplings]]
-name = "cush"
-between = ["driven", "output"]
-stiffness = 4e4
-damping = 15.0
-lash = 0.001
-"""
+PARTS = (
+    shaft("engine", inertia=0.4, motor={"torque": 50.0})
+    + shaft("output", inertia=0.9, load={"viscous": 5.0})
+    + gears("primary", ["driver", "engine"], [40, 20])
+    + coupling("cush", ["driven", "output"], 4e4, damping=15.0, lash=0.001)
+)
 
 
-def values(text=PARTS):
+def values():
     """Two equal sprockets, the first geared to a motor, the second coupled to a load."""
-    found = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, settle="false")) + text)
+    found = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, settle="false")) + PARTS)
     del found["sprockets"][0]["prescribed"], found["sprockets"][1]["load"]
     found["sprockets"][0]["inertia"] = 0.7
     return found
@@ -312,7 +297,7 @@ def test_stacks_of_trains_have_the_bits_of_each():
 
 
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
-    drive = load_drive(drive_path("swing_idler"))
+    drive = example("swing_idler")
     led = {"shafts": [{"name": "S", "prescribed": {"speed": 10.0}}], "sprockets.idler.shaft": "S"}
     line = (
         r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'

@@ -5,28 +5,21 @@ import math
 import numpy as np
 import pytest
 from drives import AT_REST, two_sprockets
+from parts import part
 
 from warpchain import dumps_drive, load_drive, loads_drive
 from warpchain.assembly.table_cells import cells_of
 from warpchain.errors import DriveError
 
-TEXT = (
-    dumps_drive(two_sprockets(**AT_REST))
-    + """
-[[valves]]
-name = "inlets"
-on = "driven"
-mass = 0.1
-spring = { preload = 100.0, stiffness = 2e4 }
-"""
-)
+SPRING = {"preload": 100.0, "stiffness": 2e4}
+TEXT = dumps_drive(two_sprockets(**AT_REST)) + part("valves", "inlets", on="driven", mass=0.1, spring=SPRING)
 PROFILE = "profile = { lift = 0.01, rise = 60.0, dwell = 10.0, fall = 50.0 }\n"
 ANGLES = np.linspace(0.0, 360.0, 37)
 
 
-def csv(folder, lifts, angles=ANGLES, head="angle_deg,lift_mm"):
+def csv(folder, lifts, angles=ANGLES):
     rows = (f"{angle!r},{lift!r}" for angle, lift in zip(angles.tolist(), lifts.tolist(), strict=True))
-    (folder / "lift.csv").write_text("\n".join([head, *rows]))
+    (folder / "lift.csv").write_text("\n".join(["angle_deg,lift_mm", *rows]))
     (folder / "drive.toml").write_text(TEXT + 'table = { file = "lift.csv", factor = 1.1 }\n')
     return folder / "drive.toml"
 

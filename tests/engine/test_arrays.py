@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from drives import MARINE
+from drives import example
 
-from warpchain import load_drive
 from warpchain.engine.arrays import (
     KINDS,
     PACKED,
@@ -64,7 +63,7 @@ def test_each_array_has_its_row(real):
 
 def test_arrays_are_as_the_table_says():
     """Types are the structs', lengths those of the rows; what is packed, and zeros elsewhere, is what devices get."""
-    packed, groups = held([load_drive(MARINE)] * 2)
+    packed, groups = held([example("marine")] * 2)
     first = starts(packed.drives)
     for group, struct in groups.items():
         for name, row in TABLE[group].items():
@@ -83,7 +82,7 @@ def test_arrays_are_as_the_table_says():
 
 
 def test_precisions_and_copies_go_by_the_table():
-    packed, _ = held([load_drive(MARINE)])
+    packed, _ = held([example("marine")])
     single, twin = packed.at_precision("float32"), packed.copy()
     for name, place in PACKED.items():
         assert getattr(single, name).dtype == dtype_of(array_type(*place, wp.float32)), name

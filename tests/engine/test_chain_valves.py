@@ -3,33 +3,29 @@
 import chains
 import numpy as np
 import pytest
+from drives import example
+from parts import part
 
-from warpchain import load_drive, simulate
+from warpchain import simulate
 from warpchain.assembly.summary import derive
-from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 
-HEAVY = """
-[[valves]]
-name = "valves"
-on = "{on}"
-number = 2
-phases = [-20.0, 90.0]
-mass = 20.0
-spring = {{ preload = 500.0, stiffness = 2e4 }}
-profile = {{ shape = "polynomial", lift = 0.1, rise = 60.0, fall = 60.0 }}
-"""
-"""Their m l'^2 is as large as the shaft's inertia of 2 kg m^2, and changes within the run."""
+
+def heavy(on):
+    """Valves whose m l'^2 is as large as the shaft's inertia of 2 kg m^2, and changes within the run."""
+    profile = {"shape": "polynomial", "lift": 0.1, "rise": 60.0, "fall": 60.0}
+    spring = {"preload": 500.0, "stiffness": 2e4}
+    return part("valves", "valves", on=on, number=2, phases=[-20.0, 90.0], mass=20.0, spring=spring, profile=profile)
 
 
 @pytest.fixture(scope="module", params=["leapfrog", "rk4"])
 def beside_each_other(request):
     """Two chains with valves on a shaft, on its sprocket of either chain, and one of twice everything with them."""
     short = {"duration": 0.02, "step": 2.5e-6}
-    two = [chains.plus(chains.side_by_side(2, **short), HEAVY.format(on=on)) for on in ("B", "b0", "b1")]
-    drives = [*two, chains.plus(chains.side_by_side(0, **short), HEAVY.format(on="b0"))]
+    two = [chains.plus(chains.side_by_side(2, **short), heavy(on)) for on in ("B", "b0", "b1")]
+    drives = [*two, chains.plus(chains.side_by_side(0, **short), heavy("b0"))]
     return simulate([drive.with_values({"run.integrator": request.param}) for drive in drives], device="cpu")
 
 
@@ -57,7 +53,7 @@ def test_their_energy_is_in_the_balance(beside_each_other):
 
 def test_a_v6_with_valves(device):
     """Groups on cams of three chains; metrics have their names once, and all balances close."""
-    car, v6 = (load_drive(drive_path(name)) for name in ("car", "v6"))
+    car, v6 = (example(name) for name in ("car", "v6"))
     cams = ("left cam", "right cam", "exhaust cam")
     groups = [
         car.valves[0].model_copy(update={"name": f"{cam} valves", "on": cam, "phases": (0.0, 120.0, 240.0)})
@@ -79,6 +75,5 @@ def test_a_v6_with_valves(device):
 
 
 def test_valves_are_on_something_that_turns():
-    text = HEAVY.format(on="c0")
     with pytest.raises(DriveError, match=r'valves.valves.on = "c0": must be the name of a sprocket or a shaft'):
-        chains.plus(chains.side_by_side(2), text)
+        chains.plus(chains.side_by_side(2), heavy("c0"))

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from drives import timing, two_sprockets
+from drives import example, timing, two_sprockets
 
-from warpchain import Record, load_drive, simulate
-from warpchain.drive.examples import drive_path
+from warpchain import Record, simulate
 from warpchain.engine.checkpoint import STOPS, Kept, States, notes_from, stop_of, stops_of, takes_sums
 from warpchain.engine.outcomes import PARTS, note_steps
 from warpchain.errors import SimulationError
@@ -19,10 +18,10 @@ def ensemble():
     """A settled drive with a guide-bar, one with arm and tensioner, one that slides, one that begins elsewhere, and one
     with an idler on an arm, whose bearing rubs.
     """
-    marine = load_drive(drive_path("marine")).with_values({"run.settle": True, "run.step": 1e-5})
-    car = load_drive(drive_path("car"))
+    marine = example("marine").with_values({"run.settle": True, "run.step": 1e-5})
+    car = example("car")
     rubbing = two_sprockets().with_values({"contact.sprocket.friction": 0.1, "run.integrator": "rk4"})
-    swing = load_drive(drive_path("swing_idler"))
+    swing = example("swing_idler")
     started = {"run.perturbation": 3, "run.phase": 0.25, "run.seating": 2}
     drives = [marine, car, rubbing, marine.with_values(started), swing]
     return [drive.with_values({"run.step": STEP if k != 1 else STEP / 2}) for k, drive in enumerate(drives)]

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 import warp as wp
 from command import run as command
-from drives import MARINE, two_sprockets
+from drives import example, two_sprockets
 from study_helpers import write_study
 
-from warpchain import load_drive, progress, run_study, simulate
+from warpchain import progress, run_study, simulate
 from warpchain.engine import buckets, compiling
 from warpchain.engine.buckets import COLLECTING, GpuKernels
 from warpchain.engine.compiling import Wanted, compile_in_processes, compile_job, jobs_of, loading_on_cpu
@@ -97,7 +97,7 @@ def test_a_stop_ends_processes_and_leaves_nothing_unfinished(cache, monkeypatch)
 @pytest.mark.parametrize("settles", [True, False])
 def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
     """Settling's kernel in float64, and as the settling of the ensemble asks for it."""
-    drives = [load_drive(MARINE), two_sprockets()]
+    drives = [example("marine"), two_sprockets()]
     packed = pack(drives, [Schedule(1e-6, 500, 250, 500, 0)] * 2)
     still = elastic(packed)
     cushion(still)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from drives import MARINE, row, two_sprockets
+from drives import example, row, two_sprockets
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, simulate
 
 
 @pytest.mark.usefixtures("device")
@@ -96,7 +96,7 @@ def test_float32_tension_follows_float64():
 
 @pytest.mark.usefixtures("device")
 def test_marine_drive_carries_about_20_kn_and_its_load():
-    drive = load_drive(MARINE)
+    drive = example("marine")
     values = simulate(drive, record=Record(variants="none"), window=(1.0, 2.0)).metrics.to_pylist()[0]
     assert not values["diverged"]
     assert values["tension_mean"] == pytest.approx(20e3, rel=0.15)
@@ -108,7 +108,7 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 @pytest.mark.usefixtures("device")
 def test_marine_metrics_in_float32_are_those_of_float64():
     # joint friction keeps the motion regular: stiffnesses 1e-13 apart give means 6e-14 apart, and float32 is 1e-4 off
-    drive = load_drive(MARINE)
+    drive = example("marine")
     options = {"record": Record(variants="none"), "window": (0.5, 2.0)}
     exact = simulate(drive, **options).metrics
     single = simulate(drive, precision="float32", **options).metrics

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from drives import ran, with_parts
+from parts import shaft
 
 INERTIA, SPEED, RADIUS, AREA, ROD = 0.25, 180.0, 0.045, 5.8e-3, 3.4
 """Crank and flywheel [kg m^2], speed at the start [rad/s], crank radius [m], piston [m^2], rod over crank radius."""
@@ -32,13 +33,10 @@ def firing():
 
 def engine(key, mean):
     """The crank, its gas torque that of a motor or, against rotation, of a load; it works against `mean` [N m]."""
-    angle, torque = str(CYCLE.tolist()), firing() if key == "motor" else -firing()
-    table = f"table = {{ angle = {angle}, torque = {torque.tolist()} }}"
-    by = f"motor = {{ {table} }}\nload = {{ torque = {mean} }}"
-    if key == "load":
-        by = f"load = {{ torque = {mean}, {table} }}"
-    text = f'\n[[shafts]]\nname = "crank"\ninertia = {INERTIA}\ninitial_speed = {SPEED}\n{by}\n'
-    return with_parts(text, duration=0.21, step=5e-6)
+    torque = firing() if key == "motor" else -firing()
+    by = {"load": {"torque": mean}}
+    by[key] = by.get(key, {}) | {"table": {"angle": CYCLE.tolist(), "torque": torque.tolist()}}
+    return with_parts(shaft("crank", inertia=INERTIA, initial_speed=SPEED, **by), duration=0.21, step=5e-6)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from drives import STARTING, ran, with_parts
+from drives import STARTING, assert_alone_as_in_a_crowd, ran, with_parts
+from parts import coupling, shaft
 
 from warpchain import Record, simulate
 from warpchain.engine.checkpoint import Kept, States
@@ -13,23 +14,15 @@ FIRST, SECOND = 0.5, 0.3
 """Inertias of the two shafts [kg m^2]."""
 
 
-def two_shafts(coupling, first="initial_speed = 10.0", second="initial_speed = 0.0", **values):
-    """Two shafts with a coupling between them, beside a chain at rest."""
-    text = f"""
-[[shafts]]
-name = "a"
-inertia = {FIRST}
-{first}
-[[shafts]]
-name = "b"
-inertia = {SECOND}
-{second}
-[[couplings]]
-name = "link"
-between = ["a", "b"]
-{coupling}
-"""
-    return with_parts(text, **values)
+MOTORED = {"motor": {"torque": 90.0}, "initial_speed": 8.0}
+"""A shaft that turns and is turned on."""
+
+
+def two_shafts(link, first=None, second=None, **values):
+    """Two shafts with a coupling between them, beside a chain at rest; the first turns at 10 rad/s unless it says."""
+    first, second = first or {"initial_speed": 10.0}, second or {"initial_speed": 0.0}
+    shafts = shaft("a", inertia=FIRST, **first) + shaft("b", inertia=SECOND, **second)
+    return with_parts(shafts + coupling("link", ["a", "b"], **link), **values)
 
 
 def speeds(run):
@@ -37,7 +30,7 @@ def speeds(run):
     return np.asarray(run[0].shaft_speed, float).T
 
 
-CLUTCH = "stiffness = 3e4\ndamping = 5.0\nclutch = { torque = 50.0 }"
+CLUTCH = {"stiffness": 3e4, "damping": 5.0, "clutch": {"torque": 50.0}}
 
 
 def test_a_clutch_slips_until_both_turn_alike(device):
@@ -61,11 +54,10 @@ def test_a_clutch_slips_until_both_turn_alike(device):
 
 def test_a_clutch_bears_what_its_table_says(device):
     # let in against a shaft that stands: the torque is the table's as long as it slips, as the step's start has it
-    table = "clutch = { table = { time = [0.0, 0.005, 0.01, 0.02], torque = [0.0, 0.0, 40.0, 10.0] } }"
-    still = "prescribed = { speed = 0.0 }"
-    drive = two_shafts(f"stiffness = 3e4\ndamping = 5.0\n{table}", second=still, duration=0.02)
+    table = {"time": [0.0, 0.005, 0.01, 0.02], "torque": [0.0, 0.0, 40.0, 10.0]}
+    drive = two_shafts(CLUTCH | {"clutch": {"table": table}}, second={"prescribed": {"speed": 0.0}}, duration=0.02)
     run, row = ran(drive)
-    expected = np.interp(run[0].time, [0.0, 0.005, 0.01, 0.02], [0.0, 0.0, 40.0, 10.0])
+    expected = np.interp(run[0].time, table["time"], table["torque"])
     assert run[0].coupling_torque[:, 0] == pytest.approx(expected, abs=40.0 / 0.005 * 2e-6)
     work = np.trapezoid(expected * speeds(run)[0], run[0].time)
     assert row["link.slip_loss"] + row["link.damping_loss"] == pytest.approx(work, rel=1e-3)
@@ -74,7 +66,7 @@ def test_a_clutch_bears_what_its_table_says(device):
 
 def test_two_inertias_swing_over_a_gear(device):
     # sqrt(k (1/Ja + i^2/Jb)); leapfrog and the frames find crossings to 1e-5, as without a gear
-    gear = "stiffness = 3e5\nratios = { time = [0.0, 1.0], ratio = [-2.5, -2.5] }"
+    gear = {"stiffness": 3e5, "ratios": {"time": [0.0, 1.0], "ratio": [-2.5, -2.5]}}
     run, row = ran(two_shafts(gear, duration=0.06))
     time, twist = run[0].time, np.asarray(run[0].coupling_twist[:, 0], float)
     at = np.flatnonzero((twist[:-1] < 0.0) & (twist[1:] >= 0.0))
@@ -86,12 +78,15 @@ def test_two_inertias_swing_over_a_gear(device):
     assert abs(row["energy_residual"]) < 1e-4 * 25.0
 
 
-CHANGE = "stiffness = 3e4\ndamping = 80.0\nratios = {{ time = [0.0, 0.04, 0.05], ratio = [-2.0, 0.0, {ratio}] }}"
+def change(ratio, **more):
+    """A coupling whose gear opens at 40 ms and another one engages at 50 ms."""
+    ratios = {"time": [0.0, 0.04, 0.05], "ratio": [-2.0, 0.0, ratio]}
+    return {"stiffness": 3e4, "damping": 80.0, "ratios": ratios} | more
 
 
 def test_a_gear_change(device):
     # accelerated by T, both as one: M = T / (1 + i^2 Ja/Jb) twists the spring, whose energy is lost as the gear opens
-    drive = two_shafts(CHANGE.format(ratio=-1.5), first="initial_speed = 0.0\nmotor = { torque = 90.0 }", duration=0.1)
+    drive = two_shafts(change(-1.5), first=MOTORED | {"initial_speed": 0.0}, duration=0.1)
     run, row = ran(drive)
     a, b = speeds(run)
     time, torque = run[0].time, run[0].coupling_torque[:, 0]
@@ -117,10 +112,8 @@ def test_a_gear_change(device):
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
 def test_a_change_under_a_slipping_clutch(device, integrator):
     # the moment never exceeds what the clutch bears, and the balance closes with what engaging and slipping cost
-    both = CHANGE.format(ratio=-0.5) + "\nlash = 0.01\nclutch = { torque = 60.0 }"
-    drive = two_shafts(
-        both, first="initial_speed = 8.0\nmotor = { torque = 90.0 }", duration=0.15, integrator=integrator
-    )
+    both = change(-0.5, lash=0.01, clutch={"torque": 60.0})
+    drive = two_shafts(both, first=MOTORED, duration=0.15, integrator=integrator)
     run, row = ran(drive)
     a, b = speeds(run)
     assert max(row["link.torque_max"], -row["link.torque_min"]) <= 60.0 * (1.0 + 1e-12)
@@ -133,21 +126,15 @@ def test_a_change_under_a_slipping_clutch(device, integrator):
 
 def changes():
     """Gear changes that are unlike each other."""
-    motor = "initial_speed = 8.0\nmotor = { torque = 90.0 }"
-    drives = [two_shafts(CHANGE.format(ratio=r) + "\nlash = 0.01", first=motor, duration=0.06) for r in (-1.5, 1.2)]
+    drives = [two_shafts(change(r, lash=0.01), first=MOTORED, duration=0.06) for r in (-1.5, 1.2)]
     clutch = {"couplings.link.clutch": {"torque": 60.0}}
     return [*drives, drives[0].with_values(clutch), drives[0].with_values({"couplings.link.ratios": None} | clutch)]
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_bits_alone_and_in_a_crowd(device, precision):
-    drives = changes()
     options = {"record": Record(rate=2e3), "limits": STARTING, "precision": precision}
-    crowd = simulate(drives, **options)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, **options)
-        for name, values in alone[0].channels().items():
-            np.testing.assert_array_equal(values, getattr(crowd[v], name), err_msg=name)
+    crowd = assert_alone_as_in_a_crowd(changes(), **options)
     ends = [tuple(crowd[v].shaft_speed[-1].tolist()) for v in range(4)]
     assert len(set(ends)) == 4
 

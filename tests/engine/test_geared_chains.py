@@ -5,7 +5,8 @@ import math
 import chains
 import numpy as np
 import pytest
-from drives import STARTING, periods, ran, swing
+from drives import STARTING, assert_alone_as_in_a_crowd, periods, ran, swing
+from parts import gears, shaft
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.summary import derive
@@ -52,7 +53,7 @@ def test_two_equal_chains_with_gears_are_one_of_twice_the_mass_stiffness_and_con
 @pytest.mark.parametrize("lash", [0.0, 2e-3])
 def test_two_inertias_swing_on_a_coupling_beside_two_chains(device, lash):
     """2 pi/w + 4 b/(w A), w = sqrt(k (1/Ja + 1/Jb)), A the twist beyond the lash; frames find a crossing to 1e-6."""
-    drive = chains.plus(chains.side_by_side(2, duration=0.06), swing(f"lash = {lash}"))
+    drive = chains.plus(chains.side_by_side(2, duration=0.06), swing(lash=lash))
     run, _ = ran(drive)
     found = periods(run[0].time[200 * (lash > 0) :], run[0].coupling_twist[200 * (lash > 0) :, 0])
     omega, speed = math.sqrt(3e5 * (1.0 / 0.5 + 1.0 / 0.3)), 2.0
@@ -98,22 +99,12 @@ def test_a_motor_starts_two_chains(device):
     assert abs(row["energy_residual_relative"]) < 1e-4
 
 
-LED = """
-[[shafts]]
-name = "input"
-prescribed = { speed = 20.0, harmonics = [{ order = 2.0, amplitude = 0.02 }] }
-[[gears]]
-name = "pair"
-between = ["input", "A"]
-teeth = [20, 40]
-module = 0.004
-"""
-
-
 def test_a_prescribed_shaft_leads_chains_through_gears(device):
     """All bodies of its train move as it says, to round-off; the teeth pass on the moments of both chains."""
     base = chains.side_by_side(2, duration=0.02).with_values({"shafts.A.inertia": 1.0, "sprockets.a0.inertia": 0.5})
-    drive = loads_drive(dumps_drive(base).replace("prescribed = { speed = 10.0, ramp_time = 0.0 }\n", "") + LED)
+    led = shaft("input", prescribed={"speed": 20.0, "harmonics": [{"order": 2.0, "amplitude": 0.02}]})
+    text = dumps_drive(base).replace("prescribed = { speed = 10.0, ramp_time = 0.0 }\n", "")
+    drive = loads_drive(text + led + gears("pair", ["input", "A"], [20, 40]))
     run, row = ran(drive)
     speed = {shaft.name: run[0].shaft_speed[:, h] for h, shaft in enumerate(drive.shafts)}
     np.testing.assert_allclose(-0.5 * speed["input"], speed["A"], rtol=1e-12)
@@ -133,11 +124,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
         chains.cushed_stages(duration=5e-3),
         chains.two_stages(duration=5e-3),
     ]
-    crowd = simulate(drives, device="cpu", precision=precision, limits=STARTING)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, device="cpu", precision=precision, limits=STARTING)[0]
-        for name, values in alone.channels().items():
-            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+    assert_alone_as_in_a_crowd(drives, device="cpu", precision=precision, limits=STARTING)
 
 
 def test_check_shares_loads_over_gears_couplings_and_chains():

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from drives import LOWER, UPPER, errors_of, jointed_blade
+from drives import LOWER, UPPER, assert_alone_as_in_a_crowd, errors_of, example, jointed_blade
 
-from warpchain import Record, assemble, load_drive, read_archive, simulate
+from warpchain import Record, assemble, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.results.scene import parts_at, pose_at_frame
 from warpchain.view.rerun import view
@@ -68,9 +67,7 @@ def test_energy_of_a_drive_with_a_jointed_blade(precision, device):
 
 def test_the_same_bits_alone_and_in_a_crowd(device):
     drives = [blade(**{"arms.lower.stiffness": k}) for k in (7.0, 8.0, 9.0)]
-    crowd = simulate(drives, record=Record(rate=5000.0), duration=3e-3)
-    alone = simulate(drives[1], record=Record(rate=5000.0), duration=3e-3)[0]
-    assert (alone.position == crowd[1].position).all() and (alone.arm_angle == crowd[1].arm_angle).all()
+    assert_alone_as_in_a_crowd(drives, ("position", "arm_angle"), record=Record(rate=5000.0), duration=3e-3)
 
 
 def test_archive_and_pictures_hold_the_joint(tmp_path):
@@ -129,7 +126,7 @@ def test_a_tensioner_does_not_push_an_arm_on_an_arm():
 
 
 def test_a_row_of_arms_is_of_one_chain():
-    drive = load_drive(drive_path("v6"))
+    drive = example("v6")
     more = LOWER | {"name": "more", "arm": "left arm", "pivot": [-0.09, 0.2], "center": [-0.1, 0.22]}
     wider = drive.with_values({"arms": [*(arm.model_dump(exclude_none=True) for arm in drive.arms), more]})
     rings = {ring.name: [arm.name for arm in ring.drive.arms] for ring in rings_of(wider)}

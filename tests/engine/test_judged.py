@@ -5,12 +5,11 @@ import warnings
 
 import numpy as np
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, example, two_sprockets
 
-from warpchain import Limits, Record, load_drive, read_archive, simulate
+from warpchain import Limits, Record, read_archive, simulate
 from warpchain.assembly.timestep import automatic_step
 from warpchain.drive import Drive
-from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
 from warpchain.engine.outcomes import engaged
@@ -151,7 +150,7 @@ def test_archives_keep_what_was_judged_and_objectives_leave_it_out(tmp_path):
 def test_friction_and_ramps_of_a_few_steps_are_suspect_with_their_number():
     """The ramp over the step; of joints sqrt((2 pi / z) (m p^2 / 6) / (mu kappa r_p T)) over it. Where it is below 45,
     half the step changes tensions by 4 to 40 % (`scripts/bench.py resolution`), though no energy is missed."""
-    car = load_drive(drive_path("car"))
+    car = example("car")
     rubbing = car.with_values({"chain.joint.friction": 1.6})
     sudden = car.with_values({"sprockets.crank.prescribed.ramp_time": 4e-6})
     run, _ = run_of([car, rubbing, sudden], duration=0.05, window=(0.04, 0.05))
@@ -174,7 +173,7 @@ def test_a_start_that_still_swings_is_suspect():
     second. Half the step changes the 99.9 % quantile by 44 % (`scripts/bench.py resolution`), though 70 steps resolve
     the ramp, energy is kept to 1e-3 and no drift is significant. Ramped up in 0.2 s, as the example is, it is ok.
     """
-    drive = load_drive(drive_path("industrial"))
+    drive = example("industrial")
     jerked = drive.with_values({"sprockets.motor.prescribed.ramp_time": 6e-4})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, example, two_sprockets
 from scipy.optimize import least_squares
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, simulate
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.drive.examples import drive_path
 
 PITCH, MASS = 0.0127, 0.0088
 OWN = {
@@ -57,7 +56,7 @@ def test_a_wheel_of_one_rollers_inertia_ripples_the_same_at_any_step():
 
 @pytest.mark.parametrize(("name", "duration"), [("industrial", 0.4), ("engine", 0.2)])
 def test_an_example_has_the_results_of_a_quarter_of_its_step(name, duration):
-    drive = load_drive(drive_path(name)).with_values({"run.duration": duration})
+    drive = example(name).with_values({"run.duration": duration})
     step = float(resolve_step(drive))
     run = simulate(
         [drive.with_values({"run.step": h}) for h in (step, step / 4.0)], record=Record("none"), device="cpu"
@@ -92,7 +91,7 @@ def test_what_sticks_on_a_guide_and_in_joints_stays_for_a_million_steps():
 
 def test_an_arm_of_little_inertia_runs_to_near_the_limit_of_its_step():
     # 0.003 of the car's shoe: one seated roller's inertia about the pivot is some hundred times as much
-    car = load_drive(drive_path("car"))
+    car = example("car")
     light = car.with_values({"arms.arm.inertia": 0.003 * car.arms[0].inertia, "run.duration": 0.06})
     steps = [part * float(step_limit(light)) for part in (0.9, 0.15)]
     run = simulate([light.with_values({"run.step": h}) for h in steps], record=Record("none"), device="cpu",

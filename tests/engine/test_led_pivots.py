@@ -5,7 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, errors_of, two_sprockets
+from drives import BLADE, errors_of, example, two_sprockets
 
 from warpchain import Record, load_drive, read_archive, simulate, write_archive
 from warpchain.drive.examples import drive_path
@@ -66,7 +66,7 @@ def test_the_work_of_what_leads_a_pivot_closes_the_energy(integrator, precision)
 def idler(**values):
     """The example, its arm's pivot shaken a little."""
     table = shaken() | {"factor": 0.05}
-    return load_drive(drive_path("swing_idler")).with_values({"arms.0.pivot_table": table} | values)
+    return example("swing_idler").with_values({"arms.0.pivot_table": table} | values)
 
 
 @pytest.mark.usefixtures("device")

@@ -3,12 +3,11 @@
 import contextlib
 
 import pytest
-from drives import ONE_CHAIN, numbers, two_sprockets
+from drives import ONE_CHAIN, example, numbers, two_sprockets
 
-from warpchain import Record, load_drive
+from warpchain import Record
 from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.drive.replace import Changes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
@@ -20,7 +19,7 @@ PLACES = ("first_roller", "first_sprocket", "first_guide", "first_contact", "fir
 
 def mixed():
     """All examples, some alike in all but a load, out of order and some repeated."""
-    marine = load_drive(drive_path("marine"))
+    marine = example("marine")
     torque = [marine.with_values({"sprockets.camshaft.load.torque": 8000.0 + k}) for k in range(3)]
     beats = [{"order": 3, "amplitude": 100.0, "phase": 0.5}, {"order": 6, "amplitude": 50.0, "phase": 0.0}]
     torque.append(marine.with_values({"sprockets.camshaft.load.harmonics": beats}))
@@ -29,7 +28,7 @@ def mixed():
         torque.append(marine.with_values({"sprockets.camshaft.load.table": table}))
     worn = marine.with_values({"chain.elongation": 0.002})
     stiff = marine.with_values({"sprockets.camshaft.inertia": 9.0})
-    others = [load_drive(drive_path(name)) for name in ONE_CHAIN]
+    others = [example(name) for name in ONE_CHAIN]
     own = [[{"link": 3 + v, "elongation": 1e-3 * v}, {"link": 9, "elongation": 2e-3}] for v in range(3)]
     unlike = [
         marine.with_values({"chain.worn_links": own[v], "chain.play": 1e-4 * (1.0 + v), "chain.outer": outer})
@@ -94,7 +93,7 @@ def test_each_variant_is_packed_as_if_alone():
 
 def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
     """Of a stack as alone: rows of links stay zero where all are the same spring."""
-    marine = load_drive(drive_path("marine"))
+    marine = example("marine")
     stiffness, damping = marine.chain.stiffness, marine.chain.damping
     drives = [
         marine.with_values({"chain.stiffness": k, "chain.outer": {"stiffness": stiffness, "damping": damping}})
@@ -109,7 +108,7 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
 @pytest.mark.parametrize("name", ONE_CHAIN)  # of one chain
 @pytest.mark.filterwarnings("ignore")
 def test_every_number_of_an_example_may_vary_in_a_batch(name):
-    base = load_drive(drive_path(name))
+    base = example(name)
     changes = Changes(base)
     for path in numbers(base):
         value, drives = base.get_value(path), []

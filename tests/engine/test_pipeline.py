@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from drives import MARINE, two_sprockets
+from drives import assert_same_frames, example, two_sprockets
 from raw import Frames
 
-from warpchain import Record, load_drive, read_archive, simulate
+from warpchain import Record, read_archive, simulate
 from warpchain.drive.batch import stacks_of
 from warpchain.engine import devices, gpu, pipeline, share
 from warpchain.engine.arrays import sums_bytes
@@ -43,7 +43,7 @@ def short(**changes):
 
 def mixed():
     """Nine drives, unlike in values, links, sprockets, steps and settling; the sixth diverges."""
-    marine = load_drive(MARINE).with_values({"run.duration": 0.002})
+    marine = example("marine").with_values({"run.duration": 0.002})
     mad = short(contact=2e8, floor=1e-9, torque=5e7, viscous=1e8)
     settling = [two_sprockets(duration=0.002, torque=50.0 * k) for k in (1, 2)]
     return [short(), short(torque=100.0, step=3e-6), marine, *settling, mad, marine, short(teeth=24, links=64),
@@ -117,8 +117,7 @@ def test_what_is_recorded_goes_in_one_share_with_the_same_frames(gpus, monkeypat
     assert counts == [9] * 4
     for of in (many, read_archive(tmp_path / "x.mcap")):
         for v in (1, 6):
-            for name, values in one[v].channels().items():
-                np.testing.assert_array_equal(values, getattr(of[v], name), err_msg=name)
+            assert_same_frames(one[v], of[v])
         assert of.metrics.equals(one.metrics)
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 import warp as wp
-from drives import timing, two_sprockets
+from drives import example, timing, two_sprockets
 
-from warpchain import load_drive, simulate
-from warpchain.drive.examples import drive_path
+from warpchain import simulate
 from warpchain.engine.cpu import kernel_of
 from warpchain.engine.pack import pack
 from warpchain.kernels.cpu.relax import relax_kernel
@@ -22,10 +21,10 @@ PLAIN = two_sprockets(duration=0.002)
     ("drives", "settles_plainly", "steps_plainly"),
     [
         ([PLAIN], True, True),
-        ([load_drive(drive_path("marine"))], True, True),  # its guide is a straight bar
+        ([example("marine")], True, True),  # its guide is a straight bar
         ([RK4], True, False),  # settling knows no integrator
         ([timing()], False, False),
-        ([load_drive(drive_path("engine"))], True, True),  # so is its guide, and it has a mount
+        ([example("engine")], True, True),  # so is its guide, and it has a mount
         ([PLAIN, RK4], True, False),
     ],
 )

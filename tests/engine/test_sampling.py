@@ -1,13 +1,11 @@
 """What is not looked at every step is as good as if it were."""
 
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from loading import load_script
 
-from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.engine.simulation import longest_apart, look_every
 from warpchain.kernels.sums import MERGE_EVERY
 from warpchain.results.schedule import LOOK_EVERY
@@ -69,5 +67,5 @@ LOOKS = [("marine", 1e-5, 64), ("marine", None, 32), ("industrial", None, 64)]  
 
 @pytest.mark.parametrize(("name", "step", "looks"), LOOKS)
 def test_examples_with_slow_teeth_are_looked_at_every_64_steps(name, step, looks):
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     assert int(longest_apart(drive, resolve_step(drive, step))) == looks

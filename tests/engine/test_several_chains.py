@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import warp as wp
 from blocks import LIGHT, pack_for
-from drives import two_sprockets
+from drives import assert_alone_as_in_a_crowd, example, two_sprockets
 
-from warpchain import Limits, Record, load_drive, loads_drive, simulate
+from warpchain import Limits, Record, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.examples import drive_path
 from warpchain.engine import buckets
 from warpchain.engine.chains import Rows
 from warpchain.engine.devices import _cut
@@ -44,6 +43,14 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(side_b
     rows = side_by_side.metrics.to_pylist()
     for name in BALANCE:  # sums over two chains are rounded otherwise
         assert rows[1][name] == pytest.approx(rows[0][name], rel=1e-9), name
+
+
+def test_two_equal_chains_on_a_light_shaft_are_one_of_twice_the_mass_stiffness_and_contact():
+    """To round-off: what contacts expect of a shaft lighter than its rollers, all chains on it answer together."""
+    drives = [chains.side_by_side(count, duration=0.01, step=2.5e-6) for count in (0, 2)]
+    one, two = simulate([of.with_values({"sprockets.b0.inertia": 0.05}) for of in drives], device="cpu").values()
+    for half in (slice(0, 60), slice(60, 120)):
+        np.testing.assert_allclose(two.position[:, half], one.position, atol=1e-12)
 
 
 def test_shares_of_a_shaft_count_once_in_the_step_limit():
@@ -87,14 +94,10 @@ def test_the_energy_balance_is_of_all_chains(turning):
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_variant_alone_is_the_same_in_a_crowd(precision):
-    others = [load_drive(drive_path(name)).with_values({"run.duration": 0.002}) for name in ("engine", "marine")]
+    others = [example(name).with_values({"run.duration": 0.002}) for name in ("engine", "marine")]
     drives = [chains.two_stages(duration=0.01), two_sprockets(duration=0.01), chains.side_by_side(2, duration=0.01)]
     drives += others
-    crowd = simulate(drives, device="cpu", precision=precision)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, device="cpu", precision=precision)[0]
-        for name, values in alone.channels().items():
-            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+    assert_alone_as_in_a_crowd(drives, device="cpu", precision=precision)
 
 
 @pytest.mark.parametrize("values", [{}, LIGHT], ids=["usual", "light"])
@@ -102,7 +105,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
 def test_unjoined_chains_with_sprockets_on_arms_are_each_as_alone(values):
     """Bitwise."""
     few = {"run.duration": 5e-3, "run.settle": False}
-    drive = load_drive(drive_path("swing_idler")).with_values(few | values)
+    drive = example("swing_idler").with_values(few | values)
     alone, both = (simulate(of, device="cpu", record=Record([0]))[0] for of in (drive, chains.twice(drive)))
     for part in chain_trajectories(both).values():
         for channel in ("position", "sprocket_speed", "sprocket_center", "arm_angle"):
@@ -112,7 +115,7 @@ def test_unjoined_chains_with_sprockets_on_arms_are_each_as_alone(values):
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 def test_a_train_beside_several_chains_is_the_same_as_alone():
     """Bitwise, though the kernel of several chains steps it."""
-    train, arm, several = (load_drive(drive_path(name)) for name in ("conveyor", "swing_idler", "v6"))
+    train, arm, several = (example(name) for name in ("conveyor", "swing_idler", "v6"))
     mine = [drive.with_values({"run.duration": 0.01}) for drive in (train, arm)]
     alone = simulate(mine, device="cpu")
     crowd = simulate([several.with_values({"run.duration": 1e-3}), *mine], device="cpu")
@@ -168,7 +171,7 @@ def test_only_where_a_chain_is_slack_does_settling_go_by_rounding():
 
     1e-10 m: round-off of some thousand steps of relaxation; 1e-4 m: a hundredth of a pitch.
     """
-    drive = load_drive(drive_path("v6"))
+    drive = example("v6")
     rows = Rows([drive], stacks_of([drive]))
     first, second = (pack(rows.drives, [Schedule(1e-6, 1, 0, 1, 0)] * 4, rows.stacks) for _ in range(2))
     second.rollers *= 1.0 + 1e-16 * np.random.default_rng(1).standard_normal(len(second.rollers))
@@ -283,7 +286,7 @@ def test_a_gpu_takes_the_steps_of_the_cpu(precision, within):
     if not wp.is_cpu_available():
         pytest.skip("needs Warp's compiler for the CPU")
     few = {"run.duration": 4e-4, "run.step": 1e-6, "run.settle": False}
-    drives = [load_drive(drive_path("v6")).with_values(few), chains.two_stages(duration=1e-3)]
+    drives = [example("v6").with_values(few), chains.two_stages(duration=1e-3)]
     cpu, gpu = (simulate(drives, device=device, precision=precision) for device in ("cpu", "cuda:0"))
     for v in range(len(drives)):
         np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=within)
@@ -294,13 +297,9 @@ def test_a_gpu_takes_the_steps_of_the_cpu(precision, within):
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_variant_alone_on_a_gpu_is_the_same_in_a_crowd(precision):
     """Bitwise, with as many of a kind on a multiprocessor."""
-    v6 = load_drive(drive_path("v6")).with_values({"run.duration": 0.002})
+    v6 = example("v6").with_values({"run.duration": 0.002})
     drives = [chains.two_stages(duration=0.005), two_sprockets(duration=0.005), v6]
-    crowd = simulate(drives, device="cuda:0", precision=precision)
-    for v, drive in enumerate(drives):
-        alone = simulate(drive, device="cuda:0", precision=precision)[0]
-        for name, values in alone.channels().items():
-            np.testing.assert_array_equal(values, crowd[v].channels()[name], err_msg=name)
+    assert_alone_as_in_a_crowd(drives, device="cuda:0", precision=precision)
 
 
 @pytest.mark.gpu

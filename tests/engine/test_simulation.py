@@ -7,9 +7,9 @@ import threading
 import numpy as np
 import pytest
 import warp as wp
-from drives import MARINE, two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, simulate
 from warpchain.engine.arrays import TABLE, empty_sums, sums_bytes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
@@ -23,7 +23,7 @@ def short(**changes):
 
 def crowd():
     """Drives that differ in values, links, teeth, sprockets, guide-bars, step and integrator."""
-    marine = load_drive(MARINE).with_values({"run.duration": 0.004, "run.settle": False})
+    marine = example("marine").with_values({"run.duration": 0.004, "run.settle": False})
     return [short(), short(torque=100.0, step=3e-6), marine, short(teeth=24, links=64), short(integrator="rk4"),
             marine.with_values({"guides": (), "sprockets.camshaft.inertia": 500.0})]  # fmt: skip
 
@@ -107,7 +107,7 @@ def test_metrics_equal_those_taken_from_what_was_recorded():
 
 @pytest.mark.usefixtures("device")
 def test_columns_have_units_and_absent_parts_are_null():
-    table = simulate([short(), load_drive(MARINE).with_values({"run.duration": 0.002})], record=Record("none")).metrics
+    table = simulate([short(), example("marine").with_values({"run.duration": 0.002})], record=Record("none")).metrics
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
     assert units["tension_mean"] == "N"
     assert units["driven.speed_std"] == "rad/s"

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 import raw
+from drives import assert_alone_as_in_a_crowd, example
 from scipy.optimize import brentq
 
-from warpchain import Record, assemble, load_drive, read_archive, simulate
+from warpchain import Record, assemble, read_archive, simulate
 from warpchain.assembly.arm_balance import StillArm, chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
-from warpchain.drive.examples import drive_path
 from warpchain.modal.system import system
 from warpchain.results.scene import arm_outline
 from warpchain.view.rerun import view
@@ -98,7 +98,7 @@ BARE = {"chain.joint": None, "contact.sprocket.friction": 0.0, "sprockets.idler.
 
 def swing(**values):
     """The example, without friction."""
-    return load_drive(drive_path("swing_idler")).with_values(BARE | values)
+    return example("swing_idler").with_values(BARE | values)
 
 
 def test_the_spring_s_moment_is_twice_the_tension_times_sine_and_lever():
@@ -203,7 +203,7 @@ def test_on_a_long_lever_a_sprocket_moves_as_on_a_slide():
 def test_a_published_derailleur_stands_as_published():
     # its 120 links put the cage where it is drawn, to 0.1 degrees: places are given to 0.01 mm, over a lever of 0.1 m,
     # and the tension is what a spring of 5 N m gives by both jockeys' bisectors, less the weight
-    drive = load_drive(drive_path("derailleur")).with_values({"sprockets.cog.load": None})
+    drive = example("derailleur").with_values({"sprockets.cog.load": None})
     path = chain_path(drive)
     assert abs(np.degrees(path.arm_angle[0])) < 0.1
     moment = 0.0
@@ -220,7 +220,7 @@ def test_a_published_derailleur_stands_as_published():
 @pytest.mark.usefixtures("device")
 def test_energy_of_a_drive_with_an_idler_on_an_arm():
     # all of it: chain, contacts, friction of joints, teeth and the bearing, the arm's spring, damper and weight
-    drive = load_drive(drive_path("swing_idler"))
+    drive = example("swing_idler")
     row = simulate(drive, record=Record("none"), duration=0.3, window=(0.2, 0.3)).metrics.to_pylist()[0]
     assert abs(row["energy_residual_relative"]) < 1e-5
     assert row["idler.bearing_friction"] > 0.0 and row["swing arm.damping_loss"] > 0.0
@@ -233,17 +233,14 @@ def test_energy_of_a_drive_with_an_idler_on_an_arm():
 
 
 def test_the_same_bits_alone_and_in_a_crowd():
-    drive = load_drive(drive_path("swing_idler"))
+    drive = example("swing_idler")
     drives = [drive.with_values({"arms.0.stiffness": k}) for k in (30.0, 40.0, 50.0)]
-    crowd = simulate(drives, record=Record(rate=5000.0), duration=5e-3)
-    for v, one in enumerate(drives):
-        alone = simulate(one, record=Record(rate=5000.0), duration=5e-3)[0]
-        assert (alone.position == crowd[v].position).all() and (alone.arm_angle == crowd[v].arm_angle).all()
+    assert_alone_as_in_a_crowd(drives, ("position", "arm_angle"), record=Record(rate=5000.0), duration=5e-3)
 
 
 def test_an_idler_on_a_shaft_turns_with_its_inertia():
     """As one that has both inertias itself, to rounding: the shaft stands between the sprockets and the arm."""
-    idler = load_drive(drive_path("swing_idler")).with_values({"run.duration": 2e-3, "run.settle": False})
+    idler = example("swing_idler").with_values({"run.duration": 2e-3, "run.settle": False})
     own = idler.sprockets[1].inertia
     shaft = {"shafts": [{"name": "on it", "inertia": 2.0 * own}], "sprockets.idler.shaft": "on it"}
     heavy, tied = idler.with_values({"sprockets.idler.inertia": 3.0 * own}), idler.with_values(shaft)
@@ -254,7 +251,7 @@ def test_an_idler_on_a_shaft_turns_with_its_inertia():
 
 
 def test_archive_and_playback_hold_the_arm_and_its_sprocket(tmp_path):
-    drive = load_drive(drive_path("swing_idler"))
+    drive = example("swing_idler")
     run = simulate(drive, record=Record(rate=5000.0), duration=4e-3, archive=tmp_path / "a.mcap")
     back = read_archive(tmp_path / "a.mcap")[0]
     assert back.drive == drive

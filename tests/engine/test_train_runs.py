@@ -5,9 +5,10 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import STARTING, periods, ran, swing, two_sprockets, with_parts
+from drives import STARTING, assert_alone_as_in_a_crowd, example, periods, ran, swing, two_sprockets, with_parts
+from parts import coupling, gears, shaft
 
-from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
+from warpchain import Drive, Record, dumps_drive, simulate
 
 
 def test_two_inertias_swing_on_a_coupling(device):
@@ -25,7 +26,7 @@ def test_two_inertias_swing_on_a_coupling(device):
 def test_lash_lengthens_the_period(device):
     # with the speed u = w A where the spring begins, A its greatest twist beyond the lash: 2 pi/w + 4 b/(w A)
     lash = 2e-3
-    run, row = ran(with_parts(swing(f"lash = {lash}"), duration=0.12))
+    run, row = ran(with_parts(swing(lash=lash), duration=0.12))
     omega, speed = math.sqrt(3e5 * (1.0 / 0.5 + 1.0 / 0.3)), 2.0
     found = periods(run[0].time[200:], run[0].coupling_twist[200:, 0])
     assert len(found) > 4
@@ -43,18 +44,14 @@ def test_damper_of_a_coupling_takes_what_the_swing_loses(device):
     assert abs(row["energy_residual"]) < 1e-6 * row["link.damping_loss"]
 
 
-MOTOR = """
-[[shafts]]
-name = "free"
-inertia = 0.5
-motor = {{ {motor} }}
-{load}
-"""
+def motored(motor, **values):
+    """A motor on a shaft of its own, beside a chain at rest."""
+    return with_parts(shaft("free", inertia=0.5, motor=motor), **values)
 
 
 def test_a_constant_moment_starts_an_inertia(device):
     # w = M t / J; leapfrog has it exactly
-    run, row = ran(with_parts(MOTOR.format(motor="torque = 20.0", load=""), duration=0.02))
+    run, row = ran(motored({"torque": 20.0}, duration=0.02))
     assert run[0].shaft_speed[:, 0] == pytest.approx(20.0 * run[0].time / 0.5, abs=1e-12)
     assert run[0].shaft_angle[:, 0] == pytest.approx(20.0 * run[0].time ** 2 / 1.0, rel=1e-4, abs=1e-8)
     assert row["free.motor_work"] == pytest.approx(0.5 * 0.5 * (20.0 * 0.02 / 0.5) ** 2, rel=1e-9)
@@ -64,9 +61,8 @@ def test_a_constant_moment_starts_an_inertia(device):
 @pytest.mark.parametrize(("integrator", "error"), [("leapfrog", 2e-6), ("rk4", 1e-10)])
 def test_a_moment_against_a_viscous_load(device, integrator, error):
     # w = (M/c) (1 - exp(-c t/J)); leapfrog's drag is half a step late, c h / 2J = 4e-5 of the drag at first order
-    load = "load = { viscous = 20.0 }"
-    drive = with_parts(MOTOR.format(motor="torque = 20.0", load=load), duration=0.05, integrator=integrator)
-    run, row = ran(drive)
+    text = shaft("free", inertia=0.5, motor={"torque": 20.0}, load={"viscous": 20.0})
+    run, row = ran(with_parts(text, duration=0.05, integrator=integrator))
     expected = (1.0 - np.exp(-20.0 * run[0].time / 0.5)) * 20.0 / 20.0
     assert np.abs(run[0].shaft_speed[:, 0] - expected).max() < 50.0 * error
     assert row["output_work"] > 0.0
@@ -75,7 +71,7 @@ def test_a_moment_against_a_viscous_load(device, integrator, error):
 
 def test_power_limits_the_moment(device):
     # from P / M on at constant power: w^2 = (P/M)^2 + 2 P (t - t1) / J
-    run, _ = ran(with_parts(MOTOR.format(motor="torque = 20.0, power = 10.0", load=""), duration=0.05))
+    run, _ = ran(motored({"torque": 20.0, "power": 10.0}, duration=0.05))
     start = 0.5 / 20.0 * 0.5
     after = run[0].time > start
     expected = np.sqrt(0.25 + 2.0 * 10.0 / 0.5 * (run[0].time[after] - start))
@@ -85,42 +81,23 @@ def test_power_limits_the_moment(device):
 @pytest.mark.parametrize(
     ("table", "expected"),
     [
-        ("speed = [0.0, 1.0], torque = [20.0, 0.0]", lambda t: 1.0 - np.exp(-20.0 * t / 0.5)),
-        ("time = [0.0, 0.05], torque = [0.0, 20.0]", lambda t: 0.5 * 20.0 / 0.05 * t**2 / 0.5),
-        (
-            "angle = [0.0, 6.283185307179586], torque = [20.0, 20.0]",
-            lambda t: 20.0 * t / 0.5,
-        ),
+        ({"speed": [0.0, 1.0], "torque": [20.0, 0.0]}, lambda t: 1.0 - np.exp(-20.0 * t / 0.5)),
+        ({"time": [0.0, 0.05], "torque": [0.0, 20.0]}, lambda t: 0.5 * 20.0 / 0.05 * t**2 / 0.5),
+        ({"angle": [0.0, math.tau], "torque": [20.0, 20.0]}, lambda t: 20.0 * t / 0.5),
     ],
 )
 def test_tables_of_a_motor(device, table, expected):
     # linear tables, whose equations have closed solutions; the torque is half a step late over speed
-    run, _ = ran(with_parts(MOTOR.format(motor=f"table = {{ {table} }}", load=""), duration=0.05))
+    run, _ = ran(motored({"table": table}, duration=0.05))
     assert run[0].shaft_speed[:, 0] == pytest.approx(expected(run[0].time), abs=2e-4)
 
 
-GEARED = """
-[[shafts]]
-name = "first"
-inertia = 0.5
-motor = { torque = 20.0 }
-[[shafts]]
-name = "second"
-inertia = 0.9
-load = { viscous = 3.0 }
-[[gears]]
-name = "pair"
-between = ["first", "second"]
-teeth = [20, 50]
-module = 0.004
-"""
-ONE = """
-[[shafts]]
-name = "first"
-inertia = 0.644
-motor = { torque = 20.0 }
-load = { viscous = 0.48 }
-"""
+GEARED = (
+    shaft("first", inertia=0.5, motor={"torque": 20.0})
+    + shaft("second", inertia=0.9, load={"viscous": 3.0})
+    + gears("pair", ["first", "second"], [20, 50])
+)
+ONE = shaft("first", inertia=0.644, motor={"torque": 20.0}, load={"viscous": 0.48})
 
 
 def test_a_geared_inertia_is_that_times_the_ratio_squared(device):
@@ -139,39 +116,16 @@ def test_a_geared_inertia_is_that_times_the_ratio_squared(device):
 
 def test_two_stages_turn_in_the_product_of_their_ratios(device):
     # z1 z3 / (z2 z4), backward twice: forward
-    text = (
-        GEARED
-        + """
-[[shafts]]
-name = "third"
-inertia = 0.2
-[[gears]]
-name = "next"
-between = ["second", "third"]
-teeth = [17, 34]
-module = 0.004
-"""
-    )
-    run, _ = ran(with_parts(text, duration=0.01))
+    more = shaft("third", inertia=0.2) + gears("next", ["second", "third"], [17, 34])
+    run, _ = ran(with_parts(GEARED + more, duration=0.01))
     speed = np.asarray(run[0].shaft_speed, float)
     assert speed[:, 2] == pytest.approx(speed[:, 0] * 20.0 * 17.0 / (50.0 * 34.0), rel=1e-12)
 
 
 def test_a_prescribed_shaft_leads_its_train(device):
-    text = """
-[[shafts]]
-name = "led"
-prescribed = { speed = 8.0, ramp_time = 0.01, harmonics = [{ order = 2.0, amplitude = 0.1 }] }
-[[shafts]]
-name = "follows"
-inertia = 0.2
-[[gears]]
-name = "pair"
-between = ["led", "follows"]
-teeth = [30, 20]
-module = 0.004
-internal = true
-"""
+    motion = {"speed": 8.0, "ramp_time": 0.01, "harmonics": [{"order": 2.0, "amplitude": 0.1}]}
+    pair = gears("pair", ["led", "follows"], [30, 20], internal=True)
+    text = shaft("led", prescribed=motion) + shaft("follows", inertia=0.2) + pair
     run, row = ran(with_parts(text, duration=0.02))
     assert abs(row["energy_residual"]) < 1e-12  # nothing works: what leads both has no inertia to lead
     speed = np.asarray(run[0].shaft_speed, float)
@@ -179,20 +133,12 @@ internal = true
     assert speed[:, 1] == pytest.approx(1.5 * speed[:, 0], rel=1e-12)
 
 
-ON_SHAFTS = """
-[[shafts]]
-name = "output"
-inertia = 1.5
-load = { torque = 100.0, ramp_time = 0.01 }
-"""
-
-
 def test_a_sprocket_on_a_shaft_turns_as_one_with_it(device):
     # shaft and sprocket are one inertia of their sum: 0.5 + 1.5 = 2, bitwise, as are their moments
     alone = two_sprockets(torque=100.0, load_ramp=0.01, inertia=2.0, duration=0.01, settle="false")
     changed = alone.with_values(
         {"sprockets.driven.load": None, "sprockets.driven.inertia": 0.5, "sprockets.driven.shaft": "output"}
-        | {"shafts": loads_drive(dumps_drive(alone) + ON_SHAFTS).shafts}
+        | {"shafts": [{"name": "output", "inertia": 1.5, "load": {"torque": 100.0, "ramp_time": 0.01}}]}
     )
     first, row = ran(alone)
     second, other = ran(changed)
@@ -204,19 +150,14 @@ def test_a_sprocket_on_a_shaft_turns_as_one_with_it(device):
 
 def conveyor(**values):
     """The first part of the conveyor's start."""
-    from warpchain import load_drive
-    from warpchain.drive.examples import drive_path
 
-    return load_drive(drive_path("conveyor")).with_values({"run.duration": 0.06, "run.settle": False} | values)
+    return example("conveyor").with_values({"run.duration": 0.06, "run.settle": False} | values)
 
 
 def test_a_variant_has_the_same_bits_alone_and_in_a_crowd():
     drives = [conveyor(**{"shafts.motor.motor.table.factor": factor}) for factor in (1.0, 0.8, 1.2)]
     drives.append(conveyor(**{"couplings.coupling.lash": 0.0}))
-    crowd = simulate(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
-    alone = simulate(drives[2], record=Record(rate=2e3), device="cpu", limits=STARTING)
-    for name, values in alone[0].channels().items():
-        np.testing.assert_array_equal(values, getattr(crowd[2], name), err_msg=name)
+    crowd = assert_alone_as_in_a_crowd(drives, record=Record(rate=2e3), device="cpu", limits=STARTING)
     speeds = [float(crowd[v].shaft_speed[-1, 0]) for v in range(3)]
     assert speeds[1] < speeds[0] < speeds[2]
 
@@ -233,20 +174,8 @@ def test_energy_of_a_started_conveyor(device, precision, most):
 
 def test_a_coupling_leads_its_shaft_where_the_other_is_prescribed(device):
     # the work of what prescribes the governor comes in through the coupling, and is all that comes in
-    text = """
-[[shafts]]
-name = "led"
-prescribed = { speed = 3.0 }
-[[shafts]]
-name = "pulled"
-inertia = 0.2
-initial_speed = 0.0
-[[couplings]]
-name = "soft"
-between = ["led", "pulled"]
-stiffness = 500.0
-damping = 2.0
-"""
+    text = shaft("led", prescribed={"speed": 3.0}) + shaft("pulled", inertia=0.2, initial_speed=0.0)
+    text += coupling("soft", ["led", "pulled"], 500.0, damping=2.0)
     _, row = ran(with_parts(text, duration=0.05, integrator="rk4", step=5e-6))
     assert row["input_work"] > 0.0
     assert abs(row["energy_residual"]) < 1e-6 * row["input_work"]
@@ -254,13 +183,8 @@ damping = 2.0
 
 def test_a_drive_coasts_down(device):
     # nothing drives: what the flywheel loses goes into the load and the losses, all of it
-    text = """
-[[shafts]]
-name = "flywheel"
-inertia = 20.0
-initial_speed = 10.0
-"""
-    values = tomllib.loads(dumps_drive(two_sprockets(torque=0.0, viscous=40.0, duration=0.2)) + text)
+    text = dumps_drive(two_sprockets(torque=0.0, viscous=40.0, duration=0.2))
+    values = tomllib.loads(text + shaft("flywheel", inertia=20.0, initial_speed=10.0))
     del values["sprockets"][0]["prescribed"]
     values["sprockets"][0]["shaft"] = "flywheel"
     drive = Drive(**values)

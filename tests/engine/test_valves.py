@@ -5,31 +5,29 @@ import math
 import numpy as np
 import pytest
 from drives import ran, with_parts
+from parts import gears, part, shaft
 
 from warpchain import simulate
 
 MASS, PRELOAD, STIFFNESS, LIFT, FLANK = 0.11, 177.0, 24.5e3, 0.0092, math.radians(60.0)
-GROUP = """
-[[valves]]
-name = "valves"
-on = "{on}"
-number = 2
-phases = [0.0, 90.0, 180.0, 270.0]
-mass = 0.11
-spring = {{ preload = 177.0, stiffness = 24.5e3 }}
-profile = {{ shape = "{shape}", lift = 0.0092, rise = 60.0, fall = 60.0 }}
-"""
-SHAFT = """
-[[shafts]]
-name = "{name}"
-{keys}
-"""
+
+
+def group(on, shape="polynomial"):
+    """Eight valves."""
+    profile = {"shape": shape, "lift": LIFT, "rise": 60.0, "fall": 60.0}
+    spring = {"preload": PRELOAD, "stiffness": STIFFNESS}
+    phases = [0.0, 90.0, 180.0, 270.0]
+    return part("valves", "valves", on=on, number=2, phases=phases, mass=MASS, spring=spring, profile=profile)
 
 
 def cams(keys, shape="polynomial", **values):
     """Eight valves on a camshaft beside a chain at rest."""
-    text = SHAFT.format(name="camshaft", keys=keys) + GROUP.format(on="camshaft", shape=shape)
-    return with_parts(text, **values)
+    return with_parts(shaft("camshaft", **keys) + group("camshaft", shape), **values)
+
+
+def free(speed):
+    """Keys of a camshaft that nothing drives."""
+    return {"inertia": 1.0e-3, "initial_speed": speed}
 
 
 def polynomial(phi):
@@ -55,7 +53,7 @@ def polynomial(phi):
 def test_a_free_camshaft_keeps_its_energy(speed, shape, integrator, turn):
     # 100 turns: J_e w^2 / 2 + sum (F_0 + k l / 2) l stays; a step turns it by `turn` [rad] at most
     turns, step = math.tau * 100.0 / speed, min(5e-6, turn / speed)
-    drive = cams(f"inertia = 1.0e-3\ninitial_speed = {speed}", shape, duration=turns, step=step, integrator=integrator)
+    drive = cams(free(speed), shape, duration=turns, step=step, integrator=integrator)
     row = ran(drive, rate=100.0)[1]
     assert abs(row["energy_change"]) < 1e-6 * 0.5 * 1e-3 * speed**2
     assert row["camshaft.speed_max"] > 1.01 * row["camshaft.speed_min"]
@@ -64,7 +62,7 @@ def test_a_free_camshaft_keeps_its_energy(speed, shape, integrator, turn):
 
 def test_its_speed_follows_the_energy(device):
     # w^2 (J + sum m l'^2) = 2 (E - V) at every angle, whatever came before
-    drive = cams("inertia = 1.0e-3\ninitial_speed = 300.0", duration=0.05)
+    drive = cams(free(300.0), duration=0.05)
     run, _ = ran(drive)
     angle, speed = np.asarray(run[0].shaft_angle)[:, 0], np.asarray(run[0].shaft_speed)[:, 0]
     inertia, energy = 1.0e-3, 0.0
@@ -81,7 +79,7 @@ def test_orders_of_the_torque(speed, rows):
     # against an FFT of the formula sum (F_0 + k l + m w^2 l'') l'; rows of half a degree leave 1e-7 of it, those of a
     # table of whole degrees 2^4 times as much, as orders of cubic splines are of fourth order
     duration, rate = math.tau / speed, 2.0**14 * speed / math.tau
-    drive = cams(f"prescribed = {{ speed = {speed} }}", duration=1.001 * duration, step=1.0 / rate / 8.0)
+    drive = cams({"prescribed": {"speed": speed}}, duration=1.001 * duration, step=1.0 / rate / 8.0)
     if rows is not None:
         angle = np.linspace(0.0, math.tau, rows + 1)
         table = {"angle": angle.tolist(), "lift": polynomial(angle)[0].tolist()}
@@ -105,7 +103,7 @@ def test_the_speed_at_which_followers_lift_off(share, floats):
     lift, _, bend = polynomial(np.linspace(0.0, 2.0 * FLANK, 100_001))
     limit = math.sqrt(((PRELOAD + STIFFNESS * lift)[bend < 0.0] / (-MASS * bend[bend < 0.0])).min())
     speed = share * limit
-    drive = cams(f"prescribed = {{ speed = {speed} }}", duration=0.03)
+    drive = cams({"prescribed": {"speed": speed}}, duration=0.03)
     assert drive.valves[0].float_speed == pytest.approx(limit, rel=1e-3)
     run, row = ran(drive)
     least = (PRELOAD + STIFFNESS * lift + MASS * speed**2 * bend).min()
@@ -117,13 +115,13 @@ def test_the_speed_at_which_followers_lift_off(share, floats):
 def test_geared_valves_are_those_of_one_shaft():
     # a geared inertia is rho^2 J without the gear, valves included: to round-off
     geared = with_parts(
-        SHAFT.format(name="idler", keys="inertia = 4.0e-3\ninitial_speed = 150.0")
-        + SHAFT.format(name="camshaft", keys="inertia = 1.0e-3")
-        + '[[gears]]\nname = "pair"\nbetween = ["idler", "camshaft"]\nteeth = [40, 20]\nmodule = 0.002\n'
-        + GROUP.format(on="camshaft", shape="polynomial"),
+        shaft("idler", inertia=4.0e-3, initial_speed=150.0)
+        + shaft("camshaft", inertia=1.0e-3)
+        + gears("pair", ["idler", "camshaft"], [40, 20], module=0.002)
+        + group("camshaft"),
         duration=0.02,
     )
-    alone = cams("inertia = 2.0e-3\ninitial_speed = 300.0", duration=0.02)
+    alone = cams({"inertia": 2.0e-3, "initial_speed": 300.0}, duration=0.02)
     run, row = ran(geared, rate=1e5)
     mine = np.abs(np.asarray(run[0].shaft_speed)[:, 1])
     assert mine == pytest.approx(np.asarray(ran(alone, rate=1e5)[0][0].shaft_speed)[:, 0], rel=1e-11)
@@ -136,7 +134,7 @@ def test_geared_valves_are_those_of_one_shaft():
 
 def test_valves_turn_on_with_the_drive():
     # `run.phase` of half a tooth turns a camshaft of 20 teeth on by 9 degrees: as if its cams began 9 degrees sooner
-    drive = with_parts(GROUP.format(on="driven", shape="polynomial"), duration=0.002)
+    drive = with_parts(group("driven"), duration=0.002)
     rows = [
         ran(drive.with_values(values), rate=1e5)[0][0].valve_torque[0, 0]
         for values in ({"run.phase": 0.5}, {"valves.valves.phase": -9.0})
@@ -147,7 +145,7 @@ def test_valves_turn_on_with_the_drive():
 
 def test_unlike_valves_together():
     # whatever else is in the ensemble, a variant has the same bits
-    drive = cams("inertia = 1.0e-3\ninitial_speed = 300.0", duration=0.004)
+    drive = cams(free(300.0), duration=0.004)
     more = [
         {"valves.valves.profile.lift": 0.008, "valves.valves.spring.preload": 200.0},
         {"valves.valves.profile.rise": 70.0},

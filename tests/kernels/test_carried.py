@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import raw
-from drives import MARINE
+from drives import example
 from grown import grown, recipe, recipe_code, run_in
 
-from warpchain import dumps_drive, load_drive, simulate
+from warpchain import dumps_drive, simulate
 from warpchain.engine.fill import FORMS
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
@@ -84,7 +84,7 @@ def test_the_recipe_of_a_body(tmp_path):
     # on the ground; one on springs does not, and the energy balance closes as well as on the ground (some 5e-4)
     changes = recipe("A new kind of body")
     assert {path for path, _, _ in changes} == {"warpchain/engine/fill.py", "warpchain/engine/pack.py"}
-    marine = load_drive(MARINE)
+    marine = example("marine")
     bar = {f"guides.0.{end}": np.add(getattr(marine.guides[0], end), (0.03, 0.0)).tolist() for end in ("start", "end")}
     short = {"run.duration": 0.02, "run.sample_rate": 5000.0} | bar
     drives = [

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from raw import stepped
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
@@ -28,7 +26,7 @@ def test_where_launches_end_does_not_matter():
 def test_where_groups_begin_does_not_matter(by):
     # 162 rollers are three groups; whichever number a roller has, it moves alike, to the round-off of the sums of
     # moments (1e-16 of 1e5 N m), which 300 steps of 1e-5 s turn into less than 1e-12 m
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     packed = pack([drive], [Schedule(1e-5, 300, 0, 300, 0)])
     n = drive.chain.links
     turned = replace(

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from raw import chain, stepped
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import TABLE
 from warpchain.engine.pack import pack
 from warpchain.kernels.cpu.rollers import rows
@@ -30,7 +28,7 @@ def assert_alike(once, often, sums=tuple(TABLE["sums"])):
 @pytest.mark.parametrize("name", ["marine", "engine", "car"])
 def test_runs_that_are_kept_give_what_new_ones_give(name, precision):
     # sprockets that move, guide-bars, profiles on arms; bitwise, but for the tallies of links, which each launch merges
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     packed = pack([drive], [Schedule(5e-6, 800, 0, 800, 0)]).at_precision(precision)
     assert_alike(*alike(packed, 400), sums=("contact", "sprocket", "mount"))
 

@@ -53,14 +53,14 @@ def lead(
     state.content = pair_of(rest.content)
     state.root = wp.float32(rest.root)
     state.farthest = wp.float32(rest.farthest)
-    state.unfilled = rest.unfilled
+    state.unfilled = wp.float32(rest.unfilled)
     meter = BLOCKS.TensionerFlows()
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
         after, flows = tensioner_step(x, rate, wp.float32(h), True, state, t)
         state = after
-        meter = add_flows(meter, flows)
+        meter = add_flows(meter, flows, True)
         force, pressure = tensioner_force(x, rate, True, state, t)
         if i % every == 0:
             row = i // every - 1

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from drives import MARINE
+from drives import example
 from grown import CONTRIBUTING, grown, recipe, run_in
 
-from warpchain import dumps_drive, load_drive
+from warpchain import dumps_drive
 
 TITLES = [line.removeprefix("## ") for line in CONTRIBUTING.read_text().splitlines() if line.startswith("## A new ")]
 ON_FIBERS = """
@@ -26,7 +26,7 @@ assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in s
 def test_blocks_follow_every_recipe(tmp_path, precision):
     # metrics, frames of every channel and the state, to round-off; the bar on springs is pressed 3 cm into the chain
     assert len(TITLES) == 6
-    marine = load_drive(MARINE)
+    marine = example("marine")
     bar = {f"guides.0.{end}": np.add(getattr(marine.guides[0], end), (0.03, 0.0)).tolist() for end in ("start", "end")}
     files = [tmp_path / "one.toml", tmp_path / "other.toml"]
     for file, torque in zip(files, (9e3, 6e3), strict=True):

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from command import run
-from drives import two_sprockets
+from command import refused
+from drives import example, two_sprockets
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import bulk_modulus, oil_stiffness, static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
@@ -246,7 +244,7 @@ def test_an_arm_pressed_on_a_strand():
 
 @pytest.fixture(scope="module")
 def car():
-    return load_drive(drive_path("car"))
+    return example("car")
 
 
 def test_pictures_page_and_arrays_have_arms(car, tmp_path):
@@ -289,9 +287,7 @@ def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
     ],
 )
 def test_mistakes_are_said_in_one_line(words, line, capsys):
-    status, _, (said,) = run(capsys, "modes", "car", *words)
-    assert status == 2
-    assert line in said
+    assert line in refused(capsys, "modes", "car", *words)
 
 
 def test_an_arm_that_nothing_holds_is_told_apart():
@@ -306,9 +302,7 @@ def test_an_arm_that_nothing_holds_is_told_apart():
 def test_a_valve_is_shut_or_open(car, capsys):
     with pytest.raises(SimulationError, match="must be 'shut' or 'open'"):
         modes(car, valve="ajar")
-    status, _, (said,) = run(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
-    assert status == 2
-    assert "takes one speed" in said
+    assert "takes one speed" in refused(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
 
 
 def test_what_does_not_settle_is_refused():

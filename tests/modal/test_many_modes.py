@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import load_drive, modes
+from warpchain import modes
 from warpchain.assembly import assemble, statics
-from warpchain.drive.examples import drive_path
 from warpchain.engine import processes
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.modal.eigenmodes import Modes
@@ -62,7 +61,7 @@ def test_the_search_for_rest_ends_at_rounding(name, monkeypatch):
     """Forces of 1e5 N are known to 1e-16 of the links' stiffness times places of 1 m: what is left of them cannot be
     less than some 1e-11. From 1e-6 of the largest, Newton's method with a shift that falls by 0.15 a step is whole
     after 8 steps, and each whole step squares what is left: it ends in a few more, not in the 400 that are allowed."""
-    drive, steps = load_drive(drive_path(name)), []
+    drive, steps = example(name), []
     solve = statics._Solver._solve
     monkeypatch.setattr(statics._Solver, "_solve", lambda *given: steps.append(1) or solve(*given))
     potentials, found = statics.equilibrium([drive], [0.0], [assemble(drive)])

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 from raw import chain
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import oil_stiffness, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.modal.eigenmodes import eigenpairs
@@ -173,7 +171,7 @@ def test_contacts_damp_along_their_normals(values, damper):
 def test_structure_changes_nothing_for_arms_and_oil():
     """As above, of the example `car`: an arm that carries a curved guide, and a chamber
     of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
-    drive = load_drive(drive_path("car"))
+    drive = example("car")
     (found,) = system(drive).parts
     probe = Probe(found.packed)
     try:

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from drives import timing, two_sprockets
+from drives import example, timing, two_sprockets
 from scipy.optimize import least_squares
 
-from warpchain import assemble, load_drive
+from warpchain import assemble
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import fill_steps
 from warpchain.errors import SimulationError
@@ -106,7 +105,7 @@ def fitted(times, signal, guess):
 )
 def test_a_kicked_drive_swings_as_its_modes(name, chosen):
     """Frequency and damping to a tenth of the 2 % that are asked for."""
-    found = system(load_drive(drive_path(name)))
+    found = system(example(name))
     result = modes_of(found, max(chosen) + 1)
     run = np.array(swung(found, result, chosen))
     assert (np.abs(run - result.eigenvalue[chosen]) < 2e-3 * np.abs(run)).all()
@@ -131,7 +130,7 @@ def test_rollers_on_their_seats_damp_a_sprocket_that_swings(restitution, zeta, e
 
 def test_contacts_of_the_engine_damp_its_strands():
     """Against an independent Jacobian: ten to a hundred times what the links alone damp."""
-    result = modes(load_drive(drive_path("engine")), 12)
+    result = modes(example("engine"), 12)
     zeta = dict(zip(result.names, result.damping_ratio, strict=True))
     assert zeta["idler->crankshaft 1"] == pytest.approx(2.0e-4, rel=0.02)
     assert zeta["intake cam->idler 2"] == pytest.approx(1.40e-4, rel=0.02)
@@ -143,7 +142,7 @@ def test_a_slide_on_oil_swings_as_its_modes():
     place = {"name": "element", "on": "tensioner", "at": [0.038317, 0.18], "direction": [-1.0, 0.0]}
     element = timing().tensioners[0].model_dump() | place
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
-    drive = load_drive(drive_path("engine")).with_values({"tensioners": [element], **elastic})
+    drive = example("engine").with_values({"tensioners": [element], **elastic})
     found = system(drive)
     result = modes_of(found, 10)
     chosen = [0, int(np.argmax(result.stored[:, 0]))]
@@ -156,7 +155,7 @@ def test_the_faintest_motion_of_a_car_has_its_valve_open():
     """As above, of the drive as it is: a kick of 1 nm changes the pressure by some Pa; 3 kPa would shut the valve,
     which passes fifty times what the gap does. The arm's mode then has 104 Hz instead of 580, and 7 % instead of 11."""
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
-    found = system(load_drive(drive_path("car")).with_values(elastic), valve="open")
+    found = system(example("car").with_values(elastic), valve="open")
     result = modes_of(found, 30)
     chosen = [0, int(np.argmax(result.participation[:, result.parts.index("arm")]))]
     shut = modes_of(system(found.drive), 30)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
+from parts import coupling, gears, shaft
 
 from warpchain import loads_drive
 from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
-from warpchain.modal.campbell import assurance, campbell
+from warpchain.modal.campbell import assurance, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.phases import over_a_pitch
 from warpchain.modal.system import system
 
 
@@ -32,7 +32,7 @@ def three_shafts(inertia):
     return loads_drive(
         chain("first", 80, 0.05, damping=0.0)
         + chain("second", 78, 0.04, stiffness=3e7, damping=0.0)
-        + f'[[shafts]]\nname = "middle"\ninertia = {inertia[0] - 100.0}\n'
+        + shaft("middle", inertia=inertia[0] - 100.0)
         + sprocket("crank", 40, (0.0, 0.0), "first", more="prescribed = { speed = 1.0 }")
         + sprocket("mid in", 40, (mid, 0.0), "first", "middle", "inertia = 60.0")
         + sprocket("mid out", 30, (mid, 0.0), "second", "middle", "inertia = 40.0")
@@ -69,16 +69,7 @@ def test_torsion_of_three_shafts_on_two_chains():
     assert found.bodies[own][:, [1, 2], 2] == pytest.approx(found.bodies[own][:, [4, 4], 2], rel=1e-12)
 
 
-FLYWHEEL = """
-[[shafts]]
-name = "flywheel"
-inertia = 1600.0
-[[gears]]
-name = "pair"
-between = ["middle", "flywheel"]
-teeth = [20, 40]
-module = 0.004
-"""
+FLYWHEEL = shaft("flywheel", inertia=1600.0) + gears("pair", ["middle", "flywheel"], [20, 40])
 """Turns half as fast as the shaft between the chains."""
 
 
@@ -94,11 +85,8 @@ def test_a_geared_inertia_is_a_fourth_of_it_on_the_shaft():
 
 def test_torsion_of_a_wheel_on_a_coupling_behind_two_chains():
     # as of three shafts, with a fourth on the coupling's spring
-    drive = plus(
-        three_shafts((2000.0, 1500.0)),
-        '[[shafts]]\nname = "wheel"\ninertia = 800.0\n[[couplings]]\nname = "soft"\nbetween = ["out", "wheel"]\n'
-        "stiffness = 3e5\n",
-    )
+    wheel = shaft("wheel", inertia=800.0) + coupling("soft", ["out", "wheel"], 3e5)
+    drive = plus(three_shafts((2000.0, 1500.0)), wheel)
     radii = [p / (2.0 * math.sin(math.pi / z)) for p, z in ((0.05, 40), (0.04, 30))]
     strands = strand(5e7, 20, 40), strand(3e7, 24, 30)
     first, second = (2.0 * r * r * own for r, own in zip(radii, strands, strict=True))

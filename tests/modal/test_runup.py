@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from loading import load_script
 
-from warpchain.modal.phases import over_a_pitch
+from warpchain.modal.campbell import over_a_pitch
 
 
 @pytest.fixture(scope="module")

@@ -4,49 +4,22 @@ import math
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
+from parts import coupling, gears, part, shaft
 
-from warpchain import dumps_drive, load_drive, loads_drive
-from warpchain.drive.examples import drive_path
+from warpchain import dumps_drive, loads_drive
 from warpchain.modal.eigenmodes import modes
 
-SOFT = """
-[[shafts]]
-name = "a"
-inertia = 0.5
-[[couplings]]
-name = "soft"
-between = ["driven", "a"]
-stiffness = 1e3
-"""
+SOFT = shaft("a", inertia=0.5) + coupling("soft", ["driven", "a"], 1e3)
 MANY = 100
 """Modes: nearly all that a chain of 60 links has."""
 
-PAIR = """
-[[shafts]]
-name = "a"
-inertia = 0.5
-initial_speed = 2.0
-[[shafts]]
-name = "b"
-inertia = 0.3
-[[couplings]]
-name = "link"
-between = ["a", "b"]
-stiffness = 3e4
-damping = 2.0
-lash = 0.001
-"""
-GEARED = """
-[[shafts]]
-name = "c"
-inertia = 0.2
-[[gears]]
-name = "pair"
-between = ["b", "c"]
-teeth = [30, 20]
-module = 0.003
-"""
+PAIR = (
+    shaft("a", inertia=0.5, initial_speed=2.0)
+    + shaft("b", inertia=0.3)
+    + coupling("link", ["a", "b"], 3e4, damping=2.0, lash=0.001)
+)
+GEARED = shaft("c", inertia=0.2) + gears("pair", ["b", "c"], [30, 20], module=0.003)
 
 
 def rest(text):
@@ -86,7 +59,7 @@ def test_two_inertias_over_a_gearbox_and_its_clutch():
 def test_a_soft_coupling_behind_the_driven_sprocket():
     # the driver stands, the driven sprocket hangs on its tight strand of n links, K_s = k R^2 / n, a shaft behind a
     # coupling soft beside that: both springs in series, 1.5 % of k; teeth that give too are within a tenth of that
-    drive = loads_drive(dumps_drive(two_sprockets()) + SOFT)
+    drive = rest(SOFT)
     found = modes(drive, count=MANY)
     strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 20.0
     omega = math.sqrt(1.0 / (1.0 / 1e3 + 1.0 / strand) / 0.5)
@@ -99,7 +72,7 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     # as steep as its torque falls near its final speed the motor is a damper of 25 * 75 / 7 = 270 N m s at the driver,
     # which stands beside the drum's swing; the drum, 12 kg m^2, hangs on the coupling and the tight strand in series,
     # k R^2 / n = 3.2e5 N m/rad beside 2.5e4; chain, driven sprocket and what the driver gives are within 3 %
-    drive = load_drive(drive_path("conveyor"))
+    drive = example("conveyor")
     found = modes(drive, count=8, speed=drive.driver_speed)
     strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 39.0
     omega = math.sqrt(1.0 / (1.0 / 2.5e4 + 1.0 / strand) / 12.0)
@@ -108,20 +81,11 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     assert 0.04 < -found.eigenvalue[k].real / abs(found.eigenvalue[k]) < 0.3
 
 
-VALVES = """
-[[valves]]
-name = "valves"
-on = "b"
-mass = 400.0
-spring = { preload = 100.0, stiffness = 1e4 }
-profile = { lift = 0.02, rise = 60.0, fall = 60.0 }
-phase = -30.0
-"""
-
-
 def test_valves_have_the_inertia_of_where_they_stand():
     # J_e = J + m l'^2 with l' = 35/16 of the lift over its angle, in the middle of the flank; 1e-6 by differences
-    found = modes(rest(PAIR + VALVES), count=MANY)
+    spring, profile = {"preload": 100.0, "stiffness": 1e4}, {"lift": 0.02, "rise": 60.0, "fall": 60.0}
+    valves = part("valves", "valves", on="b", mass=400.0, spring=spring, profile=profile, phase=-30.0)
+    found = modes(rest(PAIR + valves), count=MANY)
     slope = 0.02 * 35.0 / 16.0 / math.radians(60.0)
     omega = math.sqrt(3e4 * (1.0 / 0.5 + 1.0 / (0.3 + 400.0 * slope**2)))
     assert np.abs(np.abs(found.eigenvalue) / omega - 1.0).min() < 1e-6

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 import pytest
-from drives import MARINE, two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import Limits, Record, load_drive, simulate
+from warpchain import Limits, Record, simulate
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
 from warpchain.results.formulas import Balance
@@ -174,7 +174,7 @@ def test_a_load_beyond_all_bounds_is_not_ok_whatever_the_limits(torque):
         for cam, phases in (("intake", (1.5708, -1.5708)), ("exhaust", (2.9671, 1.2217)))
     }  # fmt: skip
     values = beats | {"sprockets.intake cam.load.torque": torque, "valves": []}
-    drive = load_drive(MARINE.with_name("car.toml")).with_values(values)
+    drive = example("car").with_values(values)
     (row,) = simulate(drive, duration=1e-4, record=Record("none")).metrics.to_pylist()
     assert row["status"] == "suspect"
     limits = Limits(**{key: OFF.get(key, math.inf) for key in Limits.model_fields})

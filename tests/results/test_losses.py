@@ -1,16 +1,14 @@
 """Losses by group: with output, change of energy and residual they make up the input."""
 
 import pytest
-from drives import row
+from drives import example, row
 
-from warpchain import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.results.losses import losses
 
 
 def test_losses_close_the_energy_balance():
     """input = output + losses + change + residual, all of them sums of the same window: to rounding of float64."""
-    drive = load_drive(drive_path("engine")).with_values({"run.duration": 0.004})
+    drive = example("engine").with_values({"run.duration": 0.004})
     metrics = row(drive)
     found = losses(drive, metrics)
     assert list(found) == sorted(found, key=lambda group: -found[group])
@@ -23,7 +21,7 @@ def test_losses_close_the_energy_balance():
 def test_what_a_start_stored_is_no_work_of_the_loads():
     """Marine, lightly loaded, gives back in 0.3 to 0.6 s what its start stored, 7 % of the input; 4 s tell 0.927."""
     path = {"sprockets.camshaft.load.torque": 6000.0, "sprockets.crankshaft.prescribed.speed": 8.0}
-    drive = load_drive(drive_path("marine")).with_values(path)
+    drive = example("marine").with_values(path)
     early, late = row(drive, duration=0.6), row(drive, duration=4.0)
     assert early["output_work"] / early["input_work"] > 0.98
     assert early["efficiency"] == pytest.approx(late["efficiency"], abs=0.005)

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, example, two_sprockets
 from grown import grown, recipe, run_in
 
-from warpchain import Record, dumps_drive, load_drive, simulate
+from warpchain import Record, dumps_drive, simulate
 from warpchain.assembly.timestep import resolve_step
-from warpchain.examples import drive_path, example_names
+from warpchain.examples import example_names
 from warpchain.results.batch_means import ERROR
 from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
 from warpchain.results.objectives import add_objectives
@@ -36,7 +36,7 @@ def drives():
     """Every example, and a drive with a moving sprocket and one that does not settle."""
     shaken = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
     moving = two_sprockets().with_values({"sprockets.driver.mount": shaken})
-    return [*(load_drive(drive_path(name)) for name in example_names()), moving, two_sprockets(settle="false")]
+    return [*(example(name) for name in example_names()), moving, two_sprockets(settle="false")]
 
 
 @pytest.mark.long

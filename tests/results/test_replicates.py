@@ -3,9 +3,9 @@
 import numpy as np
 import pyarrow as pa
 import pytest
-from drives import MARINE, two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import Record, load_drive, read_archive, simulate
+from warpchain import Record, read_archive, simulate
 from warpchain.results.replicate_metrics import summary
 
 TABLE = {
@@ -108,7 +108,7 @@ def test_builds_differ_by_what_turning_the_whole_machine_does():
     """A machine that is drawn turned, gravity and all, is the same one, and settles to within the same tolerance on
     another way. What that makes of the largest tension is within the scatter between builds (3 standard deviations,
     and half of one at least), and far above what copies 1e-9 pitches apart tell."""
-    drive = load_drive(MARINE.with_name("industrial.toml")).with_values({"run.duration": 0.4})
+    drive = example("industrial").with_values({"run.duration": 0.4})
 
     def turned(angle):
         across = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from drives import MARINE, timing, two_sprockets
+from drives import example, timing, two_sprockets
 from layouts import winding
 
 import warpchain
-from warpchain import load_drive, simulate
+from warpchain import simulate
 from warpchain.results.scene import (
     arm_outline,
     contact_arrows,
@@ -23,7 +23,7 @@ from warpchain.results.scene import (
 
 @pytest.mark.parametrize("s", [0, 1])
 def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
-    drive = load_drive(MARINE)
+    drive = example("marine")
     outline = tooth_outline(drive, s)
     np.testing.assert_array_equal(outline[0], outline[-1])
     radius = np.hypot(*outline.T)
@@ -39,7 +39,7 @@ def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
 
 
 def test_guide_outline_is_the_face_with_tangent_ends():
-    drive = load_drive(MARINE)
+    drive = example("marine")
     outline, guide = guide_outline(drive, 0), drive.guides[0]
     for point in (guide.start, guide.end):
         assert np.hypot(*(outline - point).T).min() < 1e-12

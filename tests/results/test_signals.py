@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import example, two_sprockets
 
-from warpchain import Trajectory, load_drive, simulate
-from warpchain.drive.examples import drive_path
+from warpchain import Trajectory, simulate
 from warpchain.results import signals
 from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
@@ -23,12 +22,12 @@ from warpchain.results.signals import (
 )
 
 
-def turning(driver, driven=None, time=None, teeth=20):
+def turning(driver, driven=None, time=None):
     """A trajectory of angles (F,) [rad] alone."""
     time = np.linspace(0.0, 10.0, 20001) if time is None else time
     angle = np.stack([driver, driver if driven is None else driven], axis=1)
     speed = np.gradient(angle, time, axis=0)
-    return Trajectory(two_sprockets(teeth=teeth), time, sprocket_angle=angle, sprocket_speed=speed)
+    return Trajectory(two_sprockets(), time, sprocket_angle=angle, sprocket_speed=speed)
 
 
 def test_a_sine_shows_its_amplitude_at_its_frequency():
@@ -88,7 +87,7 @@ def test_transmission_errors_are_shown_in_degrees(monkeypatch):
 
 
 def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():
-    drive = load_drive(drive_path("marine")).with_values({"run.duration": 0.35, "run.sample_rate": 1000.0})
+    drive = example("marine").with_values({"run.duration": 0.35, "run.sample_rate": 1000.0})
     trajectory = simulate(drive)[0]
     ((force, rollers),) = guide_forces(trajectory)
     np.testing.assert_allclose(force, trajectory.guide_force.sum(axis=1), rtol=1e-12)

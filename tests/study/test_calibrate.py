@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from browsing import BESIDE, CUT, browser, no_browser
-from command import run
+from command import refused, run
 from scipy.stats import chisquare
 from study_helpers import write_study
 
@@ -271,8 +271,7 @@ def test_mistakes_are_said_in_a_line(tmp_path, capsys, old, new, words):
     (tmp_path / "rig.csv").write_text("time,F\n0,1\n1,1\n")
     assert old in CALIBRATION
     path = write_study(tmp_path, text=CALIBRATION.replace(old, new).replace("{value}", "100.0"))
-    status, _, err = run(capsys, "calibrate", path, "-o", tmp_path / "out")
-    assert status == 2 and len(err) == 1 and words in err[0], err
+    assert words in refused(capsys, "calibrate", path, "-o", tmp_path / "out")
 
 
 def test_a_study_without_measurements_is_refused(tmp_path):

@@ -112,10 +112,10 @@ def page(tmp_path_factory):
         yield opened
 
 
-def kept(low_tension=-np.inf, high_tension=40e3, more=True):
+def kept(high_tension=40e3):
     table = study()
     tension = np.array(table["tension_max"])
-    return (np.array(table["status"]) == "ok") & (tension >= low_tension) & (tension <= high_tension) & more
+    return (np.array(table["status"]) == "ok") & (tension <= high_tension)
 
 
 def test_limits_of_the_study_are_set_and_can_be_let_go(page):

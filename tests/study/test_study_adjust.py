@@ -3,21 +3,20 @@
 import math
 
 import pytest
+from drives import example
 from layouts import PITCH, Placed, drive_of
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import nearest_links
-from warpchain.drive import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.study.run.row_drives import adjusted_all
 from warpchain.study.spec.study_tables import Adjust
 
 
-def pair(span, links=44, teeth=12):
+def pair(span, teeth=12):
     """Two equal sprockets: half of each is wrapped, each strand has span / (pitch (1 + strain)) links."""
-    return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], links)
+    return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], 44)
 
 
 def adjusted(drive, adjust, row):
@@ -40,7 +39,7 @@ def test_place_of_a_pair_is_the_closed_form(strain):
 
 @pytest.mark.parametrize("teeth", [19, 24, 25, 30, 33, 41])
 def test_marine_tightener_takes_other_wheels(teeth):
-    base = load_drive(drive_path("marine"))
+    base = example("marine")
     force = base.chain.stiffness * base.chain.pitch
     drive = base.with_values({"sprockets.tightener.teeth": teeth})
     adjust = Adjust(sprocket="tightener", direction=(1.0, -0.2), links="even", preload="2 * half")

@@ -12,8 +12,8 @@ from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.results import export_table, read_results
 
 
-def results(columns, factors, metrics=None):
-    return read_results(pa.table({"variant": range(len(next(iter(columns.values())))), **columns}), factors, metrics)
+def results(columns, factors):
+    return read_results(pa.table({"variant": range(len(next(iter(columns.values())))), **columns}), factors)
 
 
 def grid():

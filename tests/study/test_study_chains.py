@@ -2,6 +2,7 @@
 
 import chains
 import pytest
+from parts import part
 
 from warpchain import Limits, Record, assemble, run_study, simulate
 from warpchain.drive import load_drive, save_drive
@@ -23,20 +24,12 @@ variants = [0]
 device = "cpu"
 duration = {}
 """
-STUDY = """
-[study]
-drive = "two.toml"
-[design]
-kind = "factorial"
-[[factors]]
-name = "torque"
-path = "sprockets.out.load.torque"
-levels = [100.0, 300.0]
-[[factors]]
-name = "teeth"
-path = "sprockets.out.teeth"
-levels = [36, 60]
-"""
+FACTORIAL = '[study]\ndrive = "two.toml"\n[design]\nkind = "factorial"\n'
+STUDY = (
+    FACTORIAL
+    + part("factors", "torque", path="sprockets.out.load.torque", levels=[100.0, 300.0])
+    + part("factors", "teeth", path="sprockets.out.teeth", levels=[36, 60])
+)
 
 
 def studied(drive, study, folder):
@@ -62,20 +55,11 @@ def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     assert rows[1]["reason"].startswith('chain "second": ')
 
 
-GEARED = """
-[study]
-drive = "two.toml"
-[design]
-kind = "factorial"
-[[factors]]
-name = "stiffness"
-path = "chains.second.stiffness"
-levels = [4e7, 5e7]
-[[factors]]
-name = "twist"
-path = "couplings.joint.stiffness"
-levels = [2e4, 4e4]
-"""
+GEARED = (
+    FACTORIAL
+    + part("factors", "stiffness", path="chains.second.stiffness", levels=[4e7, 5e7])
+    + part("factors", "twist", path="couplings.joint.stiffness", levels=[2e4, 4e4])
+)
 
 
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
@@ -92,21 +76,8 @@ def test_factors_of_one_of_geared_chains_and_of_a_coupling(tmp_path):
     assert len({row["joint.torque_mean"] for row in rows}) == 4
 
 
-ADJUSTED = """
-[study]
-drive = "two.toml"
-[design]
-kind = "factorial"
-[[factors]]
-name = "teeth"
-path = "sprockets.out.teeth"
-levels = [34, 36, 40]
-[adjust]
-sprocket = "out"
-direction = [1.0, 0.0]
-links = "even"
-preload = 4000.0
-"""
+ADJUSTED = FACTORIAL + part("factors", "teeth", path="sprockets.out.teeth", levels=[34, 36, 40])
+ADJUSTED += '[adjust]\nsprocket = "out"\ndirection = [1.0, 0.0]\nlinks = "even"\npreload = 4000.0\n'
 
 
 @pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import example
 
 import warpchain.study
-from warpchain import load_drive
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
 NAMES = (
@@ -37,7 +36,7 @@ def test_these_are_all():
 def test_the_study_reader_takes_them(name):
     spec = pytest.importorskip("warpchain.study.spec")
     loaded = spec.load_study(FOLDER / f"{name}.toml")
-    spec.check_drive(loaded, load_drive(drive_path(loaded.study.drive)), name)  # raises what does not fit the drive
+    spec.check_drive(loaded, example(loaded.study.drive), name)  # raises what does not fit the drive
     assert [factor.name for factor in loaded.factors] == [factor["name"] for factor in study(name)["factors"]]
 
 
@@ -45,7 +44,7 @@ def test_the_study_reader_takes_them(name):
 def test_the_bar_stands_where_the_study_says(indentation):
     """At indentation d the rollers of the straight strand would be d deep in the bar's face, at both of its ends."""
     values = study("guide-indentation")
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     given = {"indentation": indentation}
     changes = {each["path"]: eval(each["expression"], given) for each in values["factors"] if "path" in each}
     moved = drive.with_values(changes)
@@ -59,7 +58,7 @@ def test_the_bar_stands_where_the_study_says(indentation):
 
 def test_the_elongated_chain_keeps_the_sprockets_pitch():
     factors = {factor["name"]: factor for factor in study("pitch-elongation")["factors"]}
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     assert eval(factors["chain_pitch"]["expression"], {"elongation": 0.0}) == drive.chain.pitch
     assert float(factors["sprocket_pitch"]["expression"]) == drive.chain.pitch
     assert set(factors["sprocket_pitch"]["paths"]) == {f"sprockets.{s.name}.pitch" for s in drive.sprockets}
@@ -68,7 +67,7 @@ def test_the_elongated_chain_keeps_the_sprockets_pitch():
 def test_the_cars_blade_keeps_its_middle_and_its_length():
     """Of any radius; with the drawn one and the drawn lever it is the drive as drawn, to what the file rounds."""
     bench = warpchain.open_study(FOLDER / "car-tensioner.toml")
-    drawn = load_drive(drive_path("car"))
+    drawn = example("car")
     here = drawn.tensioners[0].at
     lever = float(np.hypot(*np.subtract(here, drawn.arms[0].pivot)))
     same, flat = bench.drives([{"preload": 40.0, "lever": lever, "radius": r} for r in (0.25, 0.4)])

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
-from drives import MARINE
+from drives import example
 from pyarrow import parquet
 from scipy import stats
 from study_helpers import STUDY, write_study
 
-from warpchain import load_drive
 from warpchain.errors import StudyError
 from warpchain.study.analysis.sensitivity import factors_of_problem, problem_of_factors, surface_indices
 from warpchain.study.analysis.surface import fit_surface
@@ -30,15 +29,15 @@ def study_of(factors, design="factorial"):
     return loads_study(HEAD.format(design) + "".join(f"[[factors]]\n{factor}\n" for factor in factors))
 
 
-def errors_of(factors, drive=None):
+def errors_of(factors):
     with pytest.raises(StudyError) as caught:
         study = study_of(factors)
-        check_drive(study, drive or load_drive(MARINE), "s")
+        check_drive(study, example("marine"), "s")
     return str(caught.value)
 
 
 def test_relative_and_offset_factors_go_by_the_drives_own_values():
-    drive = load_drive(MARINE)
+    drive = example("marine")
     study = study_of([
         'name = "load"\npath = "sprockets.camshaft.load.torque"\nrelative = true\nlevels = [0.5, 2.0]',
         'name = "aside"\npath = "sprockets.tightener.center.0"\noffset = true\nlevels = [-0.01, 0.02]',
@@ -59,7 +58,7 @@ def test_relative_and_offset_factors_go_by_the_drives_own_values():
 
 def test_a_bar_is_shifted_along_its_normal_as_one_factor():
     """By d towards the chain, which rides on the left: start and end move by d (-sin a, cos a), a the bar's angle."""
-    drive = load_drive(MARINE)
+    drive = example("marine")
     bar = drive.guides[0]
     study = study_of([
         f'name = "press"\nshift = "guides.{bar.name}"\nlevels = [0.0, 0.004]',

@@ -7,7 +7,7 @@ import pytest
 from command import run
 from pyarrow import parquet
 from stopping import Killed, killed_at_file_operation
-from study_helpers import STUDY, write_study
+from study_helpers import STUDY, rows_of, write_study
 
 from warpchain.errors import StudyError
 from warpchain.study.design.matrix import extended
@@ -21,12 +21,6 @@ RECORD = '[record]\nworst = { metric = "tension_max", count = 1 }\n'
 
 def table_of(folder):
     return parquet.read_table(folder / "results.parquet").to_pylist()
-
-
-def rows_of(folder, name="results"):
-    """The rows of a table, but for where their recordings are."""
-    rows = parquet.read_table(folder / f"{name}.parquet").to_pylist()
-    return [{key: value for key, value in row.items() if not key.startswith("archive")} for row in rows]
 
 
 def edit(source, *changes):
@@ -93,7 +87,7 @@ def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
     assert status == 0 and "of longer runs, 7 went on from where the ones before stood, 1 began anew" in told
     run_study(source, tmp_path / "new")
     assert rows_of(out) == rows_of(tmp_path / "new")
-    assert rows_of(out, "replicates") == rows_of(tmp_path / "new", "replicates")
+    assert rows_of(out, name="replicates") == rows_of(tmp_path / "new", name="replicates")
     assert parquet.read_table(out / "results.before-1.parquet").to_pylist() == first
     edit(source, ("window = [0.0, 0.0064]", "window = [0.0064, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
     edit(source, ("keep_states = true", "keep_states = false"))

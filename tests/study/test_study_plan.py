@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pyarrow as pa
 import pytest
-from command import run
+from command import refused, run
 from pyarrow import parquet
 from scipy import stats
 from study_helpers import STUDY, write_study
@@ -97,11 +97,9 @@ def test_an_earlier_study_tells_the_precision(tmp_path, capsys):
 
 def test_refusals(tmp_path, capsys):
     source = write_study(tmp_path, points=2)
-    status, _, err = run(capsys, "study", "plan", source, "--stored", "--precision", "tension_mean=1")
-    assert status == 2 and "needs --like" in err[0]
+    assert "needs --like" in refused(capsys, "study", "plan", source, "--stored", "--precision", "tension_mean=1")
     for word in ("tension_mean", "tension_mean=0", "=3"):
-        status, _, err = run(capsys, "study", "plan", source, "--precision", word)
-        assert status == 2 and len(err) == 1 and "must be METRIC=VALUE" in err[0]
+        assert "must be METRIC=VALUE" in refused(capsys, "study", "plan", source, "--precision", word)
     run_study(source, tmp_path / "out")
     with pytest.raises(StudyError, match="no row was run several times"):
         plan_study(source, like=tmp_path / "out", calibrate=False)

@@ -4,9 +4,8 @@ import re
 from pathlib import Path
 
 import pytest
+from drives import example
 
-from warpchain.drive import load_drive
-from warpchain.drive.examples import drive_path
 from warpchain.drive.schema import Part
 from warpchain.errors import DriveError, StudyError
 from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
@@ -189,7 +188,7 @@ def test_document_names_every_key(document):
 
 
 def test_paths_are_held_against_the_drive():
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     check_drive(loads_study(WHOLE), drive, "study.toml")
     spoiled = WHOLE.replace("camshaft.load.torque", "camshaft.lod.torque").replace('"contact.sprocket.width"', '"gear"')
     with pytest.raises(StudyError) as caught:

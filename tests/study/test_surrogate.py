@@ -16,11 +16,11 @@ pytest.importorskip("sklearn")
 KINDS = ("gaussian", "quadratic")
 
 
-def made(rows=80, noise=0.1, seed=3, errors=False, offset=0.0):
+def made(rows=80, noise=0.1, seed=3, errors=False):
     """y = 3 a - 2 b^2 + noise over a, b in 0 .. 2, -1 .. 1."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.0, 2.0, rows), rng.uniform(-1.0, 1.0, rows)
-    y = offset + 3.0 * a - 2.0 * b * b + noise * rng.standard_normal(rows)
+    y = 3.0 * a - 2.0 * b * b + noise * rng.standard_normal(rows)
     columns = {"a": a, "b": b, "y": y} | ({"y_se": np.full(rows, noise)} if errors else {})
     return read_results(pa.table(columns), ["a", "b"], ["y"])
 

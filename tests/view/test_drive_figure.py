@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from command import run as command
-from drives import two_sprockets
+from drives import example, two_sprockets
 from matplotlib.collections import LineCollection
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import StillArm, chain_path
-from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.examples import example_names
 from warpchain.drive.rings import rings_of
 from warpchain.results.guide_load import on_face, on_guide_frame
 from warpchain.results.scene import chain_line, parts_at, pose_at_frame, pose_at_start, teeth_at
@@ -23,7 +23,7 @@ from warpchain.view.notebook import SIZE
 def moved():
     """The car's drive with its crank 4 mm nearer, which leaves more of the chain to the blade."""
     nearer = {"sprockets.crank.center": [0.0, 0.004], "run.duration": 0.004}
-    return simulate(load_drive(drive_path("car")).with_values(nearer), record=Record(rate=2000.0))[0]
+    return simulate(example("car").with_values(nearer), record=Record(rate=2000.0))[0]
 
 
 def heights(drive, points, arm):
@@ -55,7 +55,7 @@ def rides(drive):
 def test_the_drawn_chain_rides_on_sprockets_and_guides(name):
     """The line touches every pitch circle, and is never lower over a face than rollers on it are; where the chain bends
     around one it is on it. Its points lie on the path: to round-off."""
-    for ring in rings_of(load_drive(drive_path(name))):
+    for ring in rings_of(example(name)):
         rides(ring.drive)
 
 
@@ -97,7 +97,7 @@ def test_bodies_of_which_nothing_was_recorded_are_where_the_run_began(moved):
 
 @pytest.mark.parametrize("name", ["car", "marine"])
 def test_the_figure_has_every_part_at_its_place(name):
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     pose = pose_at_start(drive)
     (axis,) = drive_figure(drive).axes
     parts = [*teeth_at(drive, pose, 4), *parts_at(drive, pose)]

@@ -4,15 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drives import STARTING, two_sprockets
+from drives import STARTING, example, two_sprockets
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
 
-from warpchain import Record, load_drive, simulate, write_archive
+from warpchain import Record, simulate, write_archive
 from warpchain.assembly.frequencies import excited_orders
-from warpchain.drive.examples import drive_path
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, tension_figure
 from warpchain.view.figures.drive_figure import drive_figure
@@ -156,12 +155,12 @@ def test_excited_orders_count_the_drivers_revolutions(harmonic, order):
 
 def test_excited_orders_of_one_order_count_once():
     """The marine drive's crankshaft and its camshaft's load both have order 6."""
-    assert [order.value for order in excited_orders(load_drive(drive_path("marine")))] == [6.0]
+    assert [order.value for order in excited_orders(example("marine"))] == [6.0]
 
 
 @pytest.mark.parametrize("name", ["marine", "engine", "industrial"])
 def test_the_drawing_holds_all_arrows_and_fills_its_page(name):
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     run = simulate(drive.with_values({"run.duration": 0.005}))
     figure = drive_figure(run[0])
     FigureCanvasAgg(figure).draw()

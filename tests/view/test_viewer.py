@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browsing import no_browser, web_screenshot
-from drives import two_sprockets
+from drives import example, two_sprockets
 from loading import load_script
 from PIL import Image
 from waiting import wait_for
 
-from warpchain import load_drive, simulate, write_archive
-from warpchain.drive.examples import drive_path
+from warpchain import simulate, write_archive
 from warpchain.results.tension_colors import tension_color
 from warpchain.view.rerun.run_playback import view
 
@@ -27,7 +26,7 @@ SCALE = np.unique(tension_color(np.arange(256.0), 255.0)[:, :3], axis=0).astype(
 @pytest.fixture(scope="module")
 def run():
     """The marine drive, which looks the same neither upside down nor in a mirror."""
-    drive = load_drive(drive_path("marine"))
+    drive = example("marine")
     return simulate(drive.with_values({"run.duration": 0.02, "run.sample_rate": 2500.0}))
 
 
@@ -150,7 +149,7 @@ def test_an_archive_opened_with_no_set_up_shows_moving_colored_rollers(tmp_path,
     from rerun.experimental import ViewerClient
 
     archive = tmp_path / "marine.mcap"
-    simulate(load_drive(drive_path("marine")).with_values({"run.settle": False}), duration=0.1, archive=archive)
+    simulate(example("marine").with_values({"run.settle": False}), duration=0.1, archive=archive)
     if render.SOFTWARE.exists():
         monkeypatch.setenv("VK_ICD_FILENAMES", str(render.SOFTWARE))
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

@@ -105,12 +105,7 @@ class StillArm:
 
     def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
-        arm, found = self.arm, self.weight(angle)
-        found = found - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
-        for tensioner in self.tensioners:
-            lever, _ = self._levers(tensioner, angle)
-            found = found + lever * tensioner.force(self.extension(tensioner, angle))
-        return found
+        return self.joint(angle, self.weight(angle))
 
     def weight(self, angle: Any) -> Any:
         """Moment of its weight about the pivot [N m]."""
@@ -120,9 +115,9 @@ class StillArm:
             found = found + mass * (x * gy - y * gx)
         return found
 
-    def joint(self, angle: Any) -> Any:
-        """Moment of its spring and stops, and of tensioners that an arm has that carries arms [N m]."""
-        found = -self.arm.stiffness * (angle - self.arm.free_angle_rad) - self.stop * self.over(angle)
+    def joint(self, angle: Any, beside: Any = 0.0) -> Any:
+        """Moment of its spring and stops, and of tensioners that an arm has that carries arms, with others [N m]."""
+        found = beside - self.arm.stiffness * (angle - self.arm.free_angle_rad) - self.stop * self.over(angle)
         for tensioner in self.tensioners:
             lever, _ = self._levers(tensioner, angle)
             found = found + lever * tensioner.force(self.extension(tensioner, angle))

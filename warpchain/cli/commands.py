@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
@@ -20,6 +21,13 @@ def interrupted(done: str) -> int:
     """Says that a command goes on where Ctrl-C has stopped it; `done` is what is kept, with its verb. The status."""
     print(f"warpchain: interrupted; {done} kept: run again to go on", file=sys.stderr)
     return UNFINISHED
+
+
+def _said(lines: Iterable[str]) -> int:
+    """Prints lines as they come; the status of a command that is done."""
+    for line in lines:
+        print(line)
+    return DONE
 
 
 def _value(word: str) -> Any:
@@ -70,16 +78,14 @@ def draw(arguments: argparse.Namespace) -> int:
 
     if arguments.watch:
         watch(lambda: _load(arguments), arguments)
-    else:
-        print(*drawn_lines(_load(arguments), arguments.output), sep="\n")
-    return DONE
+        return DONE
+    return _said(drawn_lines(_load(arguments), arguments.output))
 
 
 def new(arguments: argparse.Namespace) -> int:
     from warpchain.cli.new_command import new_file
 
-    print(*new_file(arguments), sep="\n")
-    return DONE
+    return _said(new_file(arguments))
 
 
 def metrics(arguments: argparse.Namespace) -> int:
@@ -152,9 +158,7 @@ def _speed_line(speed: Speed, of_cpu: bool) -> str:
 def fit(arguments: argparse.Namespace) -> int:
     from warpchain.cli.fit_command import fit_file
 
-    for line in fit_file(arguments):
-        print(line)
-    return DONE
+    return _said(fit_file(arguments))
 
 
 def modes(arguments: argparse.Namespace) -> int:
@@ -162,9 +166,7 @@ def modes(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    for line in mode_lines(_load(arguments), arguments):
-        print(line)
-    return DONE
+    return _said(mode_lines(_load(arguments), arguments))
 
 
 def tensioner(arguments: argparse.Namespace) -> int:
@@ -172,9 +174,7 @@ def tensioner(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    for line in tensioner_lines(_load(arguments), arguments):
-        print(line)
-    return DONE
+    return _said(tensioner_lines(_load(arguments), arguments))
 
 
 def jump(arguments: argparse.Namespace) -> int:
@@ -182,9 +182,7 @@ def jump(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    for line in jump_lines(_load(arguments), arguments):
-        print(line)
-    return DONE
+    return _said(jump_lines(_load(arguments), arguments))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -338,9 +336,7 @@ def plot(arguments: argparse.Namespace) -> int:
         paths = plot_figures(
             arguments.archive, arguments.output, kind=arguments.format, scale=arguments.scale, **chosen
         )
-    for path in paths:
-        print(path)
-    return DONE
+    return _said(map(str, paths))
 
 
 def report(arguments: argparse.Namespace) -> int:
@@ -372,9 +368,7 @@ def export(arguments: argparse.Namespace) -> int:
 def import_signal(arguments: argparse.Namespace) -> int:
     from warpchain.cli.signal_command import compare
 
-    for line in compare(arguments):
-        print(line)
-    return DONE
+    return _said(compare(arguments))
 
 
 def recover(arguments: argparse.Namespace) -> int:

@@ -47,8 +47,7 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases
     """A Campbell diagram, with a bar while it is made."""
     import numpy as np
 
-    from warpchain.modal.campbell import campbell
-    from warpchain.modal.phases import over_a_pitch
+    from warpchain.modal.campbell import campbell, over_a_pitch
     from warpchain.progress import bar as bar_of
 
     between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()

@@ -495,9 +495,7 @@ def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) ->
         print(f"warpchain {version('warpchain')}")
         return DONE
     if arguments.completions is not None:
-        from warpchain.cli.completions import script
-
-        print(script(top, arguments.completions))
+        print(completions(top, arguments.completions))
         return DONE
     if arguments.command is None:
         top.print_help()
@@ -522,6 +520,30 @@ def _give_up_output() -> None:
 def _warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as one line."""
     _say(f"warning: {message}")
+
+
+def completions(parser: argparse.ArgumentParser, shell: str) -> str:
+    """The script, by shtab, that makes a shell complete a parser's commands, options and file names without Python.
+
+    Raises:
+        WarpchainError: without the package shtab.
+    """
+    try:
+        import shtab
+    except ImportError:
+        raise WarpchainError('--completions: needs the package shtab: pip install "warpchain[completions]"') from None
+    _mark(parser, {"DIR": shtab.DIRECTORY}, shtab.FILE)
+    return str(shtab.complete(parser, shell))
+
+
+def _mark(parser: argparse.ArgumentParser, folders: dict[str, object], file: object) -> None:
+    """Marks the arguments of a parser and of those below it that are files or folders."""
+    for action in parser._actions:
+        if isinstance(action.choices, dict):
+            for inner in action.choices.values():
+                _mark(inner, folders, file)
+        elif action.type is Path or action.metavar == "DRIVE":
+            action.complete = folders.get(str(action.metavar), file)  # type: ignore[attr-defined]
 
 
 if __name__ == "__main__":

@@ -98,14 +98,9 @@ class Joint(Part):
     stribeck_speed: Positive | None = None
 
     @property
-    def static_coefficient(self) -> float:
-        """mu_s [-]."""
-        return self.friction if self.static_friction is None else self.static_friction
-
-    @property
     def rubs(self) -> bool:
         """Whether there is any friction."""
-        return some(self.friction > 0.0) or some(self.static_coefficient > 0.0)
+        return some(self.friction > 0.0) or (self.static_friction is not None and some(self.static_friction > 0.0))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

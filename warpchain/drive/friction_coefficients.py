@@ -1,4 +1,4 @@
-"""Friction where rollers touch teeth and guide-bars: the coefficients of dry friction as the kernels take them.
+"""Friction in joints, and where rollers touch teeth and guide-bars: coefficients as the kernels take them.
 
 A roller that rolls on a guide-bar turns on its bush, and passes on no more than that friction: at most mu_b r_b / R_r
 of the normal force, mu_b of the joint and R_r the roller's radius. The bush's radius r_b is taken as the pin's.
@@ -14,6 +14,7 @@ from warpchain.drive.batch_math import largest, smallest, some
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
+    from warpchain.drive.chain import Joint
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,16 @@ class Rubbing:
     @property
     def rubs(self) -> bool:
         """Whether there is friction."""
-        return some(largest(self.dynamic, self.static) > 0.0)
+        return some(self.most > 0.0)
+
+    @property
+    def most(self) -> float:
+        """The larger of the two coefficients [-]."""
+        return largest(self.dynamic, self.static)
 
 
-def _rubbing(law: ImpactLaw, most: float = math.inf) -> Rubbing:
+def rubbing_of(law: ImpactLaw | Joint, most: float = math.inf) -> Rubbing:
+    """Of a contact, or of joints; `most` bounds the coefficients."""
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
@@ -44,13 +51,13 @@ def _rubbing(law: ImpactLaw, most: float = math.inf) -> Rubbing:
 
 def tooth_rubbing(drive: Drive) -> Rubbing:
     """Of rollers and teeth."""
-    return _rubbing(drive.contact.sprocket)
+    return rubbing_of(drive.contact.sprocket)
 
 
 def guide_rubbing(drive: Drive, g: int) -> Rubbing:
     """Of rollers, or the chain's plates, and guide-bar g."""
     law = drive.guide_contact(g)
-    return _rubbing(law, _rolling(drive) if law.rolling else math.inf)
+    return rubbing_of(law, _rolling(drive) if law.rolling else math.inf)
 
 
 def _rolling(drive: Drive) -> float:

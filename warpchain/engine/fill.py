@@ -15,7 +15,7 @@ from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
 from warpchain.drive.batch_math import along, joined, largest, power, where
-from warpchain.drive.friction_coefficients import Rubbing
+from warpchain.drive.friction_coefficients import Rubbing, rubbing_of
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
 from warpchain.drive.mounts import (
@@ -31,8 +31,7 @@ from warpchain.drive.mounts import (
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.trains import is_free, leader_of, seen_inertia, turned_part, turning_sign
 from warpchain.drive.turned import turned_on
-from warpchain.engine.fill_bodies import fill_places, piece_count
-from warpchain.engine.fill_trains import fill_counts
+from warpchain.engine.fill_bodies import fill_counts, fill_places, piece_count
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
@@ -167,7 +166,8 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
 
 
 def fill_sliding(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
-    """Fills a `kernels.structs.Sliding`, its `inertia` for a step of 1 s; it stays zero without friction.
+    """Fills a `kernels.structs.Sliding`, or the same of a `Joint`, its `inertia` for a step of 1 s; it stays zero
+    without friction.
 
     `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
     (`tooth_effective_mass`).
@@ -333,12 +333,8 @@ def fill_joint(row: Any, drive: Drive) -> None:
         return
     pin_radius = chain.pin_radius
     assert pin_radius is not None  # the chain's own rule
-    row["rubs"] = 1
     row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
-    row["inertia"] = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
-    row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
-    speed = chain.joint.stribeck_speed
-    row["law"]["stribeck_speed"] = 1.0 if speed is None else speed
+    fill_sliding(row, rubbing_of(chain.joint), JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0)
 
 
 def fill_links(row: Any, drive: Drive) -> None:

@@ -1,4 +1,4 @@
-"""Rows of the kernels' structs for guides' profiles, arms and tensioners."""
+"""Rows of the kernels' structs for guides' profiles, arms and tensioners, and for shafts, gears, couplings, valves."""
 
 from __future__ import annotations
 
@@ -12,13 +12,24 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.guided import turned_about
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import along, each, joined, largest, power, sqrt, where
+from warpchain.drive.batch_math import along, each, joined, largest, power, radians, sqrt, where
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.mounts import start_velocity
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
-from warpchain.drive.trains import names_of
+from warpchain.drive.trains import (
+    PRESSURE_ANGLE,
+    gear_side,
+    has_trains,
+    names_of,
+    own_inertia,
+    speed_ratio,
+    train_of,
+    turning_sign,
+    untwisted,
+)
+from warpchain.drive.turned import turned_by, turned_on
 from warpchain.kernels.physics.mount import PRESCRIBED
 from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
@@ -207,7 +218,11 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     assert oil is not None and valve is not None and chamber is not None
     row["area"], row["volume"] = tensioner.area, chamber.volume
     row["leak"], row["drag"] = tensioner.leak_conductance, tensioner.drag_flow
-    row["supply"], row["ambient"], row["vapor"] = oil.supply, oil.ambient, VAPOR_PRESSURE
+    row["supply"], row["ambient"], row["floor"] = (
+        oil.supply,
+        oil.ambient,
+        power(VAPOR_PRESSURE / oil.ambient, 1.0 / 7.0),
+    )
     row["rest"], row["drained"] = static_pressure(tensioner), chamber.drained
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
     row["still"], row["supplied"] = oil_energies(oil)
@@ -228,3 +243,94 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
         vent = row["vent"]
         vent["hole_area"], vent["preload"] = tensioner.vent.flow_area, -1.0
         vent["stiffness"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0
+
+
+def fill_counts(row: Any, drive: Drive) -> None:
+    """Fills how many of these a `kernels.structs.Drive` has."""
+    row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
+    row["valves"] = len(drive.valves)
+    row["tied"] = is_tied(drive)
+
+
+def is_tied(drive: Drive) -> bool:
+    """Whether kernels gather the moments on bodies before they turn any."""
+    return has_trains(drive) or bool(drive.valves)
+
+
+def fill_tie(row: Any, drive: Drive, b: int) -> None:
+    """Fills how body b turns in its train; an arm is in none."""
+    if b >= drive.first_arm_body:
+        row["train"] = -1
+        return
+    bodies, ratios = train_of(drive, b)
+    row["train"], row["ratio"], row["inertia"] = bodies[0], 1.0 / ratios[0], own_inertia(drive, b)
+
+
+def fill_shaft(row: Any, h: int, assembly: Assembly) -> None:
+    """Fills the `kernels.structs.BodyState` of shaft h; it stands where the first sprocket does, and does not move."""
+    row["speed"] = assembly.shaft_speed[..., h]
+    row["center"] = assembly.path.center[..., 0, :]
+
+
+def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
+    """Fills the motor of shaft h; it stays zero without one."""
+    motor, b = drive.shafts[h].motor, len(drive.sprockets) + h
+    if motor is None:
+        return
+    row["present"] = 1
+    row["torque"] = 0.0 if motor.torque is None else motor.torque
+    row["power"] = 0.0 if motor.power is None else motor.power
+    row["ramp_time"] = motor.ramp_time
+    table = turned_on(drive, drive.shafts[h], motor).table
+    if table is not None:
+        shaft = b if table.shaft is None else names_of(drive).index(table.shaft)
+        tables.add(row["table"], table, speed_ratio(drive, b, shaft))
+        if table.speed is not None:
+            row["table"]["over_angle"] = OVER_SPEED
+
+
+def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
+    """Fills coupling c."""
+    coupling, names = drive.couplings[c], names_of(drive)
+    row["first"], row["second"] = (names.index(name) for name in coupling.between)
+    row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
+    ratios, clutch = coupling.ratios, coupling.clutch
+    if ratios is not None:
+        row["ratios"] = len(ratios.time)
+        row["first_ratio"] = tables.add_rows(tuple(zip(ratios.time, ratios.ratio, strict=True)))
+    if clutch is not None and clutch.table is not None:
+        row["capacity"] = 1.0
+        tables.add(row["engagement"], clutch.table, 1.0)
+    elif clutch is not None:
+        row["capacity"] = clutch.torque
+
+
+def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
+    """Fills the state of coupling c, which is not twisted where the chain has been laid."""
+    ratios = drive.couplings[c].ratios
+    row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
+    row["rest"] = untwisted(drive, c, row["ratio"], assembly.sprocket_angle)[2]
+
+
+def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
+    """Fills group v of valves."""
+    valves = drive.valves[v]
+    body = names_of(drive).index(valves.on)
+    phases = [math.radians(phase) for phase in valves.phases]
+    row["body"], row["phases"], row["first_phase"] = body, len(phases), tables.add_rows((tuple(phases),))
+    row["sign"], row["count"] = turning_sign(drive, body), valves.number
+    row["turned"] = radians(valves.phase) - turned_by(drive, valves.on)
+    row["height"], row["mass"] = valves.height, valves.mass
+    row["preload"], row["stiffness"] = valves.spring.preload, valves.spring.stiffness
+    tables.add(row["lift"], valves.curve, 1.0)
+
+
+def fill_gear(row: Any, drive: Drive, g: int) -> None:
+    """Fills gear pair g."""
+    gear, side = drive.gears[g], gear_side(drive, g)
+    body = names_of(drive).index(gear.between[1])
+    bodies, ratios = train_of(drive, body)
+    beside = dict(zip(bodies, ratios, strict=True))
+    row["body"], row["side"] = body, sum(1 << b for b in side)
+    row["inertia"] = sum(beside[b] ** 2 * own_inertia(drive, b) for b in side)
+    row["lever"] = 0.5 * gear.teeth[1] * gear.module * math.cos(math.radians(PRESSURE_ANGLE))

@@ -7,7 +7,7 @@ oil is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -44,22 +44,20 @@ from warpchain.engine.fill import (
 )
 from warpchain.engine.fill_bodies import (
     fill_arm,
-    fill_pivot,
-    fill_profile,
-    fill_tensioner,
-    guide_effective_mass,
-    piece_count,
-    profiled,
-)
-from warpchain.engine.fill_trains import (
     fill_coupling,
     fill_engaged,
     fill_gear,
     fill_motor,
+    fill_pivot,
+    fill_profile,
     fill_shaft,
+    fill_tensioner,
     fill_tie,
     fill_valve,
+    guide_effective_mass,
     is_tied,
+    piece_count,
+    profiled,
 )
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
@@ -150,14 +148,19 @@ def _rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
     array[places] = rows
 
 
+def _fill(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., None], *given: Any) -> None:
+    """Fills blank rows, which then go to their places in an array."""
+    with _rows(array, places) as row:
+        fill(row, *given)
+
+
 def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gathered) -> None:
     """Fills the rows of a stack's variants, in their initial states."""
     drive, v = part.drive, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
     for array, fill in ((packed.chains, fill_chain), (packed.joints, fill_joint), (packed.links, fill_links)):
-        with _rows(array, v) as row:
-            fill(row, drive)
+        _fill(array, v, fill, drive)
     links = drive.chain.links
     store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
@@ -176,11 +179,9 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
         if drive.parent(a) is not None:
             packed.mounts["moves"][body] = CARRIED
         if drive.arms[a].pivot_table is not None:
-            with _rows(packed.mounts, body) as row:
-                fill_pivot(row, drive, a, gathered.tables)
+            _fill(packed.mounts, body, fill_pivot, drive, a, gathered.tables)
     for t in range(len(drive.tensioners)):
-        with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
-            fill_tensioner(row, drive, t, gathered.tables)
+        _fill(packed.tensioners, at["first_tensioner"] + t, fill_tensioner, drive, t, gathered.tables)
     _pack_trains(packed, drive, at, assembly, gathered)
 
 
@@ -191,27 +192,19 @@ def _pack_trains(
     if not is_tied(drive):
         return
     for b in range(drive.first_arm_body + len(drive.arms)):
-        with _rows(packed.ties, at["first_body"] + b) as row:
-            fill_tie(row, drive, b)
+        _fill(packed.ties, at["first_body"] + b, fill_tie, drive, b)
     for h in range(len(drive.shafts)):
         b = len(drive.sprockets) + h
-        with _rows(packed.motions, at["first_body"] + b) as row:
-            fill_motion(row, drive, b, 0.0, gathered.harmonics, gathered.tables)
-        with _rows(packed.bodies, at["first_body"] + b) as row:
-            fill_shaft(row, drive, h, assembly)
-        with _rows(packed.motors, at["first_shaft"] + h) as row:
-            fill_motor(row, drive, h, gathered.tables)
+        _fill(packed.motions, at["first_body"] + b, fill_motion, drive, b, 0.0, gathered.harmonics, gathered.tables)
+        _fill(packed.bodies, at["first_body"] + b, fill_shaft, h, assembly)
+        _fill(packed.motors, at["first_shaft"] + h, fill_motor, drive, h, gathered.tables)
     for c in range(len(drive.couplings)):
-        with _rows(packed.couplings, at["first_coupling"] + c) as row:
-            fill_coupling(row, drive, c, gathered.tables)
-        with _rows(packed.engaged, at["first_coupling"] + c) as row:
-            fill_engaged(row, drive, c, assembly)
+        _fill(packed.couplings, at["first_coupling"] + c, fill_coupling, drive, c, gathered.tables)
+        _fill(packed.engaged, at["first_coupling"] + c, fill_engaged, drive, c, assembly)
     for g in range(len(drive.gears)):
-        with _rows(packed.gears, at["first_gear"] + g) as row:
-            fill_gear(row, drive, g)
+        _fill(packed.gears, at["first_gear"] + g, fill_gear, drive, g)
     for v in range(len(drive.valves)):
-        with _rows(packed.valves, at["first_valve"] + v) as row:
-            fill_valve(row, drive, v, gathered.tables)
+        _fill(packed.valves, at["first_valve"] + v, fill_valve, drive, v, gathered.tables)
 
 
 def _pack_sprocket(
@@ -219,20 +212,15 @@ def _pack_sprocket(
 ) -> None:
     """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
-    with _rows(packed.sprockets, mine) as row:
-        fill_sprocket(row, drive, s, gathered.seats)
-    with _rows(packed.tooth_sliding, mine) as row:
-        fill_sliding(row, tooth_rubbing(drive), tooth_effective_mass(drive, s))
-    with _rows(packed.strands, mine) as row:
-        fill_strand(row, assembly, s, drive.chain.links)
-    with _rows(packed.motions, body) as row:
-        fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
-    with _rows(packed.mounts, body) as row:
-        fill_mount(row, drive, s, gathered.tables)
-    with _rows(packed.hubs, mine) as row:
-        fill_hub(row, drive, s)
-    with _rows(packed.bodies, body) as row:
-        fill_body(row, drive, assembly, s)
+    _fill(packed.sprockets, mine, fill_sprocket, drive, s, gathered.seats)
+    _fill(packed.tooth_sliding, mine, fill_sliding, tooth_rubbing(drive), tooth_effective_mass(drive, s))
+    _fill(packed.strands, mine, fill_strand, assembly, s, drive.chain.links)
+    _fill(
+        packed.motions, body, fill_motion, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables
+    )
+    _fill(packed.mounts, body, fill_mount, drive, s, gathered.tables)
+    _fill(packed.hubs, mine, fill_hub, drive, s)
+    _fill(packed.bodies, body, fill_body, drive, assembly, s)
 
 
 def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64]]) -> None:
@@ -247,8 +235,7 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 else:
                     fill_bar(row, drive, g)
                 fill_guide(row, drive, g)
-            with _rows(packed.guide_sliding, mine) as row:
-                fill_sliding(row, guide_rubbing(drive, g), effective_mass)
+            _fill(packed.guide_sliding, mine, fill_sliding, guide_rubbing(drive, g), effective_mass)
 
 
 def extensions(packed: Packed) -> NDArray[np.float64]:

@@ -209,7 +209,9 @@ def _ride_table(tensioner: TensionerPart, shakes: Sequence[Shake], sums: NDArray
         "extension": [one.extension for one in shakes],
         "viscosity": [own if one.viscosity is None else one.viscosity for one in shakes],
     }
-    return _table(given | {name: sums[name] for name in RIDE_UNITS if name not in given}, RIDE_UNITS)
+    flows: Any = sums["flows"]
+    summed = {name: (flows if name in flows.dtype.names else sums)[name] for name in RIDE_UNITS if name not in given}
+    return _table(given | summed, RIDE_UNITS)
 
 
 def _sample_table(one: Shake, values: NDArray[np.float64]) -> pa.Table:

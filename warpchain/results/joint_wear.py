@@ -43,20 +43,16 @@ class JointWear(NamedTuple):
     work: Array
 
 
-def joint_wear(trajectory: Trajectory, pin_radius: float | None = None) -> JointWear | None:
+def joint_wear(trajectory: Trajectory) -> JointWear | None:
     """Sliding of each joint; None without a pin radius.
 
     Turning is taken from frame to frame, so that frames must come at least twice as often as links turn back and forth.
-
-    Args:
-        pin_radius: r_p [m]; None is the chain's.
 
     Raises:
         SimulationError: recorded without positions or tensions.
     """
     position, _ = need(trajectory, "position", "tension")
-    chain = trajectory.drive.chain
-    radius = chain.pin_radius if pin_radius is None else pin_radius
+    chain, radius = trajectory.drive.chain, trajectory.drive.chain.pin_radius
     if radius is None or len(trajectory.time) < 2:
         return None
     across = np.roll(position, -1, axis=1) - position

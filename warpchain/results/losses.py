@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, rubbing_of, tooth_rubbing
 from warpchain.results.formulas import partner_names
 from warpchain.results.guide_load import GuideContacts, guide_contacts
 from warpchain.results.run import Run, Trajectory, need
@@ -96,8 +96,7 @@ def joint_power(trajectory: Trajectory) -> Array:
     if joint is None or radius is None:
         return np.zeros(len(trajectory.time))
     rate = np.abs(joint_rates(trajectory))
-    rubbing = Rubbing(joint.friction, joint.static_coefficient, joint.stribeck_speed or 1.0)
-    moment = coefficient(rubbing, radius * rate) * joint.factor * radius * joint_loads(trajectory)
+    moment = coefficient(rubbing_of(joint), radius * rate) * joint.factor * radius * joint_loads(trajectory)
     return np.asarray((moment * rate).sum(axis=1))
 
 

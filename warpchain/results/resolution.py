@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import guide_rubbing, rubbing_of, tooth_rubbing
 from warpchain.results.formulas import STEP, Judged, Values, where
 
 if TYPE_CHECKING:
@@ -59,11 +59,8 @@ def _joint(drive: Drive) -> tuple[float, float]:
     """mu kappa r_p [m], and (2 pi / z) I [kg m^2]."""
     chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
     assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
-    coefficient = max(chain.joint.friction, chain.joint.static_coefficient)
-    return (
-        coefficient * chain.joint.factor * chain.pin_radius,
-        2.0 * math.pi / teeth * chain.mass * chain.pitch**2 / 6.0,
-    )
+    moment = rubbing_of(chain.joint).most * chain.joint.factor * chain.pin_radius
+    return moment, 2.0 * math.pi / teeth * chain.mass * chain.pitch**2 / 6.0
 
 
 def _partner(drive: Drive, index: int) -> tuple[float, float, float]:
@@ -72,4 +69,4 @@ def _partner(drive: Drive, index: int) -> tuple[float, float, float]:
     rubbing = tooth_rubbing(drive) if index < s else guide_rubbing(drive, index - s)
     motion = drive.sprockets[index].prescribed if index < s else None
     ramp = 0.0 if motion is None else motion.ramp_time
-    return max(rubbing.dynamic, rubbing.static), drive.chain.mass * drive.chain.pitch, ramp
+    return rubbing.most, drive.chain.mass * drive.chain.pitch, ramp

@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpchain.drive import dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis.over_noise import SHOWN, Designs
 from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_front
-from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
 from warpchain.study.results import ARCHIVED, Results
+from warpchain.study.run.row_drives import Variant, build
+from warpchain.study.spec import load_study
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Bound, Objective
+from warpchain.study.store import write_text
 from warpchain.view import html
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -302,3 +307,37 @@ def _archives(results: Results) -> list[list[Any] | None] | None:
         return None
     files, numbers = (results.table[name].to_pylist() for name in ARCHIVED)
     return [None if file is None else [file, int(number)] for file, number in zip(files, numbers, strict=True)]
+
+
+def can_write(folder: str | None) -> bool:
+    """Whether a study's folder holds what drive files of its rows are made from."""
+    return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
+
+
+def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Sequence[Recommended]) -> list[Path]:
+    """Writes recommended designs beside a page: `report-A.toml` of `report.html`; noise factors as in the base drive.
+
+    Args:
+        folder: of the study, with its study file and base drive.
+        page: the report.
+        designs: rows that were compared, or designs over their noise.
+        chosen: of these.
+
+    Raises:
+        StudyError: a row that gives no drive, or a folder that cannot be written.
+    """
+    if not chosen:
+        return []
+    path = Path(folder)
+    study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
+    made = [Variant(row) for row in rows_of(study, drive, designs, chosen)]
+    build(study, drive, made)
+    files = []
+    for letter, one, variant in zip(LETTERS, chosen, made, strict=False):
+        if variant.drive is None:
+            raise StudyError(f"design {letter}: {variant.reason}")
+        words = ", ".join(factor_words(designs, name, one.row) for name in designs.factors)
+        head = f"# Design {letter} of {page.name}, variant {one.variant} of {folder}: {words}\n"
+        files.append(page.with_name(f"{page.stem}-{letter}.toml"))
+        write_text(files[-1], head.replace("\r", " ") + dumps_drive(variant.drive))
+    return files

@@ -23,14 +23,15 @@ from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
     Wanted,
+    can_write,
     designs_section,
     ends_section,
     front_section,
     rows_data,
     rows_table,
     wanted_of,
+    write_drives,
 )
-from warpchain.study.report.drive_files import can_write, write_drives
 from warpchain.study.report.search_history import search_section
 from warpchain.study.results import ROUND, STATUSES, Results, read_results
 from warpchain.study.spec.noise import metric_in

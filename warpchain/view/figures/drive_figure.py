@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
+from warpchain.errors import DriveError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import (
@@ -21,9 +24,9 @@ from warpchain.results.scene import (
     pose_at_frame,
     pose_at_start,
     teeth_at,
+    turned,
 )
 from warpchain.results.units import display_unit, shown
-from warpchain.view.figures.dimensions import LINE, arm_travel, draw_dimensions, written
 from warpchain.view.figures.labels import spread
 from warpchain.view.figures.style import about
 from warpchain.view.palette import scale_top, tension_colormap
@@ -78,7 +81,7 @@ def drive_figure(
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
     parts = [[*teeth_at(chain.drive, chain.pose, 4), *parts_at(chain.drive, chain.pose)] for chain in chains]
     travel = [arm_travel(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
-    points = [part.points for of_chain in parts for part in of_chain]
+    points: list[Array] = [part.points for of_chain in parts for part in of_chain]
     points += [reached for of_chain in travel for reached in of_chain]
     low, high = _extent([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
@@ -195,3 +198,87 @@ def _size(tall: float, size: float) -> tuple[float, float]:
     """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
     wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
     return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
+
+
+LINE = 17.0
+"""Space that a text at a sprocket takes [pt]."""
+TRAVEL: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
+
+
+def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], factor: float) -> None:
+    """Writes what a drawing states beside the names, and draws arms where they stand on their stops, in dashes.
+
+    Args:
+        axis: of the picture.
+        drive: a drive of one chain.
+        pose: where its bodies stand.
+        travel: lines of `arm_travel`.
+        factor: units of the axes in a meter.
+    """
+    from matplotlib.patheffects import withStroke
+
+    path = chain_path(drive)
+    middle = np.mean(pose.center, axis=0)
+
+    def write(text: str, at: Any, x: float, y: float, **more: Any) -> None:
+        halo = [withStroke(linewidth=2.0, foreground="white")]
+        place: Any = {"xytext": (x, y), "textcoords": "offset points", "ha": "center", "va": "center"} | more
+        axis.annotate(text, factor * np.asarray(at), fontsize=7, zorder=5, path_effects=halo, **place)
+
+    for s, (sprocket, center) in enumerate(zip(drive.sprockets, pose.center, strict=True)):
+        wrap = math.degrees(float(path.wrap_angle[s]))
+        text = f"{sprocket.teeth} teeth, r {_length(drive.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
+        write(text, center, 0.0, -7.0 - LINE * (written(axis, factor * center) - 1), va="top")
+    for g in range(len(drive.guides)):
+        face, a = drive.profile(g), drive.arm_of(g)
+        radii = dict.fromkeys(_length(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
+        place, heading = face.at(0.3 * face.face_length)
+        at = np.array(place)
+        if a is not None:
+            at, heading = turned(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
+        x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
+        text = f"R {', '.join(radii)}" if radii else _length(face.face_length)
+        write(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
+    for k, text in enumerate(_strands(drive, path.strand_length / path.pitch)):
+        mid = 0.5 * (path.strand_start[k] + path.strand_end[k])
+        x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
+        write(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
+    for arm, angle in zip(drive.arms, pose.arm, strict=True):
+        stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
+        away = 1.0 if arm.pivot[0] > middle[0] else -1.0
+        text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
+        write(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
+    for points in travel:
+        axis.plot(*factor * points.T, **TRAVEL)
+
+
+def arm_travel(drive: Drive, pose: Pose) -> list[Array]:
+    """Lines of the arms and of the guides on them, on either stop [m]."""
+    lines: list[Array] = []
+    for a, arm in enumerate(drive.arms):
+        own = {arm.name, *(drive.guides[g].name for g in drive.guides_of(a))}
+        for stop in arm.stops or ():
+            angles = np.array(pose.arm, dtype=float)
+            angles[a] = math.radians(stop)
+            moved = parts_at(drive, pose._replace(arm=angles))
+            lines += [part.points for part in moved if part.kind in ("arm", "guide") and part.name in own]
+    return lines
+
+
+def written(axis: Any, point: Any) -> int:
+    """Number of texts that stand at a point of a picture: sprockets of several chains may have one center."""
+    return sum(np.allclose(text.xy, point) for text in axis.texts)
+
+
+def _strands(drive: Drive, pitches: Any) -> list[str]:
+    """Links of each strand; its length in pitches where the chain does not fit."""
+    try:
+        return [f"{links} links" for links in assemble(drive).strand_links]
+    except DriveError:
+        return [f"{length:.2f} pitches" for length in pitches]
+
+
+def _length(meters: float) -> str:
+    """A length with its unit, to four figures."""
+    unit, factor = display_unit("m", meters)
+    return f"{factor * meters:.4g} {unit}"
