@@ -324,4 +324,4 @@ def test_refused_numbers_are_shown_without_the_digits_of_rounding(kind):
     with pytest.raises(DriveError, match=r"pitch = -0\.009: must be a positive number"):
         Chain(**SMALL | {"pitch": kind(-3 * 0.003)})
     with pytest.raises(DriveError, match=r"\.center = \[0\.009, inf\]: must be two finite numbers"):
-        load_drive(MARINE).with_values({"sprockets.0.center": [kind(3 * 0.003), kind("inf")]})
+        example("marine").with_values({"sprockets.0.center": [kind(3 * 0.003), kind("inf")]})

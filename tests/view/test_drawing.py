@@ -73,7 +73,7 @@ def test_texts_of_sprockets_on_one_shaft_stand_below_one_another():
 @pytest.mark.parametrize("name", ["v6", "car", "motorcycle_drivetrain"])
 def test_labels_cover_neither_each_other_nor_sprockets(name):
     """But those of a sprocket itself, which stand at its center."""
-    drive = load_drive(drive_path(name))
+    drive = example(name)
     figure = drive_figure(drive, size=8.5)
     figure.draw_without_rendering()
     (axis,) = figure.axes[:1]
