@@ -17,8 +17,6 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from warpchain.errors import number_text
-
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 Test = Callable[[Any], bool]
 
@@ -48,6 +46,11 @@ _PLAIN: Mapping[Any, tuple[str, type]] = {
     bool: ("True or False", bool),
     NoneType: ("None", NoneType),
 }
+
+
+def number_text(value: float) -> str:
+    """A number in a message, to 12 digits: without those of rounding that a computed one, such as 0.1 + 0.2, has."""
+    return repr(float(f"{value:.12g}"))
 
 
 class _Shown(reprlib.Repr):

@@ -24,11 +24,6 @@ class DriveError(WarpchainError):
         return tuple(str(self).split("\n"))
 
 
-def number_text(value: float) -> str:
-    """A number in a message, to 12 digits: without those of rounding that a computed one, such as 0.1 + 0.2, has."""
-    return repr(float(f"{value:.12g}"))
-
-
 def without_package(what: str, package: str, extra: str) -> WarpchainError:
     """The error of what needs a package that is not installed, and the extra that brings it."""
     return WarpchainError(f"{what}: needs {package}; install it with: pip install 'warpchain[{extra}]'")

@@ -13,7 +13,8 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from warpchain.errors import drive_error, number_text
+from warpchain.arguments import number_text
+from warpchain.errors import drive_error
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _PLACE = re.compile(r" \(at (.*)\)$")

@@ -108,9 +108,7 @@ def drive_figure(
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
     if isinstance(of, Drive):
-        centers = factor * np.concatenate([chain.pose.center for chain in chains])
-        texts: list[Any] = list(axis.texts)
-        spread(axis, [text for text in texts if not np.isclose(centers, text.xy).all(axis=1).any()])
+        spread(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
     return figure
 
 

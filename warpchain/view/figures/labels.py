@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,14 @@ TEXT, WAY = 20.0, 2.0
 """Cost of a pixel of another label that is covered, and of each point [pt] that a label moves; of a part's pixel: 1."""
 
 
-def spread(axis: Any, labels: Iterable[Any]) -> None:
+def spread(axis: Any, fixed: Array) -> None:
     """Moves labels, one after the other, the widest first, to where they cover least beside their point.
 
     The picture is drawn without its texts; what is not white then is covered by what lies over it, and so are texts.
 
     Args:
         axis: of the picture, its limits set.
-        labels: annotations whose texts are at offsets in points; the other texts of the picture stay.
+        fixed: (n, 2) points whose texts stay. All texts are annotations at offsets in points.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -40,11 +39,11 @@ def spread(axis: Any, labels: Iterable[Any]) -> None:
         text.set_visible(True)
     figure.set_layout_engine(layout)
     covered = (np.asarray(canvas.buffer_rgba())[::-1, :, :3] < 255).any(axis=2).astype(float)  # rows from below
-    movable = sorted(labels, key=lambda label: float(boxes[label][0] - boxes[label][2]))
+    movable = [text for text in texts if not np.isclose(fixed, text.xy).all(axis=1).any()]
     for text in set(texts) - set(movable):
         covered[_pixels(boxes[text])] = TEXT
     inside, scale = np.array(axis.bbox.extents), figure.dpi / 72.0
-    for label in movable:
+    for label in sorted(movable, key=lambda label: float(boxes[label][0] - boxes[label][2])):
         box = boxes[label]
         ways = _ways(box, axis.transData.transform(label.xy), scale)
         costs = [_cost(covered, box + np.tile(way, 2), inside) for way in ways]
