@@ -546,11 +546,11 @@ class Totals:
 
     moment: wp.float64  # on the sprocket [N m]
     push: wp.vec2d  # force on the sprocket [N]
+    energy: wp.float64  # elastic [J]; it keeps apart sums that the compiler would gather, four at a time
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
     friction: wp.float64  # power of friction [W]
-    energy: wp.float64  # elastic [J]
     impacts: wp.int32  # contacts that began
     contacts: wp.int32  # of them, the first of a roller in its pass
     missed: wp.int32  # rollers that came in not through the face

@@ -2,7 +2,7 @@
 
 import tomllib
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 
 import chains
@@ -104,15 +104,10 @@ def moving_sprockets():
     return [two_sprockets().with_values(values) for values in drives]
 
 
-def large(packed, shape, blocks):
+def large(kind, blocks):
     """What `upload_state` is to keep in global memory for such blocks."""
-    of = room_of(packed, shape)
+    of = room(kind)
     return blocks * of.values, blocks * of.part_values
-
-
-def room_of(packed, shape):
-    """What such a block shares."""
-    return room(kind_of(packed, shape))
 
 
 def kind_of(packed, shape, measuring=True):
@@ -175,7 +170,7 @@ def arms():
 
 
 MOTOR = {"table": {"speed": [0.0, 12.0, 20.0], "torque": [300.0, 400.0, 0.0]}, "ramp_time": 1e-4}
-TRAINS = (
+GEARED = (
     shaft("engine", inertia=0.4, motor=MOTOR, initial_speed=10.0)
     + shaft("cross", inertia=0.6, load={"torque": 80.0, "viscous": 2.0})
     + shaft("governor", prescribed={"speed": 9.0, "harmonics": [{"order": 1.0, "amplitude": 0.05}]})
@@ -187,7 +182,7 @@ TRAINS = (
 
 
 def trains(inertia=2.0):
-    values = tomllib.loads(dumps_drive(two_sprockets(inertia=inertia)) + TRAINS)
+    values = tomllib.loads(dumps_drive(two_sprockets(inertia=inertia)) + GEARED)
     values["sprockets"][0] |= {"inertia": 0.7}
     del values["sprockets"][0]["prescribed"]
     drive = Drive(**values)
@@ -421,19 +416,32 @@ def rubbing_on_moving_sprockets():
     return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
-def run_blocks(packed, shape, blocks, order, frames, measuring=True, variants_per_block=1):
-    """The ensemble on blocks of fibers, each of `variants_per_block` variants: its state and its sums."""
+SWUNG = (swung, led, folded)
+SWUNG_LIGHT = (swung_light, led_light, folded_light)
+TRAINS = (trains, gear_changes, valves, light_trains)
+MOVING = (moving_sprockets, rubbing_on_moving_sprockets)
+PUSHED = (*MOVING, pushed_slider, segments)
+ARMS_RK4 = (arms_rk4, swung_rk4, led_rk4)
+OF_THREE_RK4 = (bending_rk4, rubbing_rk4, *ARMS_RK4)
+TRAINS_RK4 = (trains_rk4, gear_changes_rk4, valves_rk4)
+OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
+"""Families of drives that have a kernel in common, each with as many sprockets.
+
+What a kernel has for one of them all others go through, which then is what a test of them is for: beside a family with
+arms on arms, shafts, moving centers or valves stands one without.
+"""
+
+
+def run_blocks(packed, kind, blocks, order, frames):
+    """The ensemble on blocks of fibers, by the kernel of a kind, in launches of so many steps: its state, its sums."""
     ensemble = upload_ensemble(packed, "cpu", blocks=True)
-    state = upload_state(packed, "cpu", large(packed, shape, len(order)))
+    state = upload_state(packed, "cpu", large(kind, len(order)))
     sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
-    threads = shape.threads
-    shape = replace(shape, variants_per_block=variants_per_block)
-    kind = kind_of(packed, shape, measuring)
-    kernel = block_kernel(kind, 4, packed.frame)
+    shape, kernel = kind.shape, block_kernel(kind, 4, packed.frame)
     turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
     for number, block in enumerate(blocks):
         inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
-        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
+        wp.launch(kernel, dim=len(order) * shape.threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}
 
@@ -466,13 +474,67 @@ def pack_for(variants, schedules, precision):
     return replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
 
 
-def assert_steps_of_the_cpu(drives, many, precision):
-    """The block kernel takes the steps of the CPU kernel, with metrics and frames of every channel."""
-    variants = drives()
-    shape = shape_of(variants, 100 if many else 1)
+SPARE = {
+    "guides": {"start": [9.0, 9.0], "end": [9.5, 9.0], "end_radius": 0.1},
+    "arms": {"pivot": [0.0, 0.0], "mass": 1.0, "center": [0.0, -0.1], "inertia": 0.02, "stiffness": 500.0},
+    "shafts": {"inertia": 1.0, "load": {"torque": 0.5}},
+    "tensioners": {
+        "on": "spare arms 0", "at": [0.0, -0.2], "direction": [1.0, 0.0], "kind": "spring",
+        "spring": {"stiffness": 1e3, "preload": 50.0}, "plunger": {"mass": 0.1},
+    },
+}  # fmt: skip
+"""Parts that touch no chain."""
+
+
+def with_spares(drive, lacking):
+    """A drive with so many spare parts of each sort."""
+    if not any(lacking.values()):
+        return drive
+    values = drive.model_dump(exclude_none=True)
+    for sort, part in SPARE.items():
+        values[sort] = [*values[sort], *(part | {"name": f"spare {sort} {k}"} for k in range(lacking[sort]))]
+    if values["guides"]:
+        values["contact"].setdefault("guide", {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6})
+    return Drive(**values)
+
+
+def alike(family):
+    """Drives by what makes them, with spare parts: all have as many guides, shafts, arms and tensioners."""
+    made = [(one, drive) for one in family for drive in one()]
+    count = {sort: np.array([len(getattr(drive, sort)) for _, drive in made]) for sort in SPARE}
+    lacking = {sort: counts.max() - counts for sort, counts in count.items()}
+    arms = count["arms"] + lacking["tensioners"]  # a spare one for each spare tensioner
+    lacking["arms"] = arms.max() - count["arms"]
+    found = {one: [] for one in family}
+    for number, (one, drive) in enumerate(made):
+        found[one].append(with_spares(drive, {sort: int(of[number]) for sort, of in lacking.items()}))
+    return found
+
+
+@cache
+def sharing(family, many, precision):
+    """Drives of a family by what makes them, the kind of the block kernel that takes all of them, and their frames'
+    layout.
+    """
+    drives = alike(family)
+    variants = [drive for some in drives.values() for drive in some]
+    packed = pack_for(variants, [Schedule(drive.run.step, 1, 0, 1, 0) for drive in variants], precision)
+    columns = kind_columns(packed)
+    # a kernel goes through so many parts of each drive
+    assert all(np.ptp(columns[sort]) == 0 for sort in ("sprockets", "guides", "arms", "tensioners", "others", "rings"))
+    return drives, kind_of(packed, shape_of(variants, 100 if many else 1)), packed.frame
+
+
+def assert_steps_of_the_cpu(drives, many, precision, family=()):
+    """The block kernel takes the steps of the CPU kernel, with metrics and frames of every channel.
+
+    The kernel is that of a family of drives, with parts that make them alike, or else of these drives alone.
+    """
+    of_family, kind, frame = sharing(family or (drives,), many, precision)
+    variants = of_family[drives]
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
-    packed = pack_for(variants, schedules, precision)
+    packed = replace(pack_for(variants, schedules, precision), frame=frame)
     bends = np.flatnonzero(packed.joints["rubs"])
     each = [ring.drive for drive in variants for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * 16 for chain in each]
@@ -480,7 +542,7 @@ def assert_steps_of_the_cpu(drives, many, precision):
     serial, theirs = stepped(packed, 301, values=sum(widths))
     ours = serial.frame_buffer(sum(widths))
     ours.fill_(np.nan)
-    state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter
+    state, sums = run_blocks(packed, kind, [301], [1, 0], ours)  # the launch's order of variants does not matter
     assert (state.progress.numpy()["step"] == 301).all()
     assert (state.progress.numpy()["diverged"] == 0).all()
     # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
@@ -525,16 +587,34 @@ def assert_steps_of_the_cpu(drives, many, precision):
     assert moved <= (2 if precision == "float64" else 0.05 * mine.sum()), moved
 
 
-def ways(usual, long):
-    """Cases of `assert_steps_of_the_cpu`: the usual ones, in long runs each drive, in thorough runs each in all ways.
+def case_name(drives, many, precision):
+    """How a test of the block kernel is called."""
+    return f"{drives.__name__}-{'many' if many else 'few'}-{precision}"
+
+
+def ways(drives, usual, long=()):
+    """Cases of `assert_steps_of_the_cpu` with kernels of each drive's own: all but few are thorough.
 
     Few and many variants, at both precisions, are four kernels of a drive, each of which takes 15 s to compile. What
-    hangs on numbers hardly hangs on precisions and on drives. Ways are such that tests share kernels.
+    hangs on numbers hardly hangs on precisions and on drives. Those that are not are kernels that users often have, or
+    that other tests have, too.
     """
-    drives = dict.fromkeys(of for of, *_ in (*usual, *long))
     cases = [*product(drives, (False, True), ("float64", "float32"))]
-    names = [f"{of.__name__}-{'many' if many else 'few'}-{precision}" for of, many, precision in cases]
+    names = [case_name(*case) for case in cases]
     return {"argnames": ("drives", "many", "precision"), "argvalues": some_of(cases, usual, long), "ids": names}
+
+
+def together(usual, long=()):
+    """The same with kernels that families of drives share, where a further drive takes 0.1 s: rows of (family, many,
+    precision).
+    """
+    cases = [
+        pytest.param(drives, many, precision, family, marks=marks, id=case_name(drives, many, precision))
+        for families, marks in ((usual, ()), (long, pytest.mark.long))
+        for family, many, precision in families
+        for drives in family
+    ]
+    return {"argnames": ("drives", "many", "precision", "family"), "argvalues": cases}
 
 
 def some_of(cases, usual, long=()):

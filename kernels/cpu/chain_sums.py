@@ -105,8 +105,14 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             if links.varied_links != 0:
                 mine = link_chain(i, chain, links)
             sums.dissipated = sums.dissipated + step * wp.float64(mine.damping * load_row(w, row.rates + i))
-            sums.friction = sums.friction + step * wp.float64(load_row(w, row.rubbing + i))
         return sums
+
+    @wp.func
+    def merge_friction(w: wp.array[Real], n: int, friction: wp.float64, step: wp.float64):
+        """`friction` with what the tallies of all rollers say that their joints took [J]."""
+        for i in range(n):
+            friction = friction + step * wp.float64(load_row(w, row.rubbing + i))
+        return friction
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
@@ -221,6 +227,8 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
         chain = ensemble.chains[variant]
         n = drive.rollers
         sums.chain[variant] = tally.merge_links(w, n, chain, ensemble.links[variant], sums.chain[variant], drive.step)
+        if ensemble.joints[variant].rubs != 0:
+            sums.chain[variant].friction = tally.merge_friction(w, n, sums.chain[variant].friction, drive.step)
         for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
             sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
         tally.clear(w, n)

@@ -257,7 +257,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     def rates_of(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
         """Accelerations of body `b` of all, from what contacts and tensioners do to it."""
         body = state.bodies[b]
-        heading = heading_of(body)
+        heading = wp.vec2d(state.poses[b].cosine, state.poses[b].sine)
         wrench = wrench_on(ensemble, state, drive, b)
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]

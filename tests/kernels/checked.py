@@ -9,6 +9,8 @@ A process of its own: the build is chosen where kernels are made.
 import sys
 import time
 import warnings
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,16 +70,18 @@ def on_the_cpu(drives, precision: str) -> None:
     ended(engine.progress()[packed.begins], drives)
 
 
-def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
-    """Steps with frames of every channel by the block kernel, its blocks' threads as fibers."""
+def on_blocks(drives, family, many: bool, precision: str, shape=None) -> None:
+    """Steps with frames of every channel by the block kernel of the drives' family, its blocks' threads as fibers."""
     import blocks
 
-    packed, values = ensemble_of(drives)
+    of_family, kind, frame = blocks.sharing(family, many, precision)
+    variants = of_family[drives]
+    packed, values = ensemble_of(variants, frame=frame)
     packed = packed.at_precision(precision)
     frames = wp.empty(values, dtype=packed.real, device="cpu")
-    shape = shape or blocks.shape_of(drives, 100 if many else 1)
-    state, _ = blocks.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
-    ended(state.progress.numpy()[packed.begins], drives)
+    kind = replace(kind, shape=shape or kind.shape)
+    state, _ = blocks.run_blocks(packed, kind, [STEPS + 1], list(range(len(variants))), frames)
+    ended(state.progress.numpy()[packed.begins], variants)
 
 
 def settle_on_blocks() -> None:
@@ -135,7 +139,7 @@ def moving_and_diverging():
     return [*blocks.moving_sprockets(), *diverging()]
 
 
-def ensemble_of(drives):
+def ensemble_of(drives, **more):
     """Drives packed for `STEPS` steps, and how many values their frames take; not one more is there."""
     from blocks import pack_for
 
@@ -144,7 +148,7 @@ def ensemble_of(drives):
     from warpchain.results.schedule import Schedule
 
     schedules = [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives]
-    packed = pack_for(drives, schedules, "float64")
+    packed = replace(pack_for(drives, schedules, "float64"), **more)
     chains = [ring.drive for drive in drives for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * (STEPS // 8 + 1) for chain in chains]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
@@ -162,20 +166,19 @@ def cases():
     everyone = [*(drive for some in every for drive in some()), *diverging()]
     yield "cpu float64", lambda: on_the_cpu(everyone, "float64")
     yield "cpu float32", lambda: on_the_cpu(everyone, "float32")
-    blocks = [
-        (moving_and_diverging, False, "float64"),
-        (of.rubbing_rk4, False, "float64"),
-        (of.uneven, True, "float64"),
-        (of.rubbing_on_moving_sprockets, True, "float32"),
-        (of.bending, False, "float32"),
-        (of.v6, False, "float64"),
-        (of.v6, True, "float32"),
+    families = [
+        ((moving_and_diverging, of.rubbing_on_moving_sprockets), False, "float64"),
+        ((of.uneven, of.bending), True, "float32"),
+        ((of.rubbing_rk4,), False, "float64"),
+        ((of.v6,), True, "float64"),
+        ((of.v6,), False, "float32"),
     ]
-    for drives, many, precision in blocks:
-        name = f"blocks {drives.__name__} {'many' if many else 'few'} {precision}"
-        yield name, lambda drives=drives, many=many, precision=precision: on_blocks(drives(), many, precision)
+    for family, *way in families:
+        for drives in family:
+            yield f"blocks {of.case_name(drives, *way)}", partial(on_blocks, drives, family, *way)
     yield "blocks settling", settle_on_blocks
-    yield "blocks in global memory", lambda: on_blocks(of.long_chains(), True, "float64", BlockShape(64, 16))
+    long, large = of.long_chains, BlockShape(64, 16)
+    yield "blocks in global memory", partial(on_blocks, long, (long,), True, "float64", large)
 
 
 def main() -> None:

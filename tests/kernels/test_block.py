@@ -1,5 +1,6 @@
 """The block kernel against the CPU kernel on cooperative fibers: chains, contacts and friction on fixed centers."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,17 +10,19 @@ from blocks import (
     assert_steps_of_the_cpu,
     bending,
     equal_sprockets,
+    kind_of,
     led_elsewhere,
     light_wheels,
     long_chains,
     marine,
     pack_for,
     rk4,
-    room_of,
     rubbing,
     run_blocks,
     shape_of,
+    sharing,
     some_of,
+    together,
     uneven,
     unusual_contacts,
     ways,
@@ -29,29 +32,31 @@ from raw import stepped
 
 from warpchain.engine.arrays import rows_of
 from warpchain.engine.pack import pack
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
-from warpchain.kernels.gpu.shared_memory import strand_words
+from warpchain.kernels.gpu.kind import BlockShape
+from warpchain.kernels.gpu.shared_memory import room, strand_words
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
 
 
-USUAL = [
-    (marine, False, "float64"),
-    (rubbing, True, "float64"),
-    (equal_sprockets, True, "float32"),
-    (light_wheels, True, "float32"),
-]
-LONG = [
-    (bending, True, "float64"),
-    (long_chains, False, "float64"),
-    (unusual_contacts, True, "float32"),
-    (uneven, True, "float64"),
-]
+RUBBING = (rubbing, bending, uneven)
+SHARED = [(RUBBING, True, "float64"), ((light_wheels, unusual_contacts), True, "float32")]
 
 
-@pytest.mark.parametrize(**ways(USUAL, LONG))
-def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+@pytest.mark.parametrize(**together(SHARED))
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision, family):
+    assert_steps_of_the_cpu(drives, many, precision, family)
+
+
+ALONE = ways(
+    (marine, *RUBBING, equal_sprockets, light_wheels, long_chains, unusual_contacts),
+    [(marine, False, "float64"), (equal_sprockets, True, "float32")],
+    [(long_chains, False, "float64")],
+)
+
+
+@pytest.mark.parametrize(**ALONE)
+def test_a_kernel_of_its_own_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 
 
@@ -82,7 +87,7 @@ def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, eac
     packed = pack(variants, [Schedule(drive.run.step, 2000, FOREVER, FOREVER, 0) for drive in variants])
     packed = packed.at_precision(precision)
     serial, none = stepped(packed, 700)
-    state, _ = run_blocks(packed, shape, [700], [0, 1], none, measuring=False)
+    state, _ = run_blocks(packed, kind_of(packed, shape, measuring=False), [700], [0, 1], none)
     # rollers came to other seats, and others to sprockets, on the way; round-off, which contacts amplify
     assert (serial.state.seat.numpy() != packed.seat).any()
     tolerance = 1e-9 if precision == "float64" else 3e-4
@@ -96,11 +101,11 @@ def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, eac
 @pytest.mark.long
 def test_rows_beyond_shared_memory(fibers):
     variants = long_chains()
-    shape = BlockShape(64, 16)
     packed = pack(variants, [Schedule(drive.run.step, 100, 11, 90, 0) for drive in variants])
-    assert "rows" not in room_of(packed, shape).shared
+    kind = kind_of(packed, BlockShape(64, 16))
+    assert "rows" not in room(kind).shared
     serial, none = stepped(packed, 101)
-    state, sums = run_blocks(packed, shape, [64, 37], [0, 1], none)
+    state, sums = run_blocks(packed, kind, [64, 37], [0, 1], none)
     # the same functions in the same order: round-off, which contacts amplify
     np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
     theirs = serial.sums()["chain"]
@@ -110,14 +115,15 @@ def test_rows_beyond_shared_memory(fibers):
 @pytest.mark.long
 def test_how_many_rollers_a_thread_might_have_does_not_matter(fibers):
     """Of twelve links a thread two numbers tell the strands, of six one; a thread's links are the same six."""
-    variants = bending()
-    packed = pack_for(variants, [Schedule(drive.run.step, 300, 11, 300, 0) for drive in variants], "float64")
+    drives, kind, frame = sharing(RUBBING, True, "float64")
+    variants = drives[bending]
+    schedules = [Schedule(drive.run.step, 300, 11, 300, 0) for drive in variants]
+    packed = replace(pack_for(variants, schedules, "float64"), frame=frame)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
-    few, many = (run_blocks(packed, BlockShape(32, per), [301], [0, 1], none) for per in (6, 12))
-    assert [strand_words(BlockKind(packed.real, BlockShape(32, per), Parts(3, 1))) for per in (6, 12)] == [
-        1,
-        2,
-    ]
+    kinds = [replace(kind, shape=BlockShape(32, per)) for per in (6, 12)]
+    assert kinds[0] == kind
+    few, many = (run_blocks(packed, each, [301], [0, 1], none) for each in kinds)
+    assert [strand_words(each) for each in kinds] == [1, 2]
     for name in ("chain", "strand", "sprocket", "tension_counts"):
         mine, theirs = (sums[name] for _, sums in (few, many))
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
@@ -130,7 +136,7 @@ def test_metrics_from_the_first_step(fibers, drives, order):
     variants = drives()[: len(order)]
     packed = pack(variants, [Schedule(drive.run.step, 64, 0, 64, 0) for drive in variants])
     serial, none = stepped(packed, 65)
-    _, sums = run_blocks(packed, BlockShape(32, 2), [65], order, none)
+    _, sums = run_blocks(packed, kind_of(packed, BlockShape(32, 2)), [65], order, none)
     for name in ("chain", "strand", "sprocket", "contact"):
         for field in (theirs := serial.sums()[name]).dtype.names:
             ours, scale = sums[name][field], np.abs(theirs[field]).max()
@@ -146,7 +152,7 @@ def test_a_block_finds_the_crossing_nearest_the_strand(fibers):
     packed = pack([drive], [Schedule(drive.run.step, 2, 0, 2, 0)])
     packed.strands["middle"] = (packed.strands["middle"] + 85) % drive.chain.links
     serial, none = stepped(packed, 3)
-    _, sums = run_blocks(packed, BlockShape(32, 5), [3], [0], none)
+    _, sums = run_blocks(packed, kind_of(packed, BlockShape(32, 5)), [3], [0], none)
     for found in (sums["strand"], serial.sums()["strand"]):
         # the other crossing is 0.14 m away; a chain that has just been laid out lies within 3 mm of its line
         assert np.abs(found["displacement"] / found["samples"]).max() < 0.003

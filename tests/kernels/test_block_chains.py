@@ -1,5 +1,6 @@
 """The block kernel on cooperative fibers: drives of several chains, all on one block."""
 
+from dataclasses import replace
 from itertools import product
 
 import chains
@@ -10,13 +11,16 @@ from blocks import (
     assert_steps_of_the_cpu,
     cushed_stages,
     geared_stages,
+    kind_of,
     light_stages,
     pack_for,
     run_blocks,
     shape_of,
+    sharing,
     some_of,
     stages_of_two_chains,
     stages_rk4,
+    together,
     unjoined,
     unjoined_folded,
     unjoined_light,
@@ -35,33 +39,36 @@ from warpchain.engine.arrays import starts
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
-USUAL = [(geared_stages, True, "float64"), (cushed_stages, False, "float32")]
+STAGES = (geared_stages, cushed_stages, light_stages, stages_of_two_chains)
+VALVED = (*STAGES, valved_stages)
+V6 = (v6, v6_fed)
+USUAL = [(STAGES, True, "float64"), (VALVED, False, "float32")]
 LONG = [
-    (v6, True, "float64"),
-    (stages_rk4, True, "float32"),
-    (stages_of_two_chains, True, "float32"),
-    (light_stages, False, "float64"),
-    (unjoined, False, "float64"),
-    (unjoined_light, True, "float32"),
-    (unjoined_folded, True, "float64"),
-    (v6_fed, True, "float64"),
-    (valved_stages, False, "float64"),
-    (valved_stages, True, "float32"),
+    (V6, True, "float64"),
+    ((valved_stages,), False, "float64"),
+    ((stages_rk4,), True, "float32"),
+    ((unjoined, unjoined_folded), False, "float64"),
+    ((unjoined, unjoined_light), True, "float32"),
 ]
 
 
-@pytest.mark.parametrize(**ways(USUAL, LONG))
-def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+@pytest.mark.parametrize(**together(USUAL, LONG))
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision, family):
+    assert_steps_of_the_cpu(drives, many, precision, family)
+
+
+@pytest.mark.parametrize(**ways((*VALVED, *V6, stages_rk4, unjoined, unjoined_light, unjoined_folded), []))
+def test_a_kernel_of_its_own_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 
 
-def run(packed, variants, blocks, order):
+def run(packed, variants, kind, blocks, order):
     """State, sums and frames of variants on blocks, by name; launches of so many steps."""
     chains_of = [ring.drive for drive in variants for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * 16 for chain in chains_of]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
-    state, sums = run_blocks(packed, shape_of(variants, 100), blocks, order, frames)
+    state, sums = run_blocks(packed, kind, blocks, order, frames)
     names = ("rollers", "bodies", "seat", "impact_speed", "joint_hold", "tensioners", "progress")
     return {name: getattr(state, name).numpy() for name in names} | sums | {"frames": frames.numpy()}
 
@@ -71,40 +78,45 @@ def assert_same(ours, theirs):
         np.testing.assert_array_equal(ours[name], theirs[name], err_msg=name)
 
 
-def ensemble(drives, precision):
+def ensemble(drives, precision, **more):
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, 64) for drive in drives]
-    return pack_for(drives, schedules, precision)
+    return replace(pack_for(drives, schedules, precision), **more)
 
 
 SOME = some_of(
-    [*product([v6, stages_of_two_chains, geared_stages], ["float64", "float32"])],
-    [(geared_stages, "float64")],
-    [(v6, "float64"), (stages_of_two_chains, "float32")],
+    [
+        *product([v6], [True], ["float64", "float32"], [V6]),
+        *product([stages_of_two_chains, geared_stages], [True, False], ["float64", "float32"], [STAGES, VALVED]),
+    ],
+    [(geared_stages, True, "float64", STAGES)],
+    [(v6, True, "float64", V6), (stages_of_two_chains, False, "float32", VALVED)],
 )
 
 
-@pytest.mark.parametrize(("drives", "precision"), SOME)
-def test_where_launches_end_does_not_matter(fibers, drives, precision):
-    variants = drives()
-    packed = ensemble(variants, precision)
-    whole = run(packed, variants, [301], [0, 1])
-    assert_same(whole, run(packed, variants, [64, 96, 141], [1, 0]))
+@pytest.mark.parametrize(("drives", "many", "precision", "family"), SOME)
+def test_where_launches_end_does_not_matter(fibers, drives, many, precision, family):
+    of_family, kind, frame = sharing(family, many, precision)
+    variants = of_family[drives]
+    packed = ensemble(variants, precision, frame=frame)
+    whole = run(packed, variants, kind, [301], [0, 1])
+    assert_same(whole, run(packed, variants, kind, [64, 96, 141], [1, 0]))
     assert np.isfinite(whole["frames"]).all()
 
 
-@pytest.mark.parametrize(("drives", "precision"), SOME)
-def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, precision):
-    first, second = drives()
+@pytest.mark.parametrize(("drives", "many", "precision", "family"), SOME)
+def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, many, precision, family):
+    of_family, kind, frame = sharing(family, many, precision)
+    first, second = of_family[drives]
     crowd, alone = (
-        run(ensemble(variants, precision), variants, [301], [*range(len(variants))][::-1])
+        run(ensemble(variants, precision, frame=frame), variants, kind, [301], [*range(len(variants))][::-1])
         for variants in ([first, second, first], [second])
     )
     whole = ensemble([first, second, first], precision)
     n = len(rings_of(second))
     middle = whole.part(n, 2 * n)
-    for name, kind in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
-        begin, end = (int(starts(of.drives)[kind][-1]) for of in (whole.part(0, n), whole.part(0, 2 * n)))
-        width = len(alone[name]) // int(starts(middle.drives)[kind][-1])
+    for name, sort in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
+        begin, end = (int(starts(of.drives)[sort][-1]) for of in (whole.part(0, n), whole.part(0, 2 * n)))
+        width = len(alone[name]) // int(starts(middle.drives)[sort][-1])
         np.testing.assert_array_equal(crowd[name][width * begin : width * end], alone[name], err_msg=name)
     count = len(alone["frames"])
     np.testing.assert_array_equal(crowd["frames"][count : 2 * count], alone["frames"])
@@ -114,7 +126,9 @@ def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, precision):
 def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers):
     """To round-off, which contacts amplify: the moments of two chains are added up in another order than one's."""
     one, two = ([chains.side_by_side(count, step=2.5e-6)] for count in (0, 2))
-    once, twice = (run(ensemble(variants, "float64"), variants, [301], [0]) for variants in (one, two))
+    packed = [ensemble(variants, "float64") for variants in (one, two)]
+    kinds = [kind_of(each, shape_of(variants, 100)) for each, variants in zip(packed, (one, two), strict=True)]
+    once, twice = (run(*each, [301], [0]) for each in zip(packed, (one, two), kinds, strict=True))
     n = 60
     rows, each = once["rollers"].reshape(6, n), twice["rollers"].reshape(2, 6, n)
     np.testing.assert_allclose(each, [rows, rows], atol=1e-10)
@@ -146,7 +160,7 @@ def test_ten_milliseconds_of_gears_couplings_and_two_chains_are_those_of_the_cpu
     packed = pack_for([drive], [Schedule(step, steps, 0, steps, 0)], "float64")
     serial, _ = stepped(packed, steps + 1)
     frames = wp.zeros(1, dtype=packed.real, device="cpu")
-    _, ours = run_blocks(packed, shape_of([drive], 1), [steps + 1], [0], frames)
+    _, ours = run_blocks(packed, kind_of(packed, shape_of([drive], 1)), [steps + 1], [0], frames)
     tension = serial.sums()["chain"]["tension"]
     np.testing.assert_allclose(ours["chain"]["tension"], tension, rtol=1e-9)
     assert (tension > 0.0).all()

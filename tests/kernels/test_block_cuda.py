@@ -67,9 +67,8 @@ FORMS = {
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
 USUAL = [
-    (75, "moving", "float32"),
+    (75, "several chains", "float32"),
     (90, "rk4, bending", "float64"),
-    (90, "several chains", "float32"),
     (90, "relax", "float64"),
 ]
 """What the oldest takes newer ones take; each takes up to a minute, and `test_number` compiles more at float32."""

@@ -1,5 +1,6 @@
 """The block kernel on cooperative fibers: launches that end anywhere, runs that go on, settling."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 import raw
 import warp as wp
 from blocks import (
+    ARMS_RK4,
+    OF_THREE_RK4,
     arms,
     arms_rk4,
     bending_rk4,
@@ -21,6 +24,7 @@ from blocks import (
     rk4,
     run_blocks,
     shape_of,
+    sharing,
     some_of,
 )
 from drives import timing, two_sprockets
@@ -49,24 +53,29 @@ from warpchain.results.schedule import Schedule
 
 
 @pytest.mark.parametrize(
-    ("drives", "each", "precision"),
+    ("drives", "many", "precision", "family"),
     some_of(
         [
-            *product([equal_sprockets, rk4, arms, arms_rk4, pushed_slider], [100], ["float64", "float32"]),
-            *product([moving_sprockets], [1, 100], ["float64", "float32"]),
+            *product([equal_sprockets, rk4, arms, pushed_slider], [True], ["float64", "float32"], [()]),
+            *product([arms_rk4], [True], ["float64", "float32"], [ARMS_RK4]),
+            *product([moving_sprockets], [False, True], ["float64", "float32"], [()]),
         ],
-        [(equal_sprockets, 100, "float32"), (arms_rk4, 100, "float64"), (moving_sprockets, 1, "float64")],
-        [(pushed_slider, 100, "float32")],
+        [
+            (equal_sprockets, True, "float32", ()),
+            (arms_rk4, True, "float64", ARMS_RK4),
+            (moving_sprockets, False, "float64", ()),
+        ],
+        [(pushed_slider, True, "float32", ())],
     ),
 )
-def test_where_launches_end_does_not_matter(fibers, drives, each, precision):
-    variants = drives()
+def test_where_launches_end_does_not_matter(fibers, drives, many, precision, family):
+    of_family, kind, frame = sharing(family or (drives,), many, precision)
+    variants = of_family[drives]
     schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0, look_every=64) for drive in variants]
-    packed = pack_for(variants, schedules, precision)
+    packed = replace(pack_for(variants, schedules, precision), frame=frame)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
-    shape = shape_of(variants, each)
-    once = run_blocks(packed, shape, [2101], [0], none)
-    twice = run_blocks(packed, shape, [1056, 992, 53], [0], none)  # no look where the second begins
+    once = run_blocks(packed, kind, [2101], [0], none)
+    twice = run_blocks(packed, kind, [1056, 992, 53], [0], none)  # no look where the second begins
     for name in ("rollers", "bodies", "tensioners"):
         np.testing.assert_array_equal(getattr(once[0], name).numpy(), getattr(twice[0], name).numpy(), err_msg=name)
     for name in ("chain", "strand", "sprocket", "mount", "contact", "arm", "tensioner"):
@@ -84,8 +93,9 @@ def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, mea
     variants = [*equal_sprockets(), *heavy]
     packed = pack(variants, [Schedule(drive.run.step, 300, 111, 290, 0) for drive in variants]).at_precision(precision)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
-    shape = shape_of(variants, 100)
-    alone, together = (run_blocks(packed, shape, [301], [3, 0, 2, 1], none, measuring, each) for each in (1, 2))
+    shapes = (replace(shape_of(variants, 100), variants_per_block=each) for each in (1, 2))
+    kinds = (kind_of(packed, shape, measuring) for shape in shapes)
+    alone, together = (run_blocks(packed, kind, [301], [3, 0, 2, 1], none) for kind in kinds)
     for name in ("rollers", "bodies", "seat", "impact_speed"):
         np.testing.assert_array_equal(getattr(alone[0], name).numpy(), getattr(together[0], name).numpy(), err_msg=name)
     for name in ("chain", "strand", "sprocket", "contact", "tension_counts"):
@@ -172,11 +182,11 @@ def test_block_kernel_settles_an_arm_with_its_sprocket(fibers, hubs):
 class Blocks:
     """Blocks of fibers as an engine whose states can be kept (`engine.states`)."""
 
-    def __init__(self, packed, shape):
-        self.packed, self.shape = packed, shape
+    def __init__(self, packed, kind):
+        self.packed, self.kind = packed, kind
         self.ensemble, self.state = (
             upload_ensemble(packed, "cpu", blocks=True),
-            upload_state(packed, "cpu", large(packed, shape, 2)),
+            upload_state(packed, "cpu", large(kind, 2)),
         )
         self.sums, self.tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
 
@@ -190,28 +200,28 @@ class Blocks:
         assign_rows(getattr(self.held()[group], name), values)
 
     def advance(self, steps):
-        kernel = block_kernel(kind_of(self.packed, self.shape), 4, self.packed.frame)
+        kernel, threads = block_kernel(self.kind, 4, self.packed.frame), self.kind.shape.threads
         none = wp.empty(1, dtype=self.packed.real, device="cpu")
         order = wp.array([0, 1], dtype=wp.int32, device="cpu")
         inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, steps, 0]
-        wp.launch(kernel, dim=2 * self.shape.threads, inputs=inputs, block_dim=self.shape.threads, device="cpu")
+        wp.launch(kernel, dim=2 * threads, inputs=inputs, block_dim=threads, device="cpu")
 
 
 @pytest.mark.parametrize(
-    ("drives", "each", "precision", "every"),
+    ("drives", "many", "precision", "every", "family"),
     some_of(
         [
-            *product([marine, arms], [1], ["float64", "float32"], [32, 64]),
-            *product([bending_rk4], [1, 100], ["float64", "float32"], [32, 64]),
+            *product([marine, arms], [False], ["float64", "float32"], [32, 64], [()]),
+            *product([bending_rk4], [False, True], ["float64", "float32"], [32, 64], [OF_THREE_RK4]),
         ],
-        [(marine, 1, "float64", 64), (bending_rk4, 100, "float32", 32)],
-        [(arms, 1, "float64", 32)],
+        [(marine, False, "float64", 64, ()), (bending_rk4, True, "float32", 32, OF_THREE_RK4)],
+        [(arms, False, "float64", 32, ())],
     ),
 )
-def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, each, precision, every):
+def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, precision, every, family):
     """A window of ten looks from step 33 that becomes twenty: kept at step 352, or 672, which is between two looks."""
-    variants = drives()
-    shape = shape_of(variants, each)
+    of_family, kind, frame = sharing(family or (drives,), many, precision)
+    variants = of_family[drives]
     short, long = (
         [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0, every) for drive in variants]
         for steps in (10 * every, 20 * every)
@@ -219,7 +229,7 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, each, pre
     half, end = (stop_of(schedules[0]) for schedules in (short, long))
 
     def engine(schedules):
-        return Blocks(pack_for(variants, schedules, precision), shape)
+        return Blocks(replace(pack_for(variants, schedules, precision), frame=frame), kind)
 
     def kept(of, schedules, states, upto):
         keeper = Keeper(states, variants, schedules, precision)

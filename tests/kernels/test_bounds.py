@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from blocks import equal_sprockets, run_blocks
+from blocks import equal_sprockets, kind_of, run_blocks
 from drives import two_sprockets
 from own_kernels import kernel
 
@@ -100,7 +100,7 @@ def test_diverging_blocks_stop_and_leave_their_neighbors_alone(precision):
     drives.append(equal_sprockets()[1])  # whose kind of kernel all of them then have
     packed = pack(drives, [Schedule(5e-6, 400, 11, 390, 0)] * len(drives)).at_precision(precision)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
-    state, sums = run_blocks(packed, BlockShape(32, 2), [401], list(range(len(drives))), none)
+    state, sums = run_blocks(packed, kind_of(packed, BlockShape(32, 2)), [401], [*range(len(drives))], none)
     diverged = state.progress.numpy()["diverged"][:-1]
     assert diverged[1::2].sum() >= 8 and not diverged[::2].any()
     n = 6 * drives[0].chain.links

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blocks import equal_sprockets, run_blocks, shape_of
+from blocks import equal_sprockets, kind_of, run_blocks, shape_of
 from raw import stepped
 
 from warpchain.engine.pack import pack
@@ -23,7 +23,7 @@ def test_blocks_write_the_force_that_the_cpu_writes_without_metrics(fibers):
     serial, theirs = stepped(packed, 201, values=size)
     ours = serial.frame_buffer(size)
     ours.fill_(np.nan)
-    run_blocks(packed, shape_of(variants, 1), [201], [0], ours, measuring=False)
+    run_blocks(packed, kind_of(packed, shape_of(variants, 1), measuring=False), [201], [0], ours)
     forces = [
         packed.frame.split(frames.numpy()[:size].reshape(11, -1), Sizes.of(variants[0]))["hub_force"]
         for frames in (ours, theirs)
