@@ -48,6 +48,23 @@ _PLAIN: Mapping[Any, tuple[str, type]] = {
 }
 
 
+def number_text(value: float) -> str:
+    """A number in a message, to 12 digits: without those of rounding that a computed one, such as 0.1 + 0.2, has."""
+    return repr(float(f"{value:.12g}"))
+
+
+class _Shown(reprlib.Repr):
+    """Values in messages, cut short, floats of Python and numpy as `number_text`."""
+
+    def repr_float(self, value: float, level: int) -> str:
+        return number_text(value)
+
+    repr_float64 = repr_float32 = repr_float
+
+
+_SHOWN = _Shown()
+
+
 def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Checked]:
     """Makes a function, or a dataclass, raise `error` for the first argument that its annotation does not allow.
 
@@ -73,7 +90,7 @@ def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Che
             given = signature.bind(*args, **named).arguments
             for name, (words, test) in tests().items():
                 if name in given and not test(given[name]):
-                    raise error(f"{prefix}{name} = {reprlib.repr(given[name])}: must be {words}")
+                    raise error(f"{prefix}{name} = {_SHOWN.repr(given[name])}: must be {words}")
             return function(*args, **named)
 
         return call
@@ -93,7 +110,7 @@ def among(parts: str, error: type[Exception]) -> Callable[[Checked], Checked]:
             for index in (*args, *named.values()):
                 whole = type(index) is int or (isinstance(index, Integral) and not isinstance(index, bool))
                 if not (whole and 0 <= index < count):
-                    raise error(f"{name} = {reprlib.repr(index)}: must be a whole number from 0, below {count} {parts}")
+                    raise error(f"{name} = {_SHOWN.repr(index)}: must be a whole number from 0, below {count} {parts}")
             return method(self, *args, **named)
 
         return call

@@ -347,9 +347,23 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """
     with open(open_regular(path), "rb") as file:
         data = file.read(LARGEST + 1)
-    if len(data) > LARGEST:
-        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
+    _check_length(len(data))
     return data
+
+
+def check_size(path: str | os.PathLike[str]) -> None:
+    """Refuses what `read_bytes` refuses, without reading it: for a library that reads the file by its name.
+
+    Raises:
+        OSError: as `read_bytes`.
+    """
+    with open(open_regular(path), "rb") as file:
+        _check_length(os.fstat(file.fileno()).st_size)
+
+
+def _check_length(length: int) -> None:
+    if length > LARGEST:
+        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
 
 
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:

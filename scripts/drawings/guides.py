@@ -254,14 +254,18 @@ def starts(figure: Figure) -> Iterator[Line]:
     record = Record(rate=2e4, channels=("chamber_pressure", "tensioner_extension", "tension"))
     run = simulate(drives, duration=0.08, window=(0.0, 0.08), record=record, device="cpu")
     axes: Any = figure.subplots(3, 1, sharex=True)
-    yield ("drained", "filled after [ms]", "largest tension [N]", "stroke [mm]")
+    part = car.tensioners[0]
+    assert part.oil is not None and part.chamber is not None
+    still = 1e3 * part.chamber.volume / valve_flow(part, part.oil.ambient)
+    yield ("drained", "filled after [ms]", "still [ms]", "largest tension [N]", "stroke [mm]", "peak [bar]")
     for k, (share, row) in enumerate(zip(SHARES, run.metrics.to_pylist(), strict=True)):
         pressure, extension, tension = need(run[k], "chamber_pressure", "tensioner_extension", "tension")
         x, filled = extension[:, 0], row.get("tensioner.filling_time")
         panels = (1e-5 * pressure[:, 0], 1e3 * x, tension.max(axis=1))
         for axis, values in zip(axes, panels, strict=True):
             axis.plot(1e3 * run[k].time, values, lw=0.9, label=f"{100.0 * share:g} % air")
-        yield (share, "-" if filled is None else 1e3 * filled, row["tension_max"], 1e3 * float(np.ptp(x)))
+        times = ("-" if filled is None else 1e3 * filled, still * share)
+        yield (share, *times, row["tension_max"], 1e3 * float(np.ptp(x)), 1e-5 * float(pressure[:, 0].max()))
     for axis, label in zip(axes, ("pressure [bar]", "extension [mm]", "largest tension [N]"), strict=True):
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)

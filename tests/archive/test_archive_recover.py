@@ -477,6 +477,8 @@ def test_recover_on_the_command_line(whole, tmp_path, capsys):
     broken, fixed = tmp_path / "broken.mcap", tmp_path / "fixed.mcap"
     line = f"warpchain: error: {broken}: cannot be read (No such file or directory)"
     assert command(capsys, "recover", broken, "-o", fixed) == (2, [], [line])
+    line = f"warpchain: error: {tmp_path}: cannot be read (Is a directory)"
+    assert command(capsys, "recover", tmp_path, "-o", fixed) == (2, [], [line])
     broken.write_bytes(whole[0][: whole[1][3] + 100])
     status, out, _ = command(capsys, "recover", broken, "-o", fixed)
     assert status == 0 and "frames of 1 variant in 4 chunks; " in out[0]

@@ -168,7 +168,7 @@ APART, SHOWN = "not together with", "(Arc(center=(0.0, 0.0), radius=0.2, from=-9
 SHAPES = "give one of start and end, points, arcs, profile"
 BAR, TENSIONER = "guides.blade", "tensioners/0"
 PAIR = "must be two finite numbers [x, y]"
-UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
+UNIQUE = "must be unique among the names of all parts"
 WITHIN = "must be within 10000 m of the origin"
 OILS = ("supply", "ambient")
 ABOVE_0 = ["guides/0/offset", "arms/0/mass", "arms/0/inertia"]

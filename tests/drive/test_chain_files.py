@@ -6,6 +6,7 @@ import chains
 import pytest
 
 from warpchain.drive import dumps_drive, loads_drive
+from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import is_free
 from warpchain.drive.transmission import transmission_of
@@ -70,7 +71,7 @@ WRONG = {
     'chains.b.name = "b": the two chains between "A" and "B" have ratios 0.5 and 0.487805; its sprocket on "B" '
     "would need 40 teeth": {},
     "sprockets.b1.chain = \"c\": must be the name of a chain; allowed are a, b": {"chain": "c"},
-    'chains.b.name = "b": must be named by at least 2 sprockets, is by 1': {"chain": "c"},
+    'chains.b.name = "b": must be named by at least 2 sprockets, is by 1': {"chain": "a", "shaft": "B"},
     "sprockets.b1.chain: missing; must be the name of a chain: a, b": {"chain": ""},
     'sprockets.b1.shaft = "C": must be the name of a shaft; allowed are A, B': {"shaft": "C"},
     'sprockets.b1.center = [0.1, 0.0]: must be [0.0, 0.0], as of "a1" on the shaft "A"': {"center": (0.1, 0.0)},
@@ -91,6 +92,33 @@ del WRONG["sprockets.a2.mount.kind"]
 @pytest.mark.parametrize("line", WRONG)
 def test_wrong_values_are_named_in_a_line(line):
     assert line in error(text_of(**WRONG[line])).split("\n")
+
+
+MISTYPED = {
+    ('chain = "left"', 'chian = "left"'): [
+        'sprockets.idler left.chian = "left": unknown key; did you mean chain?',
+        "sprockets.idler left.chain: missing; must be the name of a chain: primary, left, right, exhaust",
+    ],
+    ('chain = "left"', 'chain = "lefft"'): [
+        'sprockets.idler left.chain = "lefft": must be the name of a chain; did you mean left?'
+    ],
+    ('shaft = "idler shaft"', 'shaft = "idle shaft"'): [
+        'sprockets.idler.shaft = "idle shaft": must be the name of a shaft; did you mean idler shaft?'
+    ],
+}
+
+
+@pytest.mark.parametrize("words", MISTYPED)
+def test_a_mistyped_name_is_told_alone(words):
+    """Nothing is said of what only follows from it: chains without sprockets, or that nothing turns."""
+    assert error(drive_path("v6").read_text().replace(*words, 1)).split("\n") == MISTYPED[words]
+
+
+def test_a_list_of_chains_under_chain_is_one_error():
+    (line,) = error(drive_path("v6").read_text().replace("[[chains]]", "[[chain]]")).split("\n")
+    assert line.startswith("chain = [{ name") and line.endswith(
+        ": must be a table; a list of them is chains, [[chains]]"
+    )
 
 
 SHAFT = '[[shafts]]\nname = "A"\n'

@@ -316,3 +316,12 @@ def test_what_is_not_changed_is_shared():
     changes = Changes(base)
     first, second = (changes.drive({"chain.stiffness": stiffness}) for stiffness in (1e9, 2e9))
     assert second.chain.stiffness == 2e9 and second.sprockets is first.sprockets and second.contact is first.contact
+
+
+@pytest.mark.parametrize("kind", [float, np.float64])
+def test_refused_numbers_are_shown_without_the_digits_of_rounding(kind):
+    """3 times 3 mm is 0.009000000000000001 m in float64."""
+    with pytest.raises(DriveError, match=r"pitch = -0\.009: must be a positive number"):
+        Chain(**SMALL | {"pitch": kind(-3 * 0.003)})
+    with pytest.raises(DriveError, match=r"\.center = \[0\.009, inf\]: must be two finite numbers"):
+        example("marine").with_values({"sprockets.0.center": [kind(3 * 0.003), kind("inf")]})

@@ -276,6 +276,24 @@ def test_one_line_names_the_part_and_the_file(tmp_path):
         load_drive(tmp_path / "drive.toml")
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/io"), reason="the system does not count what is read")
+def test_a_drawing_is_read_once(tmp_path):
+    """The bytes that the system counts are less than those of two readings; the head is looked at more than once."""
+    document, space = drawing(6)
+    x = np.linspace(0.0, 0.1, 5_000)
+    space.add_lwpolyline(np.column_stack([x, 5e-3 * np.sin(30.0 * x)]).tolist())
+    path = saved(document, tmp_path)
+
+    def count():
+        with open("/proc/self/io") as counts:
+            return int(counts.readline().split()[1])
+
+    read_edges(path, None)  # also reads ezdxf itself
+    before = count()
+    read_edges(path, None)
+    assert path.stat().st_size <= count() - before < 1.5 * path.stat().st_size
+
+
 def test_without_ezdxf(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(WarpchainError, match="DXF: needs ezdxf; install it with"):

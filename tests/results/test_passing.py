@@ -16,7 +16,7 @@ from warpchain.results.shaft_signals import hub_forces
 from warpchain.results.signals import seen_at
 from warpchain.results.tooth_jump import jump_margin
 
-UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
+UNIQUE = "must be unique among the names of all parts"
 
 
 def in_seats(drive, lift=0.0, s=0, force=0.0, turn=0.0):

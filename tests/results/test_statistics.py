@@ -5,7 +5,7 @@ import pytest
 
 from warpchain.engine.outcomes import tension_edges
 from warpchain.kernels.statistics import BINS
-from warpchain.results.batch_means import INTERVAL, drift, quantile, standard_error, steady
+from warpchain.results.batch_means import INTERVAL, change, drift, quantile, standard_error, steady
 
 SHARES = (0.001, 0.01, 0.5, 0.99, 0.999)
 BATCHES = 80
@@ -154,6 +154,20 @@ def test_a_drift_is_told_from_scatter():
     assert drift(ramp)[0].mean() == pytest.approx(20.0, abs=4 * change.std() / np.sqrt(runs))
     assert steady(ramp).mean() < 0.05
     assert steady(noise).mean() > 0.98
+
+
+def test_a_ripple_that_the_window_cuts_is_no_change():
+    """Means of parts of a line and a sine, exact integrals: the line's change is found beside 1 to 9 periods; a line
+    alone is off by up to 6 A / (pi n)."""
+    waves, edges = np.array([1.0, 1.3, 2.0, 4.7, 9.0]), np.arange(PARTS + 1) / PARTS
+    place, w = (np.arange(PARTS) + 0.5) / PARTS, 2.0 * np.pi * waves[:, None]
+    ripple = -np.diff(np.cos(w * edges + 0.2), axis=1) / w * PARTS
+    means = 100.0 + 3.0 * place + 30.0 * ripple
+    np.testing.assert_allclose(change(means, waves), 3.0, rtol=1e-9)
+    off = np.abs(drift(means)[0] - 3.0)
+    assert (off < 1.05 * 6.0 * 30.0 / (np.pi * waves)).all() and off[0] > 30.0
+    for none in (0.0, 0.5, 9.5):  # none, not a whole one, or more than the parts resolve: the line alone
+        assert (change(means, np.full(5, none)) == drift(means)[0]).all()
 
 
 def test_a_small_or_exact_drift():

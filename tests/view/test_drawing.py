@@ -70,6 +70,26 @@ def test_texts_of_sprockets_on_one_shaft_stand_below_one_another():
     assert len(at) == len(set(at))
 
 
+@pytest.mark.parametrize("name", ["v6", "car", "motorcycle_drivetrain"])
+def test_labels_cover_neither_each_other_nor_sprockets(name):
+    """But those of a sprocket itself, which stand at its center."""
+    drive = example(name)
+    figure = drive_figure(drive, size=8.5)
+    figure.draw_without_rendering()
+    (axis,) = figure.axes[:1]
+    boxes = [(text, text.get_window_extent()) for text in axis.texts]
+    for k, (text, box) in enumerate(boxes):
+        for other, beside in boxes[:k]:
+            assert not box.padded(-1.0).overlaps(beside), (text.get_text(), other.get_text())
+    centers = 1e3 * np.array([sprocket.center for sprocket in drive.sprockets])
+    teeth = [patch.get_path().transformed(patch.get_transform()) for patch in axis.patches if len(patch.get_xy()) > 50]
+    assert len(teeth) >= len(drive.sprockets)
+    for text, box in boxes:
+        if not np.isclose(centers, text.xy, atol=5.0).all(axis=1).any():
+            corners = np.array([[x, y] for x in np.linspace(box.x0, box.x1, 9) for y in (box.y0, box.y1)])
+            assert not any(path.contains_points(corners).any() for path in teeth), text.get_text()
+
+
 def test_a_chain_that_does_not_fit_has_lengths_in_pitches():
     words = words_of(drive_figure(example("car").with_values({"chain.links": 140})))
     assert sum(word.endswith(" pitches") for word in words) == 3 and not any(w.endswith(" links") for w in words)

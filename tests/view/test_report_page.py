@@ -127,6 +127,13 @@ def test_mistakes_take_a_line(run, tmp_path, capsys, words, line):
     assert not (tmp_path / "a.html").exists()
 
 
+def test_a_page_is_not_named_as_another_kind_of_file(tmp_path, capsys):
+    for words in (["report", tmp_path / "run.mcap"], ["study", "report", tmp_path]):
+        status, out, (line,) = command(capsys, *words, "-o", tmp_path / "a.pdf")
+        assert (status, out) == (2, [])
+        assert f"argument -o/--output: '{tmp_path / 'a.pdf'}': must end in .html, .htm" in line
+
+
 def test_what_was_not_recorded_is_said_in_its_place():
     drive = two_sprockets(duration=0.05)
     needed = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")

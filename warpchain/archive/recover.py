@@ -144,7 +144,8 @@ def _sources(path: Path) -> list[Path]:
     if named:
         return sets[named.edition]
     if not sets:
-        raise ArchiveError(f"{path}: cannot be read (No such file or directory)")
+        why = "Is a directory" if path.is_dir() else "No such file or directory"
+        raise ArchiveError(f"{path}: cannot be read ({why})")
     edition, files = max(sets.items())
     if len(sets) > 1 and not (edition and is_whole(files)):
         named_by = ", ".join(str(files[0]) for _, files in sorted(sets.items()))

@@ -28,6 +28,7 @@ from warpchain.cli.shared_options import (
     mebibytes,
     number,
     number_or_auto,
+    page_path,
     whole_number,
 )
 from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
@@ -333,7 +334,9 @@ def _report(commands: Any) -> None:
         "warpchain report engine.mcap -o engine.html",
     )
     add_options(parser, "archive")
-    parser.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
+    parser.add_argument(
+        "-o", "--output", metavar="report.html", type=page_path, required=True, help="the page to write"
+    )
     add_options(parser, "--variant")
     parser.add_argument("--title", help="heading of the page")
     parser.add_argument(

@@ -56,6 +56,14 @@ def number_or_auto(word: str) -> float | str:
     return word if word == "auto" else number(word)
 
 
+def page_path(word: str) -> Path:
+    """The file of a page."""
+    path = Path(word)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise argparse.ArgumentTypeError(f"{word!r}: must end in .html, .htm")
+    return path
+
+
 def gibibytes(word: str) -> int:
     """A memory budget in GiB as a number of bytes."""
     gib = number(word)

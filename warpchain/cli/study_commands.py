@@ -16,6 +16,7 @@ from warpchain.cli.shared_options import (
     add_command,
     add_options,
     add_run_options,
+    page_path,
     part,
     run_options,
     wanted_precision,
@@ -236,7 +237,7 @@ def _print_status(outcome: Any) -> int:
 def add_report_commands(commands: Any) -> None:
     """Adds the commands to the subparsers of `warpchain study`; each sets `study_run`, the function that does it."""
     page = _add_report(commands, "report", report, "write a study's report as one HTML page", "DIR -o report.html")
-    page.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
+    page.add_argument("-o", "--output", metavar="report.html", type=page_path, required=True, help="the page to write")
     page.add_argument("--title", help="heading of the page")
     page.add_argument("--recorded", action="store_true", help="with the objectives of recorded variants")
     page.add_argument(

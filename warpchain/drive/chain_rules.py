@@ -22,20 +22,22 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
     if alone is not None and chains:
         yield Problem(("chains",), len(chains), "not together with chain; give one of the two")
     names = [get(chain, "name") for chain in chains]
+    known = list(dict.fromkeys(filter(is_name, names)))
     for kind in OF_CHAINS:
         for i, part in enumerate(elements(drive, kind)):
             chain = get(part, "chain")
             if chain is not None and not chains:
                 yield Problem((kind, i, "chain"), chain, "must not be given where there is one chain, [chain]")
             elif chain is None and chains:
-                text = f"missing; must be the name of a chain: {', '.join(filter(is_name, names))}"
+                text = f"missing; must be the name of a chain: {', '.join(known)}"
                 yield Problem((kind, i, "chain"), None, text, BARE)
             elif chain is not None and chain not in names:
-                text = f"must be the name of a chain; {nearest(str(chain), filter(is_name, names))}"
+                text = f"must be the name of a chain; {nearest(str(chain), known)}"
                 yield Problem((kind, i, "chain"), chain, text)
+    named = [get(sprocket, "chain") for sprocket in elements(drive, "sprockets")]
     for c, name in enumerate(names):
-        count = sum(get(sprocket, "chain") == name for sprocket in elements(drive, "sprockets"))
-        if is_name(name) and count < 2:
+        count = named.count(name)
+        if is_name(name) and count < 2 and all(chain in names for chain in named):
             yield Problem(("chains", c, "name"), name, f"must be named by at least 2 sprockets, is by {count}")
     yield from _arms(drive)
 
@@ -111,7 +113,7 @@ def _beside(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str
     before = [sprockets[m] for m in members if m < s]
     own, other = valid(Sprocket, node), valid(Sprocket, first)
     named = f'as of "{get(first, "name")}" on the shaft "{shaft}"'
-    if get(node, "chain") is None or any(get(node, "chain") == get(of, "chain") for of in before):
+    if get(node, "chain") is not None and any(get(node, "chain") == get(of, "chain") for of in before):
         yield Problem(("shaft",), shaft, "must be one without another sprocket of the same chain")
     if get(node, "prescribed") is not None and any(get(of, "prescribed") is not None for of in before):
         text = f'must be given to one sprocket of the shaft "{shaft}" only'
@@ -158,9 +160,8 @@ def ratio_rules(drive: Any) -> Iterator[Problem]:
 def _sound(drive: Any, sprocket: Any) -> bool:
     """Whether it is known what a sprocket has to do with the ratios."""
     teeth, shaft = get(sprocket, "teeth"), get(sprocket, "shaft")
-    sound = (
-        is_name(get(sprocket, "name")) and (shaft is None or is_name(shaft)) and chain_of(drive, sprocket) is not None
-    )
+    known = shaft is None or (is_name(shaft) and any(get(of, "name") == shaft for of in elements(drive, "shafts")))
+    sound = is_name(get(sprocket, "name")) and known and chain_of(drive, sprocket) is not None
     return sound and isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0
 
 

@@ -527,8 +527,16 @@ class Drive(Part):
         return ""
 
     @classmethod
+    def _problem(cls, detail: Any, values: Any) -> Problem:
+        problem = super()._problem(detail, values)
+        several = problem.path == ("chain",) and isinstance(problem.value, list | tuple)
+        return problem._replace(text="must be a table; a list of them is chains, [[chains]]") if several else problem
+
+    @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        wrong = False
+        chain, wrong = get(node, "chain"), False
+        if isinstance(chain, list | tuple) and not elements(node, "chains"):  # an error already
+            node = dict(node) | {"chain": None, "chains": chain}
         for rule in RULES:
             for problem in rule(node):
                 wrong = True

@@ -154,7 +154,7 @@ def name_rules(drive: Any) -> Iterator[Problem]:
         for i, part in enumerate(elements(drive, kind)):
             name = get(part, "name")
             if isinstance(name, str) and name in seen:
-                yield Problem((kind, i, "name"), name, "must be unique among sprockets, guides, arms and tensioners")
+                yield Problem((kind, i, "name"), name, "must be unique among the names of all parts")
             elif isinstance(name, str):
                 seen.add(name)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import DriveError, without_package
-from warpchain.files import read_bytes
+from warpchain.files import check_size
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def read_edges(path: Path, layer: str | None) -> list[Edge]:
         raise without_package("DXF", "ezdxf", "dxf") from None
 
     try:
-        read_bytes(path)  # refuses what has no end
+        check_size(path)
         document = ezdxf.readfile(path)
     except OSError as error:
         raise DriveError(f"cannot be read: {(error.strerror or 'is no DXF file').lower()}") from None

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from warpchain.drive.batch_math import each, power
 from warpchain.drive.laws import LAWS, law_factor
+from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, drive_error
 
 if TYPE_CHECKING:
@@ -46,14 +47,16 @@ def hertz_stiffness(
     """
     limit = _limit(width, roller_radius, partner_radius, compliance)
     if not 0.0 < load < limit:
-        raise drive_error([f"reference_load = {load!r}: must be above 0 and below {limit:g} N, where eq. (20) ends"])
+        text = f"must be above 0 and below {limit:g} N, where eq. (20) ends"
+        raise drive_error([f"reference_load = {value_text(load)}: {text}"])
     penetration = load * compliance / width * math.log(limit / load)
     try:
         stiffness = load / penetration**exponent
     except (OverflowError, ZeroDivisionError):
         stiffness = math.inf
     if not 0.0 < stiffness < math.inf:
-        raise drive_error([f"reference_load = {load!r}: must give a stiffness that is a positive, finite number"])
+        text = "must give a stiffness that is a positive, finite number"
+        raise drive_error([f"reference_load = {value_text(load)}: {text}"])
     return stiffness
 
 
@@ -108,7 +111,7 @@ def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float
         DriveError: for a restitution out of that range, or an unknown law.
     """
     if not 0.0 < restitution <= 1.0:
-        raise drive_error([f"restitution = {restitution!r}: must be a number above 0, at most 1"])
+        raise drive_error([f"restitution = {value_text(restitution)}: must be a number above 0, at most 1"])
     if law not in LAWS:
         raise drive_error([f"law = {law!r}: must be one of {', '.join(LAWS)}"])
     return LAWS[law].rebound(law_factor(law, restitution))

@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from warpchain.arguments import number_text
 from warpchain.errors import drive_error
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -74,8 +75,8 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def inline(value: Any) -> str:
-    """A value as it stands behind the equals sign.
+def inline(value: Any, real: Callable[[float], str] = float.__repr__) -> str:
+    """A value as it stands behind the equals sign, its floats by `real`.
 
     Raises:
         TypeError: for a type that TOML does not have.
@@ -85,14 +86,14 @@ def inline(value: Any) -> str:
     if isinstance(value, int):
         return int.__repr__(value)
     if isinstance(value, float):
-        return float.__repr__(value)
+        return real(value)
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, Mapping):
-        pairs = ", ".join(f"{_key(str(key))} = {inline(inner)}" for key, inner in value.items())
+        pairs = ", ".join(f"{_key(str(key))} = {inline(inner, real)}" for key, inner in value.items())
         return f"{{ {pairs} }}" if pairs else "{}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(inline(element) for element in value) + "]"
+        return "[" + ", ".join(inline(element, real) for element in value) + "]"
     raise TypeError(f"no TOML for {type(value).__name__}")
 
 
@@ -102,9 +103,9 @@ def word_text(word: str) -> str:
 
 
 def value_text(value: Any) -> str:
-    """A value for an error line: as TOML where it can be, on one line, cut short."""
+    """A value for an error line: as TOML where it can be, numbers as `number_text`, on one line, cut short."""
     try:
-        text = inline(value)
+        text = inline(value.item() if getattr(value, "ndim", None) == 0 else value, number_text)
     except TypeError:
         text = str(value) if hasattr(value, "isoformat") else repr(value)
     except ValueError:  # python writes no integers of more than some thousand digits

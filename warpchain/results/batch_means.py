@@ -23,7 +23,7 @@ the window does not tell what lies behind it: the error is unknown.
 
 A drift is the slope of the line through the means of P parts by least squares, times P: its change over the window.
 Its variance is that of independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below
-0; drift over error is Student's t with P - 2 degrees of freedom.
+0; drift over error is Student's t with P - 2 degrees of freedom. The slope of a whole ripple is not counted (`change`).
 """
 
 from __future__ import annotations
@@ -68,6 +68,9 @@ LEAST_SHARE = 1e-12
 
 MOST_CORRELATED = 0.9
 """Residuals are taken to be no more alike than this: r of so few is uncertain, and 1 / (1 - r) without bound."""
+
+RESOLVED = 2.2
+"""Parts of a window in a period of a ripple that a sine can be fitted to."""
 
 SIGNIFICANT = 0.01
 """A drift counts if so large a one comes about by chance less often than this,"""
@@ -187,6 +190,26 @@ def drift(means: Array) -> tuple[Array, Array]:
         ratio = np.abs(slope) / np.sqrt(np.where(variance > 0.0, variance, np.nan))
         chance = np.where(variance > 0.0, 2.0 * stdtr(count - 2, -ratio), chance)
     return slope * count, np.where(np.isfinite(slope), chance, np.nan)
+
+
+def change(means: Array, waves: Array) -> Array:
+    """Change over the window of means of parts along the last axis, beside a wave of which the window holds so many.
+
+    A window that cuts a ripple of amplitude A after n periods has up to 6 A / (pi n) in its slope, which is no change
+    of the mean: where it holds a period or more, and `RESOLVED` parts are in one, line and sine are fitted together.
+
+    Args:
+        means: (V, P).
+        waves: (V,) periods in the window, 0 for none.
+    """
+    found, _ = drift(means)
+    count = means.shape[-1]
+    place = (np.arange(count) + 0.5) / count
+    for v in np.flatnonzero((waves >= 1.0) & (waves * RESOLVED <= count) & np.isfinite(means).all(axis=-1)):
+        angle = 2.0 * np.pi * waves[v] * place
+        columns = np.stack([np.ones(count), place, np.cos(angle), np.sin(angle)], axis=1)
+        found[v] = np.linalg.lstsq(columns, means[v], rcond=None)[0][1]
+    return found
 
 
 def steady(means: Array) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive.geared import own_shafts
-from warpchain.results.batch_means import counted_below, drift, quantile, share_below, standard_error, steady
+from warpchain.results.batch_means import change, counted_below, drift, quantile, share_below, standard_error, steady
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -171,16 +171,18 @@ class Drifts:
     Attributes:
         tension: of the chain's tension [N].
         speeds: of each sprocket's angular velocity [rad/s].
+        waves: (V,) periods of the slowest harmonic of motions and loads in the window [-], 0 for none.
     """
 
     tension: NDArray[np.float64]
     speeds: Sequence[NDArray[np.float64]]
+    waves: NDArray[np.float64]
 
     @property
     def change(self) -> Values:
         """Of the mean tension over the window [N]."""
-        change, _ = drift(self.tension)
-        return where(np.isfinite(change), change)
+        found = change(self.tension, self.waves)
+        return where(np.isfinite(found), found)
 
     @property
     def chance(self) -> Values:

@@ -32,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.arguments import number_text
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.results import Array, Results
@@ -109,7 +110,7 @@ class PureError:
 
 def _check_precision(precision: float) -> None:
     if not (math.isfinite(precision) and precision > 0.0):
-        raise StudyError(f"precision = {precision!r}: must be a positive number")
+        raise StudyError(f"precision = {number_text(precision)}: must be a positive number")
 
 
 def student(freedom: float) -> float:

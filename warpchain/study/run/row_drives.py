@@ -216,7 +216,7 @@ def _wanted_strain(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> floa
     except StudyError as error:
         raise StudyError(f"adjust.{key} = {value_text(asked)}: {error}") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise StudyError(f"adjust.{key} = {value_text(asked)}: {value} is not a finite number")
+        raise StudyError(f"adjust.{key} = {value_text(asked)}: {value_text(value)} is not a finite number")
     chain = _chain(drive, adjust).chain
     strain = float(value) if key == "strain" else value / (chain.mean_stiffness * chain.pitch)
     if abs(strain) > MAX_STRAIN or (key == "preload" and value < 0.0):

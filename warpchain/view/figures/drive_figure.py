@@ -27,6 +27,7 @@ from warpchain.results.scene import (
     turned,
 )
 from warpchain.results.units import display_unit, shown
+from warpchain.view.figures.labels import spread
 from warpchain.view.figures.style import about
 from warpchain.view.palette import scale_top, tension_colormap
 
@@ -106,6 +107,8 @@ def drive_figure(
     axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
+    if isinstance(of, Drive):
+        spread(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
     return figure
 
 
@@ -239,9 +242,9 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
         write(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
     for arm, angle in zip(drive.arms, pose.arm, strict=True):
-        stops = ", no stops" if arm.stops is None else ", {:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
+        stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
         away = 1.0 if arm.pivot[0] > middle[0] else -1.0
-        text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}{stops}"
+        text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
         write(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
     for points in travel:
         axis.plot(*factor * points.T, **TRAVEL)
