@@ -503,7 +503,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             wrench.load = wrench.load + wrench.bearing
         return wrench
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant, and
         `wrench` with its load.

@@ -169,7 +169,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 if ensemble.gears[g].body == mine.number:
                     observe_gear(ensemble, shared, out, mine, now, g)
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
         if mine.body >= 0:
