@@ -59,7 +59,7 @@ def wheels(tree):
     out.mkdir()
     archive = build("sdist", tree, out)
     with tarfile.open(archive) as packed:
-        packed.extractall(home / "unpacked", filter="data")
+        packed.extractall(home / "unpacked")
     (unpacked,) = (home / "unpacked").iterdir()
     (home / "again").mkdir()
     return build("wheel", tree, out), build("wheel", unpacked, home / "again")

@@ -82,7 +82,7 @@ def test_what_cannot_be_reached_is_told_with_what_can():
         ({"strain": "1 / x"}, 'adjust.strain = "1 / x": division by zero'),
         ({"strain": 0.2}, "adjust.strain = 0.2: a strain of 0.2; allowed is within 0.05"),
         ({"preload": "x - 1"}, "adjust.preload = -1: a strain of -7.87402e-06; allowed is within 0.05"),
-        ({"preload": "x > 0"}, 'adjust.preload = "x > 0": False is not a finite number'),
+        ({"preload": "x > 0"}, 'adjust.preload = "x > 0": false is not a finite number'),
     ],
 )
 def test_a_wanted_strain_without_sense_is_told(asked, text):
