@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, product, products
-from ..physics.contact import gained, power_taken, pressed, reaction, stored
+from ..native import accessors, product
+from ..physics.contact import gained, power_taken, pressed, reaction, sliding_speed, stored
 from ..physics.friction import coefficient, held_back
 from ..physics.impact import elastic_force, force_by_growth
 from ..structs import Now, Totals, types
@@ -244,10 +244,10 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
 
     @wp.func
-    def sliding_speed(w: wp.array[Real], i: int):
+    def slides(w: wp.array[Real], i: int):
         """Speed at which roller i's contact slides [m/s]."""
         x, y = load_row(w, row.relative_x + i), load_row(w, row.relative_y + i)
-        return products(x, -load_row(w, row.normal_y + i), y, load_row(w, row.normal_x + i))
+        return sliding_speed(x, y, load_row(w, row.normal_x + i), load_row(w, row.normal_y + i))
 
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: Real, holds: Real):
@@ -292,12 +292,12 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
             i = group.low
             while i < group.high:
                 if load_row(w, row.size + i) > Real(0.0):
-                    store_row(w, row.mu + i, coefficient(wp.abs(sliding_speed(w, i)), sliding.law))
+                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), sliding.law))
                 i = i + 1
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = held_back(mu * size, sliding_speed(w, i), held, sliding.inertia, memory.stretched)
+            drag, holds = held_back(mu * size, slides(w, i), held, sliding.inertia, memory.stretched)
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:

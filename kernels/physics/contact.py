@@ -120,14 +120,20 @@ def rub_evenly(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, s
 @wp.func
 def sliding_coefficient(normal: Any, relative: Any, sliding: Any):
     """mu [-] at the speed at which a contact slides; arguments as of `rub`."""
-    return coefficient(wp.abs(products(relative[0], -normal[1], relative[1], normal[0])), sliding.law)
+    return coefficient(wp.abs(sliding_speed(relative[0], relative[1], normal[0], normal[1])), sliding.law)
+
+
+@wp.func
+def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any):
+    """Speed at which a contact slides [m/s], along its normal turned by +90 degrees; arguments as of `rub`."""
+    return products(relative_x, -normal_y, relative_y, normal_x)
 
 
 @wp.func
 def rub_at(mu: Any, size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
     """As `rub`, of a given coefficient."""
     along = type(normal)(-normal[1], normal[0])
-    speed = products(relative[0], along[0], relative[1], along[1])
+    speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = held_back(mu * size, speed, held, sliding.inertia, stretched)
     return sized(along, drag), holds
 
