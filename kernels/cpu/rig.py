@@ -116,7 +116,7 @@ def lead(
                 total.lift_max = wp.max(total.lift_max, lift)
                 if lift > wp.float64(0.0) and opened <= wp.float64(0.0):
                     total.openings += 1
-                total.flows = add_flows(total.flows, flows, True)
+                total.flows = add_flows(total.flows, flows)
                 total.work -= half * (pushed + force) * (x - before)
                 total.damper_loss += ride.step * (lost + half * damper_power(x, rate, state, tensioner))
                 if tensioner.hydraulic == 1 and pressure <= pressure_at(tensioner.floor, tensioner) * wp.float64(

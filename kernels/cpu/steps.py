@@ -318,7 +318,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 tensioner.supply = state.tensioners[t].supply
             after, flows = tensioner_step(x, rate, drive.step, True, state.tensioners[t], tensioner)
             state.tensioners[t] = after
-            state.meters[t] = add_flows(state.meters[t], flows, True)
+            state.meters[t] = add_flows(state.meters[t], flows)
 
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):

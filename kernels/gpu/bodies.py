@@ -130,7 +130,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                             tensioner.supply = state.tensioners[t].supply
                     after, flows = tensioner_step(x, rate, h, window, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
-                    state.meters[t] = add_flows(state.meters[t], flows, window)
+                    state.meters[t] = add_flows(state.meters[t], flows)
 
     return SimpleNamespace(**locals())
 

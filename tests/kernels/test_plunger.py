@@ -60,7 +60,7 @@ def lead(
         rate = wp.float32((places[i] - places[i - 1]) / h)
         after, flows = tensioner_step(x, rate, wp.float32(h), True, state, t)
         state = after
-        meter = add_flows(meter, flows, True)
+        meter = add_flows(meter, flows)
         force, pressure = tensioner_force(x, rate, True, state, t)
         if i % every == 0:
             row = i // every - 1
