@@ -17,8 +17,8 @@ from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
+from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.recover import recover_archive
-from warpchain.archive.writer import Pipeline
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.engineering_report import handed_in
 

@@ -26,9 +26,9 @@ from study_helpers import write_study
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions, mcap_write
 from warpchain.archive import file_parts as parts
+from warpchain.archive.arrow import MAGIC, plain_table
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
-from warpchain.archive.read import MAGIC, plain_table
 from warpchain.drive import dumps_drive
 from warpchain.errors import ArchiveError, WarpchainError
 

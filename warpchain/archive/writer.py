@@ -7,13 +7,10 @@ solver goes on; a file appears under its name only when it is whole.
 from __future__ import annotations
 
 import os
-import queue
-import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +19,7 @@ from warpchain.archive.chunk_layout import Form, FrameLayout, frame_layout, mess
 from warpchain.archive.file_parts import Parts, numbers_of
 from warpchain.archive.mcap_write import Chunk, make_chunk
 from warpchain.archive.options import ArchiveOptions
+from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.read import read_archive
 from warpchain.archive.scene_message import scene_update
 from warpchain.arguments import checked
@@ -267,61 +265,3 @@ def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: 
             writer.append(row, run[variant])
         writer.finish(run.metrics, run.info)
     return Path(path)
-
-
-Job = TypeVar("Job")
-Result = TypeVar("Result")
-
-
-class Pipeline(Generic[Job, Result]):
-    """Work in other threads whose results are passed on one by one, in the order in which the work came.
-
-    Bounded: `put` waits while `room` jobs are under way. An error of `work` or `sink` comes out of the caller's next
-    `put` or of `close`; the jobs after it are dropped.
-
-    Args:
-        work: called in one of several threads.
-        sink: called with each result, in order, in a thread of its own.
-        threads: number of threads for `work`.
-        room: jobs under way at most.
-    """
-
-    def __init__(self, work: Callable[[Job], Result], sink: Callable[[Result], None], threads: int, room: int) -> None:
-        self._work, self._sink = work, sink
-        self._pool = ThreadPoolExecutor(threads, "warpchain-encode")
-        self._queue: queue.Queue[Future[Result] | None] = queue.Queue(room)
-        self._error: BaseException | None = None
-        self._dropped = False
-        self._thread = threading.Thread(target=self._drain, name="warpchain-write", daemon=True)
-        self._thread.start()
-
-    def _drain(self) -> None:
-        while (future := self._queue.get()) is not None:
-            if self._dropped:
-                future.cancel()
-                continue
-            try:
-                self._sink(future.result())
-            except BaseException as error:  # to be raised where the user's thread can see it
-                self._error, self._dropped = error, True
-            del future
-
-    def put(self, job: Job) -> None:
-        """Takes a job; waits while there is no room."""
-        self._raise()
-        self._queue.put(self._pool.submit(self._work, job))
-
-    def _raise(self) -> None:
-        if self._error is not None:
-            raise self._error
-
-    def close(self, drop: bool = False) -> None:
-        """Waits until all is done; `drop` gives up what has not been passed on, and raises nothing."""
-        if drop:
-            self._dropped = True
-        if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join()
-        self._pool.shutdown(cancel_futures=True)
-        if not drop:
-            self._raise()

@@ -1,0 +1,64 @@
+"""Work in other threads whose results are passed on one by one, in the order in which the work came."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+class Pipeline(Generic[Job, Result]):
+    """Bounded: `put` waits while `room` jobs are under way. An error of `work` or `sink` comes out of the caller's next
+    `put` or of `close`; the jobs after it are dropped.
+
+    Args:
+        work: called in one of several threads.
+        sink: called with each result, in order, in a thread of its own.
+        threads: number of threads for `work`.
+        room: jobs under way at most.
+    """
+
+    def __init__(self, work: Callable[[Job], Result], sink: Callable[[Result], None], threads: int, room: int) -> None:
+        self._work, self._sink = work, sink
+        self._pool = ThreadPoolExecutor(threads, "warpchain-encode")
+        self._queue: queue.Queue[Future[Result] | None] = queue.Queue(room)
+        self._error: BaseException | None = None
+        self._dropped = False
+        self._thread = threading.Thread(target=self._drain, name="warpchain-write", daemon=True)
+        self._thread.start()
+
+    def _drain(self) -> None:
+        while (future := self._queue.get()) is not None:
+            if self._dropped:
+                future.cancel()
+                continue
+            try:
+                self._sink(future.result())
+            except BaseException as error:  # to be raised where the user's thread can see it
+                self._error, self._dropped = error, True
+            del future
+
+    def put(self, job: Job) -> None:
+        """Takes a job; waits while there is no room."""
+        self._raise()
+        self._queue.put(self._pool.submit(self._work, job))
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def close(self, drop: bool = False) -> None:
+        """Waits until all is done; `drop` gives up what has not been passed on, and raises nothing."""
+        if drop:
+            self._dropped = True
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+        self._pool.shutdown(cancel_futures=True)
+        if not drop:
+            self._raise()
