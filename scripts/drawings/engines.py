@@ -27,11 +27,6 @@ def engines() -> Iterator[Line]:
     orders = ", ".join(f"{order:g}: {size:.3f}" for order, size in zip(ORDERS, np.max(sizes, axis=0), strict=True))
     yield Row(
         name="timing chains of three engines",
-        source="TEMA20000703416",
-        states="largest link load 900 to 3,800 N; torsion 0.5 to 0.8 degrees of the crankshaft; orders 4, 6, 8",
-        drive=f"`car` from {SPEEDS[0]} to {SPEEDS[-1]} rpm: [another engine](car.md#where-the-numbers-come-from)",
         gives=f"{largest.min():.0f} to {largest.max():.0f} N; camshafts swing by {torsion.min():.2f} to "
         f"{torsion.max():.2f} degrees; largest amplitudes of orders {orders} degrees",
-        differs="loads and torsion reach less; orders 6 and 8 are small",
-        verdict="not the same engines: only the order of size is compared (below)",
     )

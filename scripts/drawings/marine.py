@@ -17,7 +17,6 @@ from warpchain.results.scene import nearest_sprocket
 from warpchain.results.signals import last_round
 from warpchain.view.figures.chain_figures import telling_roller
 
-PAPER = "Pedersen, Hansen and Ambrósio (2004), figures"
 CASES = ("with friction", "without friction")
 STEEL = {"contact.guide.partner": {"youngs_modulus": 210e9, "poissons_ratio": 0.3}}
 SEEN = Record(channels=("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"))
@@ -111,13 +110,9 @@ def displacement_row(own: Bare, smooth: Bare) -> Row:
     """Displacement of the tight strand without its bar."""
     return Row(
         name="marine drive: displacement",
-        source=f"{PAPER} 9 and 10",
-        states="tight strand without guide-bar: mean displacement 2.7 mm",
-        drive="`marine_no_guides`: a drive of that kind, as the paper's data are not public",
         gives=f"{own.mean:.1f} mm ([with the bar](examples.md#the-guide-bar-figures-9-and-10-of-the-paper)); without "
         f"friction {smooth.mean:.1f} mm, swinging by {smooth.rms:.1f} mm rms, links at {smooth.tension:.0f} kN",
         differs=f"{own.mean - 2.7:+.1f} mm; without friction {smooth.mean - 2.7:+.1f} mm",
-        verdict="does not agree: not the same drive (below)",
     )
 
 
@@ -126,16 +121,11 @@ def forces_row(own: Forces, smooth: Forces) -> Row:
     mean, smooth_mean = means()
     return Row(
         name="marine drive: forces",
-        source=f"{PAPER} 11 and 12",
-        states="tension about 20 kN, another on sprockets than off them; sprockets press a roller harder than "
-        "guide-bars, as these are of rubber",
-        drive="`marine`, its bar indented as in the paper; a bar of steel for comparison",
         gives=f"mean of the links {mean} kN, without friction {smooth_mean} kN. Off and on sprockets {own.strands:.0f} "
         f"and {own.sprockets:.0f}, {smooth.strands:.0f} and {smooth.sprockets:.0f} kN. Largest on a roller: crankshaft "
         f"and camshaft {own.teeth:.0f} and {smooth.teeth:.0f} kN, bar {own.bar:.2f} and {smooth.bar:.1f} kN, bar of "
         f"steel {own.steel:.1f} and {smooth.steel:.0f} kN",
         differs=f"{mean - 20.0:+.1f} and {smooth_mean - 20.0:+.1f} kN",
-        verdict="tension on and off sprockets and order of forces agree; the tightener was set for 20 kN (below)",
     )
 
 
