@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import ROOT, Line, case
+from common.cases import ROOT, Line, case, head
 from common.drives import example
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -185,18 +185,7 @@ def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
     loops = {f"{frequency:g} Hz": frequency for frequency in (10.0, 100.0, 400.0)}
     done = shaken(drive, loops.values(), samples=True)
     yield "the last cycles"
-    yield (
-        "Hz",
-        "force [N]",
-        "",
-        "pressure [Pa]",
-        "",
-        "work [J]",
-        "leak [J]",
-        "valve [J]",
-        "supply [J]",
-        "leaked [m^3]",
-    )
+    yield head("Hz | force [N] |  | pressure [Pa] |  | work [J] | leak [J] | valve [J] | supply [J] | leaked [m^3]")
     columns = ("frequency", "force_min", "force_max", "pressure_min", "pressure_max", "work", "leak_loss")
     for row in done.rides.to_pylist():
         yield tuple(row[name] for name in (*columns, "valve_loss", "supply_work", "leaked"))

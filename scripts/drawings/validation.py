@@ -8,9 +8,9 @@ from typing import Any
 
 from common.cases import ROOT, Line, case, option
 
+from drawings.car import engines
 from drawings.closed_forms import EXACT, Row
 from drawings.efficiency import joints
-from drawings.engines import engines
 from drawings.guides import AMPLITUDE, CYCLES, text_of
 from drawings.marine import marine
 from drawings.other_codes import other_codes
@@ -45,7 +45,7 @@ PARTS: dict[str, Callable[[], Iterable[Line]]] = {
     "joints": joints,
     "marine": marine,
     "tensioner": lambda: [tensioner_work()],
-    "engines": engines,
+    "engines": lambda: [engines()],
     "codes": other_codes,
 }
 USUAL = [part for part in PARTS if part != "codes"]
