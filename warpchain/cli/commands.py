@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
@@ -13,14 +14,33 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
     from warpchain.engine.device_choice import Speed
 
+Command = Callable[[argparse.Namespace], int]
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
 
 
-def interrupted(done: str) -> int:
-    """Says that a command goes on where Ctrl-C has stopped it; `done` is what is kept, with its verb. The status."""
-    print(f"warpchain: interrupted; {done} kept: run again to go on", file=sys.stderr)
-    return UNFINISHED
+def resumable(kept: str) -> Callable[[Command], Command]:
+    """Makes a command start Warp first, and say that it goes on where Ctrl-C has stopped it.
+
+    Args:
+        kept: what is kept then, with its verb.
+    """
+
+    def wrap(run: Command) -> Command:
+        @wraps(run)
+        def command(arguments: argparse.Namespace) -> int:
+            from warpchain.engine import start_warp
+
+            start_warp(precompiled=False)
+            try:
+                return run(arguments)
+            except KeyboardInterrupt:
+                print(f"warpchain: interrupted; {kept} kept: run again to go on", file=sys.stderr)
+                return UNFINISHED
+
+        return command
+
+    return wrap
 
 
 def _said(lines: Iterable[str]) -> int:

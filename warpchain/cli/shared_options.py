@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,8 @@ def woehler_curve(word: str) -> tuple[float, ...]:
     return values
 
 
-OPTIONS: dict[str, dict[str, Any]] = {
+Options = Mapping[str, Mapping[str, Any]]
+OPTIONS: Options = {
     "drive": {"metavar": "DRIVE", "help": "drive file (TOML), or the name of an example drive such as marine"},
     "archive": {"metavar": "OUT.mcap", "type": Path},
     "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.commands import DONE, UNFINISHED, interrupted
+from warpchain.cli.commands import DONE, UNFINISHED, resumable
 from warpchain.cli.shared_options import (
     add_command,
     add_options,
@@ -104,24 +104,20 @@ def add_commands(commands: Any) -> None:
         add_options(parser, "--workers", "--memory")
 
 
+@resumable("the shards that are done are")
 def _run(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.run import run_study
 
-    start_warp(precompiled=False)
-    try:
-        with _executor(arguments.scheduler) as (executor, parts):
-            outcome = run_study(
-                arguments.study,
-                arguments.output,
-                executor=executor,
-                part=arguments.shard,
-                parts=parts,
-                grow=arguments.grow,
-                **run_options(arguments) | {"progress": not arguments.quiet},
-            )
-    except KeyboardInterrupt:
-        return interrupted("the shards that are done are")
+    with _executor(arguments.scheduler) as (executor, parts):
+        outcome = run_study(
+            arguments.study,
+            arguments.output,
+            executor=executor,
+            part=arguments.shard,
+            parts=parts,
+            grow=arguments.grow,
+            **run_options(arguments) | {"progress": not arguments.quiet},
+        )
     status = _print_status(outcome)
     return status if outcome.left or outcome.counts["ok"] else UNFINISHED
 
@@ -160,28 +156,18 @@ def _plan(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+@resumable("the shards that are done are")
 def _grow(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.grow_until import Reached, Until, grow_until
 
     until = Until.of(arguments.until)
-    start_warp(precompiled=False)
 
     def say(now: Reached) -> None:
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.words(now.error)}{of}")
 
-    try:
-        found = grow_until(
-            arguments.folder,
-            until,
-            most=arguments.most,
-            report=say,
-            **run_options(arguments),
-        )
-    except KeyboardInterrupt:
-        return interrupted("the shards that are done are")
+    found = grow_until(arguments.folder, until, most=arguments.most, report=say, **run_options(arguments))
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")
     print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
