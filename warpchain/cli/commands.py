@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
+from warpchain.cli.shared_options import Command
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
     from warpchain.engine.device_choice import Speed
 
-Command = Callable[[argparse.Namespace], int]
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
 
@@ -397,7 +397,3 @@ def recover(arguments: argparse.Namespace) -> int:
     recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
     print(recovered)
     return DONE if recovered.complete else UNFINISHED
-
-
-def study(arguments: argparse.Namespace) -> int:
-    return int(arguments.study_run(arguments))

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from warpchain.cli.commands import DONE, Command, resumable
-from warpchain.cli.shared_options import Options, add_command, add_run_options, run_options, say_unless_quiet
+from warpchain.cli.commands import DONE, resumable
+from warpchain.cli.shared_options import Command, Options, add_command, add_run_options, run_options, say_unless_quiet
 
 
 def add_search(
@@ -22,13 +22,12 @@ def add_search(
         own: its further arguments, as `add_argument` takes them.
     """
     name = run.__name__.strip("_")
-    parser = add_command(commands, name, text, f"warpchain {name} {words} -o DIR")
+    parser = add_command(commands, name, run, text, f"warpchain {name} {words} -o DIR")
     parser.add_argument("study", metavar=words.split()[0], type=Path, help=f"study file with {needs}")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
     for option, settings in (own or {}).items():
         parser.add_argument(option, **settings)
     add_run_options(parser)
-    parser.set_defaults(run=run)
 
 
 def add_optimize(commands: Any) -> None:
