@@ -86,17 +86,36 @@ def assembled(drive: Any, count: int) -> float:
     return count / (time.process_time() - begin)
 
 
+def changes(drive: Any, finer: int) -> dict[str, float]:
+    """The drive's step [s], and by how much results at it differ from those at a `finer`-th of it, if that is not 0."""
+    step = float(resolve_step(drive))
+    if not finer:
+        return {"step": step}
+    drives = [drive.with_values({"run.step": h}) for h in (step, step / finer)]
+    run = warpchain.simulate(drives, device="cpu", record=warpchain.Record("none"))
+    coarse, fine = run.metrics.to_pylist()
+    lost = [
+        sum(value for name, value in row.items() if name.endswith((".dissipated", ".friction", "_loss")) and value)
+        for row in (coarse, fine)
+    ]
+    found = {name: coarse[name] / fine[name] - 1.0 for name in ("tension_mean", "tension_q999", "tension_max")}
+    return {"step": step, **found, "losses": lost[0] / lost[1] - 1.0}
+
+
 def rates(asked: dict[str, Any]) -> dict[str, float]:
     """Rates by case: 1e6 roller-steps a second, and drives assembled in a second.
 
     Args:
         asked: `drives` (title to file and values), `precisions`, `variants`, `device`, `steps` of a launch at float64
-            with one variant on the CPU, of any on a GPU, `after`, `repeats`, `assemble`.
+            with one variant on the CPU, of any on a GPU, `after`, `repeats`, `assemble`; `finer`, where steps are
+            wanted, and results to be held against those of such a part of them.
     """
     found: dict[str, float] = {}
     device = asked["device"]
     for title, (file, values) in asked["drives"].items():
         drive = warpchain.load_drive(Path(file)).with_values(values)
+        if "finer" in asked:
+            found |= {f"{title}, {name}": value for name, value in changes(drive, asked["finer"]).items()}
         for precision in asked["precisions"]:
             for variants in asked["variants"]:
                 for metrics in (False, True):

@@ -1,27 +1,80 @@
-"""Changes of examples by their step: over the limit of stability, and where little of it resolves what happens."""
+"""A simulated second in one tree beside another's, each at its own step, and what the steps change."""
 
 import argparse
-import warnings
+import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
-from common.cases import Line, case, option
+from common.cases import ROOT, Line, case, option
 
 from benches.drives import named
+from benches.guard import checkout, rates
 from warpchain import Record, simulate
-from warpchain.assembly.timestep import automatic_step, step_limit
-from warpchain.drive.paths import changed
+from warpchain.assembly.timestep import step_limit
 
 EXAMPLES = ("industrial", "engine", "motorcycle", "car", "marine")
 SHORT = {"industrial": 0.4, "marine": 0.6}
 """Simulated seconds of the runs that are held against finer steps, where examples take longer."""
-DRIVES = option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples")
+CHANGES = ("tension_mean", "tension_q999", "tension_max", "losses")
+
+
+@case(
+    option("a", metavar="A", help="a commit, or the folder of a tree"),
+    option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
+    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    option("--variants", type=int, default=1, help="how many at once"),
+    option("--precision", default="float64", help="float64 (default) or float32"),
+    option("--finer", type=int, default=8, help="the part of each step that results are held against; 0: none"),
+)
+def steps(asked: argparse.Namespace) -> Iterator[Line]:
+    """Simulated seconds a second of examples in two trees, at the step of the file of each, and at "auto".
+
+    python scripts/bench.py steps b7c6549
+    python scripts/bench.py steps ../before --device cuda:0 --variants 1056 --finer 0
+
+    The changes are those of mean, 99.9 % quantile and largest tension and of all losses from an eighth of the step;
+    what is chaotic scatters by some percent at any step.
+    """
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
+        yield ("drive, step", "tree", "step [us]", *(f"{change} [%]" for change in CHANGES), "s a s", "B/A")
+        for drive in asked.drives:
+            duration = {"run.duration": SHORT[drive]} if drive in SHORT else {}
+            for which, values in (("file", {}), ("auto", {"run.step": "auto"})):
+                speeds = []
+                for side, tree in zip("AB", trees, strict=True):
+                    file = tree / "warpchain" / "drive" / "examples" / f"{drive}.toml"
+                    found = rates(
+                        tree,
+                        {
+                            "drives": {drive: (str(file), values | duration)},
+                            "precisions": [asked.precision],
+                            "variants": [asked.variants],
+                            "device": asked.device,
+                            "steps": 40_000 if asked.device == "cpu" else 2000,
+                            "after": 0,
+                            "repeats": 2,
+                            "assemble": 0,
+                            "finer": asked.finer,
+                        },
+                    )
+                    step = found[f"{drive}, step"]
+                    rate = found[f"{drive}, {asked.precision}, {asked.variants}, metrics"]
+                    speeds.append(rate * step)
+                    changes = [f"{100.0 * found.get(f'{drive}, {of}', float('nan')):+.2f}" for of in CHANGES]
+                    ratio = f"{speeds[-1] / speeds[0]:.2f}"
+                    yield (f"{drive}, {which}", side, f"{1e6 * step:.3g}", *changes, f"{speeds[-1]:.4g}", ratio)
+
+
 FINE, SHARES = 0.15, (0.3, 0.6, 0.8, 0.95)
 """Of the limit of stability: the step that results are held against, and those that are held against it."""
 
 
 @case(
-    DRIVES,
+    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
     option("--builds", type=int, default=4, help="of each drive"),
 )
 def shares(asked: argparse.Namespace) -> Iterator[Line]:
@@ -44,51 +97,3 @@ def shares(asked: argparse.Namespace) -> Iterator[Line]:
             residual = np.abs(run.metrics["energy_residual_relative"].to_pylist()).max()
             if share > FINE:
                 yield (name, f"{share:g}", *changes, f"{residual:.1e}")
-
-
-METRICS = ("tension_mean", "tension_q999", "tension_std", "friction_power")
-TIMES = {"joint friction": (1.0, 5.0, 10.0, 20.0, 50.0), "ramp": (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)}
-"""By what the friction coefficient of the joints and the driver's ramp are multiplied."""
-
-
-@case(
-    option("--copies", type=int, default=4, help="1e-9 pitches apart"),
-    option("--of", nargs="+", choices=TIMES, default=list(TIMES), help="what is varied"),
-    DRIVES,
-)
-def resolution(asked: argparse.Namespace) -> Iterator[Line]:
-    """Examples with more and more friction in the joints, and shorter ramps, at the automatic step and at half of it.
-
-    python scripts/bench.py resolution --of "joint friction"
-    python scripts/bench.py resolution --of ramp --copies 1
-
-    The change is that of the metric that changes most, of means between copies; their scatter stands beside it. The
-    drift is the largest change of the mean tension over the window, over that mean.
-    """
-    warnings.simplefilter("ignore")
-    yield ("drive", "times", "fewest steps", "drift [%]", "half the step changes", "by [%]", "scatter [%]", "status")
-    for name in asked.drives:
-        drive = named(name)
-        paths = {
-            "joint friction": "chain.joint.friction",
-            "ramp": f"sprockets.{drive.sprockets[drive.driver].name}.prescribed.ramp_time",
-        }
-        for what in asked.of:
-            for times in TIMES[what]:
-                varied = changed(drive, {paths[what]: times * drive.get_value(paths[what])})
-                whole, half = (
-                    simulate(varied, replicates=asked.copies, replicate_by="perturbation", duration=SHORT.get(name),
-                             step=automatic_step(varied) / parts, record=Record("none")).metrics
-                    for parts in (1, 2)
-                )  # fmt: skip
-                fewest = min(
-                    np.nanmin(np.asarray(whole[c], float)) for c in whole.column_names if c.endswith(".resolution")
-                )
-                found = {of: [np.asarray(table[of], float) for table in (whole, half)] for of in METRICS}
-                changes = {of: a.mean() / b.mean() - 1.0 for of, (a, b) in found.items()}
-                most = max(changes, key=lambda of: abs(changes[of]))
-                scatter = found[most][0].std() / found[most][0].mean()
-                drift = np.abs(np.asarray(whole["tension_drift"], float) / found["tension_mean"][0]).max()
-                status = ", ".join(sorted(set(whole["status"].to_pylist())))
-                numbers = f"{100.0 * changes[most]:+.1f}", f"{100.0 * scatter:.1f}"
-                yield (name, f"{what} x {times:g}", f"{fewest:.0f}", f"{100.0 * drift:.1f}", most, *numbers, status)
