@@ -72,6 +72,7 @@ def command(source, out):
     return [sys.executable, "-m", "warpchain", "study", "run", str(source), "-o", str(out), "--quiet"]
 
 
+@pytest.mark.long
 def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
     source = write_study(tmp_path, SLOW, points=16, text=STUDY.replace("duration = 0.0005", "duration = 0.02"))
     out = tmp_path / "killed"
