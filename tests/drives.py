@@ -105,9 +105,9 @@ def of_long(*values):
     return [pytest.param(*(v if isinstance(v, tuple) else (v,)), marks=pytest.mark.long) for v in values]
 
 
-def but_large(names):
-    """Names of example drives, of which the large ones are marked `long`."""
-    return [name for name in names if name not in LARGE] + of_long(*(name for name in names if name in LARGE))
+def but(values, long):
+    """Values of a parameter, some of which have their tests marked `long`."""
+    return [value for value in values if value not in long] + of_long(*(value for value in values if value in long))
 
 
 def jointed_blade():

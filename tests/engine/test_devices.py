@@ -346,6 +346,7 @@ def test_a_script_prints_what_it_prints_and_nothing_of_warp(script):
     assert (status, err) == ("['ok']", "")
 
 
+@pytest.mark.long
 def test_warps_messages_come_where_they_are_asked_for():
     out, err = said("import warp\nwarp.config.log_level = warp.LOG_DEBUG\n" + SCRIPT)
     assert "Warp" in out + err

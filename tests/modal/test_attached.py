@@ -306,6 +306,7 @@ def test_a_valve_is_shut_or_open(car, capsys):
     assert "takes one speed" in refused(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
 
 
+@pytest.mark.long
 def test_what_does_not_settle_is_refused():
     with pytest.raises(SimulationError, match="does not settle") as caught:
         modes(apart([SPRING]).with_values({"sprockets.driven.load.torque": 1e6}))

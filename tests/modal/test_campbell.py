@@ -57,6 +57,7 @@ def test_unlike_links_excite_half_the_tooth_frequency():
     assert Order(10.0, "links of two kinds") in orders(unlike)
 
 
+@pytest.mark.long
 def test_means_over_a_pitch_lie_between_phases():
     """Roots of means of squares. Half a pitch later both strands of this drive are a link longer at one end and shorter
     at the other: a share of 1 / 19.5 of their length, and what that does to their tension, 1 % more."""

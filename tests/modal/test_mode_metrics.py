@@ -30,6 +30,7 @@ def test_a_sprocket_of_other_inertia_keeps_its_name(base):
     assert heavy[strand] == pytest.approx(light[strand], rel=0.05)
 
 
+@pytest.mark.long
 def test_other_links_are_told_by_name(base):
     wanted = base_modes(base, 3)
     longer = base.with_values({"chain.links": 60, "sprockets.driven.center": [20.03 * 0.05, 0.0]})

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command import refused, run
+from drives import of_long
 from stopping import interruptions
 from study_helpers import LIMITS, SAMPLED, write_study
 from waiting import wait_for
@@ -161,7 +162,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize("engine", ["bayes", "population"])
-@pytest.mark.parametrize("after", [3, 12])
+@pytest.mark.parametrize("after", [3, *of_long(12)])
 def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, after):
     class Stop(Exception):
         pass
