@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
+from drives import of_long
 from parts import coupling, gears, shaft
 
 from warpchain import loads_drive
@@ -103,6 +104,7 @@ def test_torsion_of_a_wheel_on_a_coupling_behind_two_chains():
     assert (turning[own] > 0.95).all()
 
 
+@pytest.mark.long
 def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     drive = two_stages(gravity=-9.81)
     found = campbell(drive, [5.0, 6.0], 4)
@@ -124,7 +126,7 @@ def test_orders_are_those_of_all_chains():
     assert by_cause["revolution of out"] == pytest.approx(1.0 / 3.0)
 
 
-@pytest.mark.parametrize("ending", [".html", ".png", ".npz", ".rrd"])
+@pytest.mark.parametrize("ending", [".html", ".png", ".npz", *of_long(".rrd")])
 def test_the_command_writes_modes_of_v6(ending, tmp_path, capsys):
     out = tmp_path / f"modes{ending}"
     assert main(["modes", "v6", "--count", "4", "-o", str(out)]) == 0
