@@ -444,31 +444,12 @@ class ContactLaw:
 
 @wp.struct
 class Friction:
-    """Coefficients of dry friction (`physics.friction`)."""
+    """Dry friction of rollers on teeth or a guide, or of a chain's joints (`physics.friction`)."""
 
+    inertia: wp.float64  # m_e / h [kg/s], of joints 0.6 (m p^2 / 6) / h [N m s]; 0: there is no friction
     mu_dynamic: wp.float64  # mu_d
     mu_static: wp.float64  # mu_s
     stribeck_speed: wp.float64  # v_s [m/s]
-
-
-@wp.struct
-class Sliding:
-    """Friction of rollers on teeth or a guide-bar (`physics.friction`)."""
-
-    rubs: wp.int32  # 1: there is friction
-    inertia: wp.float64  # m_e / h [kg/s]
-    law: Friction
-
-
-@wp.struct
-class Joint:
-    """Friction in the joints of one chain (`physics.friction`)."""
-
-    rubs: wp.int32  # 1: there is friction
-    pin_radius: wp.float64  # r_p [m]
-    arm: wp.float64  # kappa r_p [m]
-    inertia: wp.float64  # 0.6 (m p^2 / 6) / h [N m s]
-    law: Friction
 
 
 @wp.struct
@@ -481,16 +462,12 @@ class Chain:
     inverse_mass: wp.float64  # 1 / m [1/kg]
     gravity: wp.vec2d  # [m/s^2]
     length: wp.float64  # of each link, unloaded, where they are alike; else of the first [m]
-
-
-@wp.struct
-class Links:
-    """Where the links of one chain are not all the same linear spring: outer ones have an even index."""
-
-    varied_links: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
-    outer_stiffness: wp.float64  # k of outer links [N/m]; the chain's is that of inner ones
-    outer_damping: wp.float64  # c of outer links [N s/m]
+    outer_stiffness: wp.float64  # k of links of an even index [N/m]; `stiffness` is that of the others
+    outer_damping: wp.float64  # c of these [N s/m]
     play: wp.float64  # s of a link, its two joints' [m]
+    pin_radius: wp.float64  # r_p [m]
+    joint_arm: wp.float64  # kappa r_p [m]
+    joint: Friction
 
 
 @wp.struct
@@ -848,10 +825,8 @@ class Ensemble:
     gears: wp.array[Gear]  # (all gears,)
     valves: wp.array[ValveGroup]  # (all groups of valves,)
     curves: Curves
-    tooth_sliding: wp.array[Sliding]  # (all sprockets,)
-    guide_sliding: wp.array[Sliding]  # (all guide-bars,)
-    joints: wp.array[Joint]  # (variants,)
-    links: wp.array[Links]  # (variants,)
+    tooth_friction: wp.array[Friction]  # (all sprockets,)
+    guide_friction: wp.array[Friction]  # (all guide-bars,)
 
 
 @wp.struct
@@ -966,7 +941,7 @@ PAIRS = {
 def _of_rollers() -> dict[Any, Any]:
     """The structs of what is at float32 on the CPU and on blocks alike."""
     made: dict[Any, Any] = {}
-    for full in (Friction, ContactLaw, Sliding, Joint, Chain, Links, Band, Extra):
+    for full in (Friction, ContactLaw, Chain, Band, Extra):
         made[full] = at_float32(full, made)
     made[Memory] = at_float32(Memory, made, kept=("time",))
     return made

@@ -128,7 +128,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
     @wp.func
     def pull(ensemble: Ensemble, state: State, r: int, drive: Drive, w: wp.array[Real], memory: kinds.Memory):
         """`steps.evaluating`'s, of the chain in row r."""
-        forces.pull(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
+        forces.pull(ensemble, state, drive, ensemble.chains[r], w, memory)
 
     @wp.func
     def evaluate(

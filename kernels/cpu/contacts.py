@@ -219,13 +219,13 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory, chain: Chain):
+    def lose(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory, chain: Chain):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
             lose_one(w, i, memory, chain)
             i = i + 1
-        if sliding.rubs != 0:
+        if friction.inertia > Real(0.0):
             i = group.low
             while i < group.high:
                 x = load_row(w, row.drag_x + i)
@@ -281,23 +281,23 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
+    def rub_rollers(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
         """Friction; coefficients that hang on the speed in a loop of their own, which does not vectorize."""
         recall_holds(w, group, memory)
         i = group.low
         while i < group.high:
-            store_row(w, row.mu + i, sliding.law.mu_dynamic)
+            store_row(w, row.mu + i, friction.mu_dynamic)
             i = i + 1
-        if sliding.law.mu_static != sliding.law.mu_dynamic:
+        if friction.mu_static != friction.mu_dynamic:
             i = group.low
             while i < group.high:
                 if load_row(w, row.size + i) > Real(0.0):
-                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), sliding.law))
+                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), friction))
                 i = i + 1
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = held_back(mu * size, slides(w, i), held, sliding.inertia, memory.stretched)
+            drag, holds = held_back(mu * size, slides(w, i), held, friction.inertia, memory.stretched)
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:
@@ -370,7 +370,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         w: wp.array[Real],
         group: Group,
         law: kinds.ContactLaw,
-        sliding: kinds.Sliding,
+        friction: kinds.Friction,
         wanted: Now,
         totals: wp.array[Totals],
         slot: int,
@@ -379,12 +379,12 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         add_up(w, group, totals, slot, True)
         if wanted.ends != 0:
             add_energies(w, group, law, totals, slot)
-        if sliding.rubs != 0:
-            friction = totals[slot].friction
+        if friction.inertia > Real(0.0):
+            taken = totals[slot].friction
             i = group.low
             while i < group.high:
-                friction += wp.float64(load_row(w, row.rubbed + i))
+                taken += wp.float64(load_row(w, row.rubbed + i))
                 i = i + 1
-            totals[slot].friction = friction
+            totals[slot].friction = taken
 
     return SimpleNamespace(**locals())

@@ -151,11 +151,9 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     add_trains = measuring_trains(Real, plain).add_trains
 
     @wp.func(inline=False)
-    def mechanical_energy(
-        ensemble: Ensemble, state: State, drive: Drive, chain: Chain, links: kinds.Links, w: wp.array[Real], now: Now
-    ):
+    def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = sums_of.energy(w, drive.rollers, chain, links, Real(now.lag))
+        total = sums_of.energy(w, drive.rollers, chain, Real(now.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -271,10 +269,10 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         sums_of.widen(w, n)
         share = Real(now.weight / drive.step)
         sums_of.add_rates(w, n, share)
-        if ensemble.joints[variant].rubs != 0:
+        if chain.joint.inertia > Real(0.0):
             add_friction(w, n, chain, Real(now.lag), share)
         if now.ends != 0:
-            energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, now)
+            energy = mechanical_energy(ensemble, state, drive, chain, w, now)
             sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)
         measure_contacts(state, sums, drive, now)
         for s in range(drive.sprockets):
@@ -333,7 +331,7 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
             velocity = vec2(load_row(w, row.vx + i) + lag * a[0], load_row(w, row.vy + i) + lag * a[1])
             extra = seen(w, i)
             if wp.static(frame.holds("joint_friction_power")):
-                if ensemble.joints[variant].rubs != 0:
+                if chain.joint.inertia > Real(0.0):
                     extra.friction_power = joint_power(w, i, n, chain, lag)
             write.write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):

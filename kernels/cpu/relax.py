@@ -90,8 +90,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
-        links = ensemble.links[variant]
-        joint = kinds.Joint()  # no friction while settling
+        chain.joint.inertia = Real(0.0)  # no friction while settling
         memory = memory_of(state, drive)
         s = settling[variant]
         n = drive.rollers
@@ -99,7 +98,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         neighbors.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, drive, chain, links, joint, w, memory)
+            evaluate(ensemble, state, drive, chain, w, memory)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)

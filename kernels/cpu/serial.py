@@ -50,8 +50,6 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         """One variant: `steps` steps on. A function, of which the kernel's two forms share the code."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
-        links = ensemble.links[variant]
-        joint = ensemble.joints[variant]
         memory = near.memory_of(state, drive)
         progress = state.progress[variant]
         n = drive.rollers
@@ -74,7 +72,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 at_stage = stage_at(drive.integrator, stage, now.time, drive.step)
                 memory.time = at_stage.time
                 memory.stretched = stretching(drive.integrator, stage, Real(1.0))
-                evaluate(ensemble, state, drive, chain, links, joint, w, memory)
+                evaluate(ensemble, state, drive, chain, w, memory)
                 find_rates(ensemble, state, drive, stage, at_stage.time)
                 if stage == 0:
                     if memory.wanted.measures != 0:

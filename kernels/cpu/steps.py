@@ -22,6 +22,7 @@ from ..physics.body import (
     turns_soundly,
 )
 from ..physics.hub import bearing_moment, carried_by, moment_of
+from ..physics.link import are_uneven
 from ..physics.motion import load_moment, prescribed_acceleration, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
@@ -465,20 +466,19 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
-        links: kinds.Links,
-        joint: kinds.Joint,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Forces of links and joints on rollers, and of tensioners, after poses of bodies."""
         n = drive.rollers
         see_bodies(state, drive)
-        if links.varied_links != 0 or joint.rubs != 0:
-            joints.pull_links(w, n, chain, links)
+        rubs = chain.joint.inertia > Real(0.0)
+        if are_uneven(chain) or rubs:
+            joints.pull_links(w, n, chain)
         else:
             link_pass(w, n, chain)
-        if joint.rubs != 0:
-            joints.rub_joints(w, n, joint, memory)
+        if rubs:
+            joints.rub_joints(w, n, chain, memory)
             joints.bend_links(w, n)
         if memory.wanted.sizes != 0:
             clear(w, row.sprocket_force, row.guide_force, n)
@@ -511,8 +511,6 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
-        links: kinds.Links,
-        joint: kinds.Joint,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
@@ -520,7 +518,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
 
         Totals have what only metrics want as far as `memory` wants it.
         """
-        pull(ensemble, state, drive, chain, links, joint, w, memory)
+        pull(ensemble, state, drive, chain, w, memory)
         if wp.static(not plain):
             if drive.light != 0 and memory.lag > Real(0.0):
                 try_contacts(ensemble, state, drive, chain, w, memory)

@@ -22,7 +22,7 @@ from ..physics.body import (
     pivot_power,
     whole_speed,
 )
-from ..physics.link import roller_energy
+from ..physics.link import link_spring, roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
 from ..physics.valve import cam_energy
@@ -41,7 +41,6 @@ from ..sums import (
 )
 from .bodies import body_access, body_steps
 from .kind import START, WARP, BlockKind, Mine
-from .links import link_forces
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import ENERGY, MOMENT, STRAND_WORD, TURNED, extremes, rubbed, seen_rows, strand_bits, strand_words
@@ -107,7 +106,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     sprockets, rings = kind.parts.sprockets, kind.parts.rings
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
-    chain_of, span_of, strand_in = link_forces(kind).chain_of, block_rings(kind).span_of, block_rings(kind).strand_in
+    chain_at, span_of, strand_in = block_rings(kind).chain_at, block_rings(kind).span_of, block_rings(kind).strand_in
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     row = roller_rows(kind)
     X, Y = row.X, row.Y
@@ -218,7 +217,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         j = int(mine.thread)
         while j < mine.rollers:
             taken = RollerTally()
-            taken.dissipated = wp.float64(chain_of(shared, j, mine.rollers).damping * load_row(shared.seen, RATES + j))
+            first, n = span_of(shared, j, mine.rollers)
+            stiffness, damping = link_spring(j - first, chain_at(shared, j))
+            taken.dissipated = wp.float64(damping * load_row(shared.seen, RATES + j))
             store_row(shared.seen, RATES + j, Real(0.0))
             if wp.static(kind.friction.joints):
                 if j < wp.static(rubbed(kind)):  # with its first roller goes what a thread has of all
@@ -258,8 +259,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
         """Energy of roller j, of n, and elastic energy of the link after it and of its contacts [J]."""
-        chain = chain_of(shared, j, n)
-        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain)
+        first, count = span_of(shared, j, n)
+        position, chain = row.position(shared.rows, j), chain_at(shared, j)
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, j - first, chain)
         return held - weight + wp.float64(extra.energy)
 
     return SimpleNamespace(**locals())

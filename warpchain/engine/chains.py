@@ -190,4 +190,4 @@ def _share_contacts(packed: Packed, members: Sequence[Member]) -> None:
     yields = ((1.0 / alone - 1.0) / mass).sum()
     together = 1.0 / (1.0 + mass * yields)
     packed.motions["following"][bodies] = together.min()
-    packed.tooth_sliding["inertia"][sprockets] *= together / alone
+    packed.tooth_friction["inertia"][sprockets] *= together / alone
