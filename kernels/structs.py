@@ -38,14 +38,6 @@ class Tabulated:
 
 
 @wp.struct
-class Curves:
-    """The tables of the motions and loads of all bodies."""
-
-    harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase)
-    tables: wp.array[wp.float64]  # five values a cell (`physics.motion`)
-
-
-@wp.struct
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
@@ -824,7 +816,8 @@ class Ensemble:
     couplings: wp.array[Coupling]  # (all couplings,)
     gears: wp.array[Gear]  # (all gears,)
     valves: wp.array[ValveGroup]  # (all groups of valves,)
-    curves: Curves
+    harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase) of the motions and loads of all bodies
+    tables: wp.array[wp.float64]  # five values a cell of all tables (`physics.motion`)
     tooth_friction: wp.array[Friction]  # (all sprockets,)
     guide_friction: wp.array[Friction]  # (all guide-bars,)
 
@@ -952,7 +945,6 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     for full, pairs in PAIRS.items():
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
-    made[Curves] = at_float32(Curves, made, pairs=("tables",), harmonics=wp.array[wp.vec4f])
     flowed = [name for name in TensionerFlows.vars if name not in ("lift", "unfilled")]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
@@ -982,8 +974,9 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
         else:
             made[Sprocket] = at_float32(Sprocket, made, kept=("exact_radius",))
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
-        seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
-        made[Ensemble] = at_float32(Ensemble, made, **seats)
+        of_blocks = {"pairs": ("tables",), "seats": wp.array[wp.vec4f], "harmonics": wp.array[wp.vec4f]}
+        others = of_blocks if blocks else {"kept": ("seats", "harmonics", "tables")}
+        made[Ensemble] = at_float32(Ensemble, made, **others)
         made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks

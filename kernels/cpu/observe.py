@@ -204,7 +204,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = load + whole.bearing
             off = off_home(body.center, mount)
-            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
+            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
         sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
@@ -225,7 +225,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = bodies.load_on(ensemble, state, drive, body, b, now.time) + whole.bearing
             off, motion = off_home(body.center, mount), ensemble.motions[b]
-            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
+            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
             led = pivot_power(led, body, ensemble.arms[i])
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, now.weight)
 

@@ -137,7 +137,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def load_on(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
         """Moment [N m] of what loads body `b` of all, or of an arm's own spring and weight."""
-        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble.curves)
+        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
         if wp.static(not plain):
             arm = arm_of(drive, b)
             if arm >= 0:
@@ -156,7 +156,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
         shaft = b - drive.first_body - drive.sprockets
         if shaft >= 0 and shaft < drive.shafts:
             body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
-            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.curves.tables)
+            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.tables)
         return moment
 
     @wp.func
@@ -177,7 +177,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
             coupling = ensemble.couplings[c]
             first = state.bodies[drive.first_body + coupling.first]
             second = state.bodies[drive.first_body + coupling.second]
-            tables = ensemble.curves.tables
+            tables = ensemble.tables
             state.couplings[c] = engaged_at(time, first, second, state.couplings[c], coupling, tables)
 
     @wp.func
@@ -207,7 +207,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
             valve = ensemble.valves[v]
             b = drive.first_body + valve.body
             for k in range(valve.phases):
-                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.tables)
                 state.cams[b] = with_valves(state.cams[b], at, valve)
 
     @wp.func
@@ -272,7 +272,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 if drive.valves > 0:
                     wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
         off = off_home(body.center, mount)
-        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
+        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
@@ -307,7 +307,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if tensioner.supply_table.cells > 0:
                 pump = drive.first_body + tensioner.pump
                 forward = ensemble.motions[pump].sign * state.poses[pump].speed
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
@@ -330,9 +330,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
-                ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
+                ahead, speed = prescribed_at(time + drive.step, motion, ensemble)
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble.curves)
+            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             if drive.hubs != 0:
@@ -353,7 +353,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
                 state.rates[b],
                 ensemble.motions[b],
                 ensemble.mounts[b],
-                ensemble.curves,
+                ensemble,
             )
             state.bodies[b] = body
             state.body_stages[b] = stages
@@ -369,9 +369,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
-            angle, driven = prescribed_at(time, motion, ensemble.curves)
+            angle, driven = prescribed_at(time, motion, ensemble)
         body, rates, mount = state.bodies[b], state.rates[b], ensemble.mounts[b]
-        return body_at(time, lag, body, rates, driven, motion, mount, ensemble.curves)
+        return body_at(time, lag, body, rates, driven, motion, mount, ensemble)
 
     @wp.func
     def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
@@ -387,7 +387,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         """Angular acceleration of body `b` of all at `time` [rad/s^2], once rates are found."""
         angular = state.rates[b][2]
         if ensemble.motions[b].prescribed == 1:
-            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble.curves)
+            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble)
         return angular
 
     @wp.func
@@ -398,7 +398,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         body, angular = body_now(ensemble, state, b, time, lag), angular_now(ensemble, state, b, time)
         load = unloaded(valve)
         for k in range(valve.phases):
-            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.tables)
             load = with_load(load, at, body.speed, angular, valve)
         return load[0], load[1]
 

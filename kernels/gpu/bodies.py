@@ -113,7 +113,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
                 pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
                 forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
@@ -168,7 +168,7 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
         motion = shared.motions[b]
         if wp.static(kind.parts.tabulated == 0):
             motion.drive_table.cells = 0  # so that the compiler knows
-        return prescribed_at(counted(step, step_number(mine)), motion, ensemble.curves)
+        return prescribed_at(counted(step, step_number(mine)), motion, ensemble)
 
     @wp.func
     def step_number(mine: Mine):
@@ -362,7 +362,7 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
             lag = leapfrog_lag(now.step, leading(step_number(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
         if motion.prescribed == 1:
-            angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble.curves)
+            angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble)
         return speed, angular
 
     @wp.func
@@ -437,8 +437,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.tabulated > 0):
             if motion.load_table.cells > 0:
                 x = tabulated_over(time, pose.angle, motion)
-                tabulated = value_at(x, motion.load_table, ensemble.curves.tables)
-        load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble.curves)
+                tabulated = value_at(x, motion.load_table, ensemble.tables)
+        load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
@@ -493,7 +493,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             if wp.static(kind.parts.rings > 1):
                 wrench.yielding = yielding_together(ensemble, shared, mine)
             time = time_of(mine, now)
-            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble.curves)
+            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble)
             shared.poses[mine.body].angular = solved(pose.angular, rates[2], wrench, motion)
 
     @wp.func
@@ -520,15 +520,15 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
-        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
+        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble)
         rates = joined(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
-        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
+        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
             moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
-            moved = led_center(time + step_number(mine), h, moved, mount, ensemble.curves)
+            moved = led_center(time + step_number(mine), h, moved, mount, ensemble)
             moved = expecting(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
@@ -548,9 +548,9 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if now.going != 0:
             place = ensemble.drives[mine.row].first_body + mine.number
             by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
-            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
+            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = joined(shared, mine, rates)
-            moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
+            moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble)
             state.body_stages[place] = stages
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench

@@ -310,7 +310,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
                 acting = steps.with_bearing(whole)
-                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble.curves)
+                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
@@ -330,7 +330,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 if wp.static(kind.parts.jointed):
                     whole.load = whole.load + of_joints(shared, mine.arm, MOMENT)
                 acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
-                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble.curves)
+                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble)
                 led = pivot_power(power, seen, arm)
         return led
 

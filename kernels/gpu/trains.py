@@ -42,7 +42,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             drive = ensemble.drives[mine.row]
             at = drive.first_shaft + mine.number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
-            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.curves.tables)
+            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.tables)
         return moment
 
     @wp.func
@@ -57,7 +57,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
         coupling, one, other = coupled(ensemble, shared, mine, c)
         first, second = shared.poses[one], shared.poses[other]
-        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
+        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.tables)
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -211,7 +211,7 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     if v >= ensemble.drives[mine.variant + r].first_valve:
                         ring = r
                 b = body_of(ensemble, shared, mine.variant + ring, ring, valve.body)
-                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.curves.tables)
+                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.tables)
                 shared.lifts[cam] = at
             cam = cam + wp.static(kind.shape.threads)
 

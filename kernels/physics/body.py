@@ -165,7 +165,7 @@ def whole_speed(body: BLOCKS.Instant):
 
 
 @wp.func
-def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
+def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 for a prescribed angle that
     nothing else hangs on.
 
@@ -175,7 +175,7 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
         body: its coordinates and rates in plain numbers; its speed must be that of `time`.
         heading: cosine and sine of its angle.
         wrench: of the chain and of tensioners on it, and its load, if its angle is free.
-        motion, mount, curves: how it is turned and held.
+        motion, mount, ensemble: how it is turned and held.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -184,12 +184,12 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
     else:
         turning = wp.vector(zero, zero, wrench.load)
         if motion.prescribed == 1:
-            angle, speed = prescribed_at(time, motion, curves)
+            angle, speed = prescribed_at(time, motion, ensemble)
             body.speed = speed
-            turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, curves), zero)
+            turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, ensemble), zero)
         driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
-            place, velocity, driven = prescribed_center(time, mount, curves)
+            place, velocity, driven = prescribed_center(time, mount, ensemble)
         rates = accelerations(driven, off, body, heading, wrench, turning, mount)
     return rates
 
@@ -208,10 +208,10 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 
 @wp.func
-def led_center(after: Any, h: Any, body: Any, mount: Any, curves: Any):
+def led_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
     """A body with its center where it is led at `after` [s], a leapfrog step `h` on; at its mean velocity there."""
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(after, mount, curves)
+        center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
         body.center = center
     return body
@@ -261,7 +261,7 @@ def solved(expected: Any, acceleration: Any, wrench: Any, motion: Any):
 
 
 @wp.func
-def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: Any, curves: Any):
+def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
     """A body where the next stage of a step evaluates it, after the last at the step's end, and its `stages`."""
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
@@ -284,18 +284,18 @@ def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: 
         body.center = stages.base.center + at.reach * moving
         body.velocity = stages.base.velocity + at.reach * straight
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(at.after, motion, curves)
+        angle, speed = prescribed_at(at.after, motion, ensemble)
         body.angle = angle
         body.speed = number_of(speed)
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(at.after, mount, curves)
+        center, velocity, growth = prescribed_center(at.after, mount, ensemble)
         body.center = center
         body.velocity = number_of(velocity)
     return body, stages
 
 
 @wp.func
-def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, curves: Any):
+def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
     """A body in plain numbers with its rates at `time`, `lag` after their instant; `driven` is the speed of a
     prescribed angle.
     """
@@ -305,7 +305,7 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
     else:
         seen = hastened(seen, lag * rates[2])
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(time, mount, curves)
+        center, velocity, growth = prescribed_center(time, mount, ensemble)
         seen.velocity = velocity
     else:
         seen.velocity = seen.velocity + lag * wp.vector(rates[0], rates[1])
@@ -325,12 +325,12 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 
 @wp.func
-def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
+def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
     """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
     Arguments as of `body_rates`, with the body's rates at `time`.
     """
-    rates = body_rates(time, off, body, heading, wrench, motion, mount, curves)
+    rates = body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 

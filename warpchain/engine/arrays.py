@@ -138,8 +138,6 @@ TABLE = {
         "gears": Array("gear", packed="gears"),
         "valves": Array("valve", packed="valves"),
         "seats": Array("", packed="seats", made=seat_directions),
-    },
-    "curves": {
         "harmonics": Array("", packed="harmonics", made=harmonic_rows),
         "tables": Array("", packed="tables"),
     },
@@ -201,7 +199,7 @@ TABLE = {
         "body": Array("body", kept=True),
     },
 }
-"""The arrays of `kernels.structs` (Ensemble, its Curves, State, Sums, Tallies), by name."""
+"""The arrays of `kernels.structs` (Ensemble, State, Sums, Tallies), by name."""
 
 PACKED = {row.packed: (group, name) for group, rows in TABLE.items() for name, row in rows.items() if row.packed}
 """The arrays of `Packed`: group and name of each in the table."""
@@ -212,7 +210,6 @@ def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
-        "curves": kinds.Curves,
         "state": kinds.State,
         "sums": kinds.Sums,
         "tallies": structs.Tallies,
@@ -260,9 +257,8 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
     """The data that does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
     kinds = structs.types(packed.real, blocks)
     ensemble = kinds.Ensemble()
-    for group, of in (("ensemble", ensemble), ("curves", ensemble.curves)):
-        for name in TABLE[group]:
-            setattr(of, name, _uploaded(packed, group, name, device, blocks))
+    for name in TABLE["ensemble"]:
+        setattr(ensemble, name, _uploaded(packed, "ensemble", name, device, blocks))
     return ensemble
 
 
