@@ -337,14 +337,6 @@ class BodyState:
 
 
 @wp.struct
-class BodyStages:
-    """A body at the step's start, and the sum of its stages' weighted slopes."""
-
-    base: BodyState
-    slopes: BodyState
-
-
-@wp.struct
 class Wrench:
     """The load on a body at one instant, by contacts and by what drives or holds its angle."""
 
@@ -840,7 +832,7 @@ class State:
 
     rollers: wp.array[wp.float64]  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
     bodies: wp.array[BodyState]  # (all bodies,)
-    body_stages: wp.array[BodyStages]  # (all bodies,), for schemes with stages
+    body_stages: wp.array[BodyState]  # (all bodies, 2): at the step's start, and sums of its stages' weighted slopes
     wrenches: wp.array[Wrench]  # (all bodies,), of contacts
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
@@ -923,7 +915,6 @@ PAIRS = {
     Tensioner: ("point", "home", "direction"),
     TensionerState: ("content",),
     BodyState: ("angle", "speed", "center", "velocity"),
-    BodyStages: (),
     Wrench: (),
     Push: ("extension",),
 }

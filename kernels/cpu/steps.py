@@ -346,17 +346,19 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if at.number == 0:
                 feed(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body, stages = stage_body(
+            body, base, slopes = stage_body(
                 at,
                 state.bodies[b],
-                state.body_stages[b],
+                state.body_stages[2 * b],
+                state.body_stages[2 * b + 1],
                 state.rates[b],
                 ensemble.motions[b],
                 ensemble.mounts[b],
                 ensemble,
             )
             state.bodies[b] = body
-            state.body_stages[b] = stages
+            state.body_stages[2 * b] = base
+            state.body_stages[2 * b + 1] = slopes
         if wp.static(not plain):
             if drive.hubs != 0:
                 carry(ensemble, state, drive)

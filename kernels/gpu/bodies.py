@@ -546,12 +546,14 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
-            place = ensemble.drives[mine.row].first_body + mine.number
+            place = 2 * (ensemble.drives[mine.row].first_body + mine.number)
             by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = joined(shared, mine, rates)
-            moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble)
-            state.body_stages[place] = stages
+            start, summed = state.body_stages[place], state.body_stages[place + 1]
+            moved, base, slopes = stage_body(at, body, start, summed, rates, motion, mount, ensemble)
+            state.body_stages[place] = base
+            state.body_stages[place + 1] = slopes
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench
 

@@ -261,28 +261,30 @@ def solved(expected: Any, acceleration: Any, wrench: Any, motion: Any):
 
 
 @wp.func
-def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body where the next stage of a step evaluates it, after the last at the step's end, and its `stages`."""
+def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
+    """A body where the next stage of a step evaluates it, after the last at the step's end; and what is kept of it: its
+    state at the step's start, and the sum of its stages' weighted slopes.
+    """
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
     if at.number == 0:
-        stages = type(stages)()
-        stages.base = body
-    stages.slopes.angle = stages.slopes.angle + at.weight * turning
-    stages.slopes.speed = stages.slopes.speed + at.weight * rates[2]
-    stages.slopes.center = stages.slopes.center + at.weight * moving
-    stages.slopes.velocity = stages.slopes.velocity + at.weight * straight
+        base = body
+        slopes = type(slopes)()
+    slopes.angle = slopes.angle + at.weight * turning
+    slopes.speed = slopes.speed + at.weight * rates[2]
+    slopes.center = slopes.center + at.weight * moving
+    slopes.velocity = slopes.velocity + at.weight * straight
     if at.last == 1:
-        body.angle = stages.base.angle + stages.slopes.angle
-        body.speed = stages.base.speed + stages.slopes.speed
-        body.center = stages.base.center + stages.slopes.center
-        body.velocity = stages.base.velocity + stages.slopes.velocity
+        body.angle = base.angle + slopes.angle
+        body.speed = base.speed + slopes.speed
+        body.center = base.center + slopes.center
+        body.velocity = base.velocity + slopes.velocity
     else:
-        body.angle = stages.base.angle + at.reach * turning
-        body.speed = stages.base.speed + at.reach * rates[2]
-        body.center = stages.base.center + at.reach * moving
-        body.velocity = stages.base.velocity + at.reach * straight
+        body.angle = base.angle + at.reach * turning
+        body.speed = base.speed + at.reach * rates[2]
+        body.center = base.center + at.reach * moving
+        body.velocity = base.velocity + at.reach * straight
     if motion.prescribed == 1:
         angle, speed = prescribed_at(at.after, motion, ensemble)
         body.angle = angle
@@ -291,7 +293,7 @@ def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: 
         center, velocity, growth = prescribed_center(at.after, mount, ensemble)
         body.center = center
         body.velocity = number_of(velocity)
-    return body, stages
+    return body, base, slopes
 
 
 @wp.func

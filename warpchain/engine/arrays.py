@@ -144,7 +144,7 @@ TABLE = {
     "state": {
         "rollers": Array("roller", STATE_ROWS, packed="rollers", kept=True),
         "bodies": Array("body", packed="bodies", kept=True),
-        "body_stages": Array("body", kept=True),
+        "body_stages": Array("body", 2, kept=True),
         "wrenches": Array("body", kept=True),
         "tensioners": Array("tensioner", packed="oil", kept=True),
         "pushes": Array("tensioner", kept=True),
