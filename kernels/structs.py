@@ -85,9 +85,15 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, eq. (4)."""
+    """Prescribed motion or load of a body's angle, eq. (4); and, of drives that are tied (`physics.train`) or have
+    several chains, its place in its train.
+    """
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
+    train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
+    # turns alone; negative: an arm of a drive that is tied
+    ratio: wp.float64  # rho, its speed over that of the first
+    own_inertia: wp.float64  # J of its own [kg m^2]
     sign: wp.float64  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float64  # 1 / J, of an arm about its pivot, with what moves along [1/(kg m^2)]
     following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expecting`)
@@ -100,16 +106,6 @@ class Motion:
     load_harmonics: Harmonics
     drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
     load_table: Tabulated  # torque [N m], on top of `load`
-
-
-@wp.struct
-class Tie:
-    """The place of a body in its train, of drives that are tied (`physics.train`) or have several chains."""
-
-    train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
-    # turns alone; negative: an arm of a drive that is tied
-    ratio: wp.float64  # rho, its speed over that of the first
-    inertia: wp.float64  # J of its own [kg m^2]
     apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
     # shaft, of another chain; 0: it is that itself
 
@@ -803,7 +799,6 @@ class Ensemble:
     pieces: wp.array[Piece]  # (all profiles' pieces,)
     arms: wp.array[Arm]  # (all arms,)
     tensioners: wp.array[Tensioner]  # (all tensioners,)
-    ties: wp.array[Tie]  # (all bodies,)
     motors: wp.array[Motor]  # (all shafts,)
     couplings: wp.array[Coupling]  # (all couplings,)
     gears: wp.array[Gear]  # (all gears,)
@@ -900,7 +895,6 @@ class _BlockPose:
 PAIRS = {
     Tabulated: ("start", "spacing"),
     Motion: ("speed", "ramp_time", "start_angle"),
-    Tie: (),
     Motor: (),
     Coupling: (),
     Engaged: ("rest",),

@@ -59,7 +59,7 @@ def chain(
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
         pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),
         hubs=zeros(structs.Hub, wheels), tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState),
-        ties=zeros(structs.Tie, bodies), motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
+        motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
         engaged=zeros(structs.Engaged), gears=zeros(structs.Gear), valves=zeros(structs.ValveGroup),
         tooth_friction=zeros(kinds.Friction, wheels), guide_friction=zeros(kinds.Friction, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),

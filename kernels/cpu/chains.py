@@ -45,31 +45,32 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
             kick: as `kick_of`.
             lifting: whether cams lift valves.
         """
-        first = b + ensemble.ties[b].apart
-        tie, wrench, more = ensemble.ties[first], state.wrenches[b], state.rates[b][2]
+        first = b + ensemble.motions[b].apart
+        mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if wp.static(not plain):
             if lifting:
                 cam = cam_on(ensemble, state, begin, count, first)
-                share = valves_share(state.bodies[first].speed, kick, cam, ensemble.motions[first])
+                share = valves_share(state.bodies[first].speed, kick, cam, mine)
                 more = more / (wp.float64(1.0) + share)
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:
             for other in range(begin, begin + count):
-                if ensemble.ties[other].train == tie.train and ensemble.ties[other].apart == 0:
+                motion = ensemble.motions[other]
+                if motion.train == mine.train and motion.apart == 0:
                     rates = state.rates[other]
-                    rates[2] = rates[2] + ensemble.ties[other].ratio / tie.ratio * more
+                    rates[2] = rates[2] + motion.ratio / mine.ratio * more
                     state.rates[other] = rates
 
     @wp.func
     def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
-            if ensemble.ties[b].apart != 0:
+            if ensemble.motions[b].apart != 0:
                 hand_on(ensemble, state, begin, count, b, kick, lifting)
         for b in range(begin, begin + count):
-            if ensemble.ties[b].apart != 0 and ensemble.motions[b].prescribed == 0:
+            if ensemble.motions[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
-                rates[2] = state.rates[b + ensemble.ties[b].apart][2]
+                rates[2] = state.rates[b + ensemble.motions[b].apart][2]
                 state.rates[b] = rates
 
     @wp.func
@@ -82,11 +83,11 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
         """Answer of the contacts of all that turns with body `b` to an acceleration of that [kg m^2]."""
-        mine, total = ensemble.ties[b], wp.float64(0.0)
+        mine, total = ensemble.motions[b], wp.float64(0.0)
         for other in range(begin, begin + count):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                ratio = tie.ratio / mine.ratio
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                ratio = motion.ratio / mine.ratio
                 total = total + ratio * ratio * state.wrenches[other].yielding
         return total
 

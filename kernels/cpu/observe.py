@@ -107,17 +107,17 @@ def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
         """Adds the pair of gears g of all to the sums of the window."""
         gear = ensemble.gears[g]
         at = drive.first_body + gear.body
-        mine = ensemble.ties[at]
+        mine = ensemble.motions[at]
         moment = gear.inertia * bodies.angular_now(ensemble, state, at, now.time)
         for b in range(drive.sprockets + drive.shafts):
             if on_side(gear, b):
                 other = drive.first_body + b
-                moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
+                moment = moment - ensemble.motions[other].ratio / mine.ratio * state.passed[other]
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
             if on_side(gear, valve.body):
                 torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
-                beside = ensemble.ties[drive.first_body + valve.body].ratio / mine.ratio
+                beside = ensemble.motions[drive.first_body + valve.body].ratio / mine.ratio
                 moment = moment + beside * valve.sign * torque
         sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
 
@@ -172,7 +172,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                         energy += joint_energy(body, carrier, of)
                     energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
-                energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
+                energy = own_energy(energy, body.speed, ensemble.motions[b])
             if wp.static(not plain):
                 if drive.valves > 0:
                     energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])

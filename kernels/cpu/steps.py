@@ -213,11 +213,11 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
         """Inertia and moment of a train's valves, as its body `b` has them; it is among `count` bodies from `begin`."""
-        cam, mine = Cam(), ensemble.ties[b]
+        cam, mine = Cam(), ensemble.motions[b]
         for other in range(begin, begin + count):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                cam = geared(cam, state.cams[other], tie.ratio / mine.ratio)
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                cam = geared(cam, state.cams[other], motion.ratio / mine.ratio)
         return cam
 
     @wp.func
@@ -235,11 +235,11 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
         """The moment that turns body `b` of all as if it turned alone (a)."""
         total = wp.float64(0.0)
-        mine = ensemble.ties[b]
+        mine = ensemble.motions[b]
         for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                total = total + tie.ratio * state.passed[other]
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                total = total + motion.ratio * state.passed[other]
         return total / mine.ratio
 
     return SimpleNamespace(**locals())
@@ -266,7 +266,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
             wrench.load = wrench.load + wrench.bearing
-            if drive.tied != 0 and ensemble.ties[b].train >= 0 and ensemble.ties[b].apart == 0:
+            if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
                 wrench.moment = gathered(ensemble, state, drive, b)
                 wrench.load = wp.float64(0.0)
                 if drive.valves > 0:

@@ -323,41 +323,38 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
     """The functions that gather moments on the bodies of a train (`physics.train`)."""
     Real, kinds = kind.Real, kind.types
     Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
-    place_of, step_number = block_rings(kind).place_of, prescribed_motion(kind).step_number
+    step_number = prescribed_motion(kind).step_number
 
     @wp.func
-    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
+    def against_valves(shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
         """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
-        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
+        cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
         for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                cam = geared(cam, shared.cams[other], quotient(tie.ratio, own.ratio))
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                cam = geared(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
         if wp.static(not kind.staged):
             kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
-        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
+        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
 
     @wp.func
-    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+    def gathered(shared: Shared, mine: Mine, now: Now, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
-        total = Real(0.0)
+        own, total = shared.motions[b], Real(0.0)
         for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                total = total + tie.ratio * shared.passed[other]
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                total = total + motion.ratio * shared.passed[other]
         moment = quotient(total, own.ratio)
         if wp.static(kind.parts.valves > 0):
-            moment = against_valves(ensemble, shared, mine, now, b, moment)
+            moment = against_valves(shared, mine, now, b, moment)
         return moment
 
     @wp.func
     def rates_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
         """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
-        speed, angular = leading(pose.speed), gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        speed, angular = leading(pose.speed), gathered(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(step_number(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
@@ -366,15 +363,13 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
         return speed, angular
 
     @wp.func
-    def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
+    def yielding_together(shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, mine.body)]
-        total = Real(0.0)
+        own, total = shared.motions[mine.body], Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            tie = ensemble.ties[place_of(shared, first, b)]
-            if tie.train == own.train:
-                ratio = quotient(tie.ratio, own.ratio)
+            motion = shared.motions[b]
+            if motion.train == own.train:
+                ratio = quotient(motion.ratio, own.ratio)
                 total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
@@ -449,11 +444,11 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
-    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+    def turning(shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others pass on to it."""
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                wrench.moment = gathered(ensemble, shared, mine, now, mine.body)
+                wrench.moment = gathered(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
 
@@ -488,10 +483,10 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         mount = mount_of(shared, mine.body)
         if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0) and not hangs(ensemble, mine):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            by = turning(ensemble, shared, mine, now, with_bearing(wrench))
+            by = turning(shared, mine, now, with_bearing(wrench))
             body, apart = state_of(pose), off(pose, mount)
             if wp.static(kind.parts.rings > 1):
-                wrench.yielding = yielding_together(ensemble, shared, mine)
+                wrench.yielding = yielding_together(shared, mine)
             time = time_of(mine, now)
             rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble)
             shared.poses[mine.body].angular = solved(pose.angular, rates[2], wrench, motion)
@@ -519,7 +514,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
+        moved_by = turning(shared, mine, now, with_bearing(wrench))
         rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble)
         rates = joined(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
@@ -547,7 +542,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = 2 * (ensemble.drives[mine.row].first_body + mine.number)
-            by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
+            by, to = turning(shared, mine, now, with_bearing(wrench)), heading(pose)
             rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = joined(shared, mine, rates)
             start, summed = state.body_stages[place], state.body_stages[place + 1]

@@ -377,7 +377,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                energy = own_energy(energy, whole_speed(seen), ensemble.ties[at], motion)
+                energy = own_energy(energy, whole_speed(seen), motion)
                 if wp.static(kind.parts.valves > 0):
                     energy = energy + wp.float64(cam_energy(seen.speed, shared.cams[mine.body], motion))
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)

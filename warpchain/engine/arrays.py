@@ -132,7 +132,6 @@ TABLE = {
         "pieces": Array("piece", packed="pieces"),
         "arms": Array("arm", packed="arms"),
         "tensioners": Array("tensioner", packed="tensioners"),
-        "ties": Array("body", packed="ties"),
         "motors": Array("shaft", packed="motors"),
         "couplings": Array("coupling", packed="couplings"),
         "gears": Array("gear", packed="gears"),

@@ -50,7 +50,7 @@ from warpchain.engine.fill_bodies import (
     fill_profile,
     fill_shaft,
     fill_tensioner,
-    fill_tie,
+    fill_train,
     fill_valve,
     guide_effective_mass,
     is_tied,
@@ -188,13 +188,15 @@ def _pack_trains(
     """Fills the rows of shafts, gears, couplings and valves, where a stack has any."""
     if not is_tied(drive):
         return
-    for b in range(drive.first_arm_body + len(drive.arms)):
-        _fill(packed.ties, at["first_body"] + b, fill_tie, drive, b)
     for h in range(len(drive.shafts)):
         b = len(drive.sprockets) + h
         _fill(packed.motions, at["first_body"] + b, fill_motion, drive, b, 0.0, gathered.harmonics, gathered.tables)
         _fill(packed.bodies, at["first_body"] + b, fill_shaft, h, assembly)
         _fill(packed.motors, at["first_shaft"] + h, fill_motor, drive, h, gathered.tables)
+    for b in range(drive.first_arm_body + len(drive.arms)):
+        row = packed.motions[at["first_body"] + b]
+        fill_train(row, drive, b)
+        packed.motions[at["first_body"] + b] = row
     for c in range(len(drive.couplings)):
         _fill(packed.couplings, at["first_coupling"] + c, fill_coupling, drive, c, gathered.tables)
         _fill(packed.engaged, at["first_coupling"] + c, fill_engaged, drive, c, assembly)
