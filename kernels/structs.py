@@ -862,6 +862,8 @@ class Memory:
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
+    inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
+    gravity: wp.vec2d  # on them [m/s^2]
     straight: wp.vec2d  # acceleration that contacts expect of the center of the partner's body [m/s^2]
     angular: wp.float64  # the same of its angle [rad/s^2]
     lag: wp.float64  # how far the velocities are behind the forces [s]

@@ -145,19 +145,19 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
                 predicted = int(1)
                 for c in range(rings):
                     drive = ensemble.drives[variant + c]
-                    memory.first = drive.first_contact
+                    memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
                     pull(ensemble, state, variant + c, drive, scratch[c], memory)
-                    forces.try_contacts(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
+                    forces.try_contacts(ensemble, state, drive, scratch[c], memory)
                 if rings == 1:
                     forces.predict(ensemble, state, ensemble.drives[variant], memory.time)
                 else:
                     together.predict(ensemble, state, variant, rings, memory.time)
         for c in range(rings):
             drive = ensemble.drives[variant + c]
-            memory.first = drive.first_contact
+            memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
             if predicted == 0:
                 pull(ensemble, state, variant + c, drive, scratch[c], memory)
-            forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
+            forces.push(ensemble, state, drive, scratch[c], memory)
             together.find_rates(ensemble, state, drive, memory.stage, memory.time)
         together.join_all(ensemble, state, variant, rings, memory.time)
 
@@ -179,7 +179,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
             drive = ensemble.drives[r]
             n = drive.rollers
             if now.measures != 0:
-                sums_of.measure(ensemble, state, sums, r, drive, ensemble.chains[r], scratch[c], now)
+                sums_of.measure(ensemble, state, sums, r, drive, scratch[c], now)
             if now.sizes != 0:
                 width = wp.int64(frames_of.width(drive))
                 begin = drive.first_value + wp.int64(taken) * width

@@ -131,8 +131,16 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             state.poses[b] = pose_of(state.bodies[b])
 
     @wp.func
+    def at_chain(memory: Memory, drive: Drive, chain: kinds.Chain):
+        """The memory of contacts with the first partner of a drive, whose chain it is."""
+        memory.first = drive.first_contact
+        memory.inverse_mass = chain.inverse_mass
+        memory.gravity = chain.gravity
+        return memory
+
+    @wp.func
     def memory_of(state: State, drive: Drive):
-        """The memory of contacts with the first partner of a drive."""
+        """The same, but for the chain."""
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -285,7 +293,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         law: kinds.ContactLaw,
         friction: kinds.Friction,
         memory: Memory,
-        chain: Chain,
         totals: wp.array[Totals],
         slot: int,
     ):
@@ -301,16 +308,16 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         began = int(1)
         if law.exponent == Real(1.0) and friction.inertia == Real(0.0):
             if measured:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, True)
+                changed, began = force.press_smoothly(w, group, law, memory, True)
             else:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, False)
+                changed, began = force.press_smoothly(w, group, law, memory, False)
         else:
-            changed = force.press(w, group, law, memory, chain)
+            changed = force.press(w, group, law, memory)
             if friction.inertia > Real(0.0):
                 rub_rollers(w, group, friction, memory)
             force.add_forces(w, group)
             if measured:
-                force.lose(w, group, friction, memory, chain)
+                force.lose(w, group, friction, memory)
         if measured:
             sums.add_measured(w, group, law, friction, memory.wanted, totals, slot)
             if began != 0:
@@ -356,7 +363,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: Ensemble,
         state: State,
         drive: Drive,
-        chain: Chain,
         w: wp.array[Real],
         p: int,
         run: int,
@@ -375,7 +381,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 pose = state.poses[drive.first_body + body]
                 memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
                 memory.angular = Real(pose.angular)
-            changed = answer(w, group, law, friction, memory, chain, state.totals, slot)
+            changed = answer(w, group, law, friction, memory, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep(w, group.low, group.high, p, memory)
@@ -390,7 +396,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func
-    def evaluate_all(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], memory: Memory):
+    def evaluate_all(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], memory: Memory):
         """Contacts of all rollers with all partners: each one's `Totals`, and the wrenches on their bodies.
 
         One loop over all runs, not one over each partner's: else what the loops over rollers want of a partner, common
@@ -404,7 +410,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             if run == 0:
                 state.totals[slot] = Totals()
             if run < runs:
-                evaluate_run(ensemble, state, drive, chain, w, p, run, memory)
+                evaluate_run(ensemble, state, drive, w, p, run, memory)
                 run += 1
             if run >= runs:
                 body = of.carrier_of(ensemble, drive, p)

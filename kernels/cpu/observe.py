@@ -258,12 +258,11 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         sums: Sums,
         variant: int,
         drive: Drive,
-        chain: Chain,
         w: wp.array[Real],
         now: Now,
     ):
         """Adds an evaluated step to the sums of the window."""
-        n = drive.rollers
+        n, chain = drive.rollers, ensemble.chains[variant]
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             sums_of.gather(ensemble, state, sums, variant, drive, w, now.step)
         sums_of.widen(w, n)

@@ -419,7 +419,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
 @cache
 def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
-    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
+    """The functions that evaluate the forces of one variant, for rows of `capacity` values of type `Real`.
 
     For `plain` see `serial.advance_kernel`, as everywhere here.
     """
@@ -435,7 +435,6 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
-        chain: kinds.Chain,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
@@ -444,7 +443,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory.wanted = Now()
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
+        evaluate_all(ensemble, state, drive, w, memory)
         if drive.hubs != 0:
             hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
         clear(w, row.fx, row.fy, drive.rollers)
@@ -495,37 +494,16 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
-        chain: kinds.Chain,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Forces of contacts on rollers, and their wrenches on bodies."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
+        evaluate_all(ensemble, state, drive, w, memory)
         if wp.static(not plain):
             if drive.hubs != 0:
                 hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
-
-    @wp.func
-    def evaluate(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
-
-        Totals have what only metrics want as far as `memory` wants it.
-        """
-        pull(ensemble, state, drive, chain, w, memory)
-        if wp.static(not plain):
-            if drive.light != 0 and memory.lag > Real(0.0):
-                try_contacts(ensemble, state, drive, chain, w, memory)
-                predict(ensemble, state, drive, memory.time)
-        push(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())
 
