@@ -345,13 +345,13 @@ class Wrench:
 
 @wp.struct
 class Push:
-    """Force and motion of a tensioner at one instant."""
+    """Force of a tensioner at one instant."""
 
     force: wp.float64  # on its body, along its direction [N]
     pressure: wp.float64  # in its chamber [Pa]
     extension: wp.float64  # [m]
-    rate: wp.float64  # of that [m/s]
-    wrench: Wrench  # on its body
+    moment: wp.float64  # on its body, about that's center [N m]
+    thrust: wp.vec2d  # the force as a vector [N]
 
 
 @wp.struct

@@ -49,6 +49,8 @@ def chain(
     """
     kinds = structs.types(REAL[precision])
     n, wheels, bars = len(position), len(sprockets), len(guides)
+    rows = state_rows(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
+    rows[4:6] = rows[0:2] - rows[0:2].astype(precision)  # what it rounds off
     bodies = wheels + carriers + len(arms)
     pieces = sum(len(bar["pieces"]) + 1 for bar in guides if "pieces" in bar)
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
@@ -63,7 +65,7 @@ def chain(
         engaged=zeros(structs.Engaged), gears=zeros(structs.Gear), valves=zeros(structs.ValveGroup),
         tooth_friction=zeros(kinds.Friction, wheels), guide_friction=zeros(kinds.Friction, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
-        rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
+        rollers=rows.astype(precision).ravel(),
         bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
         seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip

@@ -130,8 +130,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 if drive.first_body + ensemble.tensioners[t].body == b:
-                    push = state.pushes[t].wrench
-                    wrench = with_reaction(wrench, push.force, push.moment)
+                    wrench = with_reaction(wrench, state.pushes[t].thrust, state.pushes[t].moment)
         return wrench
 
     @wp.func

@@ -69,8 +69,8 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number:
                 push = push_by(pose, kept, state.tensioners[t], tensioner)
                 state.pushes[t] = push
-                wrench.force = wrench.force + push.wrench.force
-                wrench.moment = wrench.moment + push.wrench.moment
+                wrench.force = wrench.force + push.thrust
+                wrench.moment = wrench.moment + push.moment
         return wrench
 
     @wp.func

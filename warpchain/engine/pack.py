@@ -161,7 +161,7 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
     links = drive.chain.links
     store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
-    states = state_rows(assembly.position, assembly.velocity, "float64").reshape(len(v), -1)
+    states = state_rows(assembly.position, assembly.velocity).reshape(len(v), -1)
     store(packed.rollers, STATE_ROWS * at["first_roller"], states)
     for s in range(len(drive.sprockets)):
         _pack_sprocket(packed, drive, s, at, assembly, gathered)

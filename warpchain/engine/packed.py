@@ -31,16 +31,11 @@ def real_of(precision: str) -> type:
     return REAL[precision]
 
 
-def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
-    """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (..., 6, N)."""
-    if precision == position.dtype:
-        rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
-        rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
-        return rows
-    high = position.astype(precision)
-    return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
-        precision
-    )
+def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows x, y, vx, vy and the low parts of x, y, which are 0 in float64, (..., 6, N)."""
+    rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
+    rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
+    return rows
 
 
 def spread(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
