@@ -627,7 +627,6 @@ class TensionerFlows:
     leak_loss: wp.float64  # in gap, relief valve and vent [J]
     valve_loss: wp.float64  # in the check valve [J]
     supply_work: wp.float64  # [J]
-    lift: wp.float64  # y of the valve at the step's end [m]
     filling: wp.float64  # time from the run's beginning until oil has filled the chamber [s]
     unfilled: wp.float64  # 1: it has not, at the step's end
 
@@ -932,7 +931,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     for full, pairs in PAIRS.items():
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
-    flowed = [name for name in TensionerFlows.vars if name not in ("lift", "unfilled")]
+    flowed = [name for name in TensionerFlows.vars if name != "unfilled"]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))

@@ -600,7 +600,6 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     flows.leaked = h * leaked
     flows.relieved = h * relieved
     flows.vented = h * vented
-    flows.lift = valve_lift(tensioner.supply - pressure, tensioner.check)
     phi, slope = compression(z, tensioner)
     gain = per_volume * (supplied - (leaked + relieved + vented))
     state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
