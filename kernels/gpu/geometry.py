@@ -73,7 +73,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.friction.contacts):
             shared.friction[s] = ensemble.tooth_friction[drive.first_sprocket + s]
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def guide_at(shared: Shared, g: int):
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
         bar = shared.bars[g]

@@ -236,7 +236,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
-    @wp.func
+    @wp.func(inline=True)  # as `advance_body`
     def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """The partners that the thread's rollers may touch, from those of the step before in `touch`."""
         near = partners.update_near(state, shared, mine, now, touch.near)
