@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
+from drives import example
 from parts import coupling, gears, shaft
 
-from warpchain import loads_drive
+from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
-from warpchain.modal.campbell import assurance, campbell, over_a_pitch
+from warpchain.modal.campbell import assurance, campbell, mode_metrics, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
 from warpchain.modal.system import system
 
@@ -113,6 +114,30 @@ def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     whole = system(drive, 5.0)
     result = modes_of(whole, 6)
     assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+
+
+def test_modes_of_geared_chains_are_followed_and_drawn():
+    # the home of the train has shafts that stand for sprockets of the other chain
+    drive = example("balance_shafts")
+    whole = system(drive)
+    result = modes_of(whole, 6)
+    assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+    for part, own in zip(whole.parts, result.of_chains(), strict=True):
+        there = part.at.split(part.at.vector(own.shape, own.bodies))
+        turning = part.at.basis.reshape(-1, 3, part.at.basis.shape[1])[:, 2].any(axis=1)
+        assert there[0] == pytest.approx(own.shape) and there[1][:, turning, 2] == pytest.approx(own.bodies[:, turning, 2])
+    assert np.isfinite(campbell(drive, [100.0, 110.0], 4).frequency).all()
+    assert len(mode_metrics(result, drive)) == 12
+
+
+@pytest.mark.parametrize("ending", ["html", "rrd"])
+def test_modes_of_geared_chains_with_an_arm_are_drawn(ending, tmp_path):
+    # the arm's place among a chain's bodies comes after shafts that the chain alone has
+    text = dumps_drive(example("v6")) + shaft("pump", inertia=1e-3) + coupling("drive", ["idler shaft", "pump"], 100.0)
+    file, out = tmp_path / "drive.toml", tmp_path / f"modes.{ending}"
+    file.write_text(text)
+    assert main(["modes", str(file), "--count", "2", "-o", str(out)]) == 0
+    assert out.stat().st_size > 1000
 
 
 def test_orders_are_those_of_all_chains():
