@@ -125,7 +125,9 @@ def test_modes_of_geared_chains_are_followed_and_drawn():
     for part, own in zip(whole.parts, result.of_chains(), strict=True):
         there = part.at.split(part.at.vector(own.shape, own.bodies))
         turning = part.at.basis.reshape(-1, 3, part.at.basis.shape[1])[:, 2].any(axis=1)
-        assert there[0] == pytest.approx(own.shape) and there[1][:, turning, 2] == pytest.approx(own.bodies[:, turning, 2])
+        assert there[0] == pytest.approx(own.shape) and there[1][:, turning, 2] == pytest.approx(
+            own.bodies[:, turning, 2]
+        )
     assert np.isfinite(campbell(drive, [100.0, 110.0], 4).frequency).all()
     assert len(mode_metrics(result, drive)) == 12
 

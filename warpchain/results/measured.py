@@ -21,6 +21,7 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.channels import CHANNEL, UNITS, Sizes
 from warpchain.results.measured_file import STATISTICS, Measured
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
@@ -31,6 +32,7 @@ from warpchain.results.signals import (
     largest_contacts,
     latter_half,
     order_spectrum,
+    part_signals,
     strand_tension,
 )
 
@@ -71,11 +73,15 @@ class Comparison:
 
 
 def sources(trajectory: Trajectory) -> dict[str, Source]:
-    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of
-    several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
+    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension"
+    and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
     found: dict[str, Source] = {}
     for chain, own in chain_trajectories(trajectory).items():
         found |= _chain_sources(own, f"{chain}." if chain else "")
+    held = trajectory.channels()
+    for name, signal, channel, group, i in part_signals(trajectory.drive):
+        if channel in held:
+            found[f"{name}.{signal}"] = Source(UNITS[channel], group, partial(_of, held[channel], i))
     return found
 
 
@@ -91,7 +97,9 @@ def signal_units(drive: Drive) -> dict[str, str]:
                      for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
         links = {f"{before}link {i}.tension": "N" for i in range(ring.drive.chain.links)}
         units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
-    return units
+    sizes = Sizes.of(drive)
+    recorded = [of for of in part_signals(drive) if sizes.count(CHANNEL[of[2]].per)]
+    return units | {f"{name}.{signal}": UNITS[channel] for name, signal, channel, _, _ in recorded}
 
 
 def _chain_sources(trajectory: Trajectory, before: str) -> dict[str, Source]:
