@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from warpchain.drive.schema import Part, Value
+from warpchain.results.ripple import changes_within
 from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
 
 if TYPE_CHECKING:
@@ -147,8 +148,8 @@ def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: s
 
 
 def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, or where no ramp is
-    over before it begins.
+    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, where no ramp is
+    over before it begins, or where a table over time changes what the drive does within it.
     """
     name = f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
@@ -158,8 +159,11 @@ def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of
         for drive in drives
     )
     ramps = np.array([max((motion.ramp_time for motion in each if motion), default=0.0) for each in motions])
-    mean, begin = columns[name][0], columns["window_start"][0]
-    return np.where((ramps > 0.0) & (begin >= ramps), np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
+    mean, begin, end = columns[name][0], columns["window_start"][0], columns["window_end"][0]
+    ramped = (ramps > 0.0) & (begin >= ramps)
+    for v, drive in enumerate(drives):
+        ramped[v] = ramped[v] and not changes_within(drive, float(begin[v]), float(end[v]))
+    return np.where(ramped, np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
 
 
 RULES = (
