@@ -13,6 +13,7 @@ from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
 from warpchain.modal.campbell import assurance, campbell, mode_metrics, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
+from warpchain.modal.mode_figures import campbell_figure
 from warpchain.modal.system import system
 
 
@@ -149,6 +150,24 @@ def test_orders_are_those_of_all_chains():
     assert by_cause["tooth passing of second"] == pytest.approx(12.0)
     assert by_cause["revolution of the chain second"] == pytest.approx(12.0 / 68.0)
     assert by_cause["revolution of out"] == pytest.approx(1.0 / 3.0)
+
+
+def test_valves_are_among_the_orders_of_their_chain_and_of_the_others():
+    # eight cams a turn of a shaft that turns 1 / 3 times as fast as the crank, and 4 of car's half as fast
+    valves = {"name": "lifters", "on": "out", "phases": tuple(45.0 * k for k in range(8)), "mass": 0.1}
+    valves |= {"spring": {"preload": 50.0}, "profile": {"lift": 5e-3, "rise": 20.0, "fall": 20.0}}
+    by_cause = {order.cause: order.value for order in orders(two_stages().with_values({"valves": (valves,)}))}
+    assert by_cause["valves lifters"] == pytest.approx(8.0 / 3.0)
+    causes = ", ".join(order.cause for order in orders(example("car")) if order.value == pytest.approx(2.0))
+    assert "valves intake valves" in causes and "valves exhaust valves" in causes
+
+
+def test_names_of_slow_orders_lie_apart_in_the_diagram():
+    figure = campbell_figure(campbell(example("balance_shafts"), [0.0, 30.0], 3))
+    figure.canvas.draw()
+    names = [text for text in figure.axes[0].texts if "revolution of" in text.get_text()]
+    boxes = sorted((text.get_window_extent().y0 for text in names if text.get_rotation() == 0.0))
+    assert len(boxes) > 3 and np.diff(boxes).min() > 0.018 * figure.axes[0].bbox.height
 
 
 @pytest.mark.parametrize("ending", [".html", ".png", ".npz", ".rrd"])
