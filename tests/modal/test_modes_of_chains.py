@@ -166,7 +166,7 @@ def test_names_of_slow_orders_lie_apart_in_the_diagram():
     figure = campbell_figure(campbell(example("balance_shafts"), [0.0, 30.0], 3))
     figure.canvas.draw()
     names = [text for text in figure.axes[0].texts if "revolution of" in text.get_text()]
-    boxes = sorted((text.get_window_extent().y0 for text in names if text.get_rotation() == 0.0))
+    boxes = sorted(text.get_window_extent().y0 for text in names if text.get_rotation() == 0.0)
     assert len(boxes) > 3 and np.diff(boxes).min() > 0.018 * figure.axes[0].bbox.height
 
 

@@ -259,7 +259,8 @@ class SpeedTable(Table):
     """Forward angular speed over time or over the angle turned (see `Table`).
 
     Attributes:
-        speed: forward speed [rad/s], at least 0; over angle above 0.
+        speed: forward speed [rad/s]; over time it may be negative, backward, where the largest is positive; over angle
+            it is above 0.
     """
 
     speed: Column
@@ -269,10 +270,13 @@ class SpeedTable(Table):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from super()._rules(node)
-        strict = get(node, "angle") is not None
-        for i, value in enumerate(elements(node, "speed")):
-            if numbers(value) and (value < 0.0 or (strict and value == 0.0)):
-                yield Problem(("speed", i), value, "must be above 0 over angle" if strict else "must be at least 0")
+        over_angle, speeds = get(node, "angle") is not None, elements(node, "speed")
+        for i, value in enumerate(speeds if over_angle else ()):
+            if numbers(value) and value <= 0.0:
+                yield Problem(("speed", i), value, "must be above 0 over angle")
+        if not over_angle and speeds and numbers(*speeds) and min(speeds) < 0.0 >= max(speeds):
+            text = "must have a positive element; forward is the sense of wrap, and negative speeds are backward"
+            yield Problem(("speed",), list(speeds), text)
         factor = get(node, "factor")
         if numbers(factor) and factor <= 0.0:
             yield Problem(("factor",), factor, "must be a positive number")
