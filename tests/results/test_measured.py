@@ -169,7 +169,7 @@ def test_the_command_compares_and_draws(tmp_path, capsys):
             ([*words[:-1], f"--offset={word}"], f"--offset {word}: must be a number of seconds within 1e+09, or auto")
             for word in ("soon", "nan", "-1e300")
         ),
-        ([*words[:3], "--as", "camshaft"], "'camshaft': allowed are "),
+        ([*words[:3], "--as", "camshaft"], "--as 'camshaft': allowed are "),
     ):
         assert said in refused(capsys, *bad)
 

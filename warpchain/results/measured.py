@@ -132,8 +132,11 @@ def _of(values: NDArray[np.floating] | None, index: int) -> Array:
     return np.asarray(values[:, index], dtype=float)
 
 
-def source(trajectory: Trajectory, name: str) -> Source:
+def source(trajectory: Trajectory, name: str, option: str = "") -> Source:
     """The signal that a measured one of that name is compared with.
+
+    Args:
+        option: what stands before the name where it was given, such as "--as ".
 
     Raises:
         SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
@@ -145,7 +148,7 @@ def source(trajectory: Trajectory, name: str) -> Source:
         befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
         shown = [word for word in found if not any(word.startswith(f"{before}link ") for before in befores)]
         more = ", ".join(f'"{before}link I.tension" with I from 0 to {links - 1}' for before, links in befores.items())
-        raise SimulationError(f"{name!r}: allowed are {', '.join(shown)}, and {more}")
+        raise SimulationError(f"{option}{name!r}: allowed are {', '.join(shown)}, and {more}")
     return found[name]
 
 
