@@ -85,7 +85,7 @@ SPELL, SPELLS = 4.0, 10
 
 
 @case()
-def marine_waves(_: argparse.Namespace) -> Iterator[Line]:
+def marine_waves(asked: argparse.Namespace) -> Iterator[Line]:
     """The marine drive without friction over many turns: its mean tension grows with the waves of its strands.
 
     python scripts/figures.py marine-waves
@@ -97,10 +97,11 @@ def marine_waves(_: argparse.Namespace) -> Iterator[Line]:
     record = Record(channels=("position", "tension"), rate=200.0)
     run, fine = (simulate(drive, duration=SPELL * SPELLS, step=step / n, record=record)[0] for n in (1, 2))
     yield ("time [s]", "tension [kN]", "waves [mm]", "k waves / N [kN]", "the rest [kN]", "tension, half the step [kN]")
+    assert run.tension is not None and fine.tension is not None
     for k in range(SPELLS):
-        (own, other) = ((of.time >= SPELL * k) & (of.time < SPELL * (k + 1)) for of in (run, fine))
+        own, other = ((of.time >= SPELL * k) & (of.time < SPELL * (k + 1)) for of in (run, fine))
         tension, again = 1e-3 * run.tension[own].mean(), 1e-3 * fine.tension[other].mean()
-        _, longer = bent(run, own)
+        longer = bent(run, own)[1]
         pull = 1e-3 * per_length * longer
         numbers = tension, 1e3 * longer, pull, tension - pull, again
         yield (f"{SPELL * k:.0f} to {SPELL * (k + 1):.0f}", *(f"{number:.2f}" for number in numbers))

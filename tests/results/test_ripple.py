@@ -7,7 +7,8 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import simulate
-from warpchain.results.ripple import changes_within, slowest_ripple
+from warpchain.results.judgement import changes_within
+from warpchain.results.ripple import slowest_ripple
 
 FOUR = [50.0 + 20.0 * math.cos(4.0 * math.tau * k / 720) for k in range(721)]
 ANGLES = [math.tau * k / 720 for k in range(721)]

@@ -7,7 +7,7 @@ new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from warpchain.drive.schema import Part, Value
-from warpchain.results.ripple import changes_within
 from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
 
 if TYPE_CHECKING:
@@ -145,6 +144,37 @@ def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: s
     ends = [np.abs(columns[name][0]) for name in names if name in columns]
     largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
     return np.where(largest > 0.0, np.maximum(largest, least_force(drives, of)), np.nan)
+
+
+def changes_within(drive: Drive, begin: float, end: float) -> bool:
+    """Whether a table over time changes a motion, load, motor, ratio, clutch, oil supply or place between two times
+    [s]."""
+    return any(not _even(over, values, begin, end) for over, values in _tables(drive))
+
+
+def _tables(drive: Drive) -> Iterator[tuple[Any, Any]]:
+    """Times [s] and values of all tables over time."""
+    parts: list[Any] = [*drive.sprockets, *drive.shafts]
+    held = [_of(of, "table") for part in parts for of in (part.load, part.prescribed, _of(part, "motor"))]
+    held += [_of(coupling.clutch, "table") for coupling in drive.couplings]
+    held += [_of(tensioner.oil, "supply_table") for tensioner in drive.tensioners]
+    yield from ((table.over, table.values) for table in held if table is not None and table.time is not None)
+    ratios = (coupling.ratios for coupling in drive.couplings)
+    yield from ((of.time, of.ratio) for of in ratios if of is not None)
+    places = [*(_of(sprocket.mount, "table") for sprocket in drive.sprockets), *(arm.pivot_table for arm in drive.arms)]
+    for table in (table for table in places if table is not None):
+        yield from ((table.time, column) for column in (table.x, table.y) if column is not None)
+
+
+def _of(part: Any, name: str) -> Any:
+    return getattr(part, name, None)
+
+
+def _even(over: Any, values: Any, begin: float, end: float) -> bool:
+    """Whether a quantity over time, as at its ends beyond them, is the same from `begin` to `end`."""
+    time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
+    first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
+    return bool(np.ptp(value[max(int(first), 0) : min(int(last), len(value) - 1) + 1]) == 0.0)
 
 
 def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
