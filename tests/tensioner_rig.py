@@ -63,6 +63,13 @@ def engine():
     return loads_drive(TEXT)
 
 
+def oil_modulus(tensioner, pressure):
+    """E = E_0 (1 + a) / (1 + a (E_0/n) P_0^(1/n) P^(-1 - 1/n)) [Pa] of a drive's oil with its air."""
+    oil, n = tensioner.oil, 1.4
+    soft = oil.air * oil.bulk_modulus / (n * oil.ambient) * (oil.ambient / pressure) ** (1.0 + 1.0 / n)
+    return oil.bulk_modulus * (1.0 + oil.air) / (1.0 + soft)
+
+
 def tensioner(**values):
     """The tensioner of the model's section on bodies, at rest at 2.508 bar; `values` change what they name, those of
     valves as "check.lift_max".

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from command import refused
 from drives import example, two_sprockets
+from tensioner_rig import oil_modulus
 
-from warpchain.drive.oil import bulk_modulus, oil_stiffness, static_force, static_pressure
+from warpchain.drive.oil import static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import base_modes, campbell, mode_metrics
@@ -100,7 +101,7 @@ def cubic(drive, result):
     h, bent, weight = levers(drive, angle)
     r = complex(*np.subtract(tensioner.at, ARM["pivot"]))
     x = (complex(*tensioner.unit_direction) * (r * (np.exp(1j * angle) - 1.0)).conjugate()).real
-    oil = oil_stiffness(tensioner, static_pressure(tensioner), x)
+    oil = oil_modulus(tensioner, static_pressure(tensioner)) * AREA**2 / (1e-6 + AREA * x)
     gap = tensioner.area**2 / tensioner.leak_conductance
     spring = tensioner.spring_stiffness
     stiff = ARM["stiffness"] + spring * h**2 - static_force(tensioner, x) * bent + weight
@@ -136,7 +137,7 @@ def test_oil_shows_in_the_table():
     k = of(result, "lever")
     tensioner, pressure = drive.tensioners[0], static_pressure(drive.tensioners[0])
     volume = 1e-6 + AREA * found.parts[0].extension[0]
-    modulus, gap = bulk_modulus(tensioner, pressure), AREA**2 / tensioner.leak_conductance
+    modulus, gap = oil_modulus(tensioner, pressure), AREA**2 / tensioner.leak_conductance
     late = gap * result.eigenvalue[k] / (gap * result.eigenvalue[k] + modulus * AREA**2 / volume)
     expected = -modulus * AREA / volume * late * result.stroke[k, 0]
     assert abs(result.pressure[k, 0] - expected) < 0.01 * abs(expected)
