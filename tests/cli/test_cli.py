@@ -82,7 +82,7 @@ def test_strand_frequency_is_the_closed_form():
         ([*RUN, "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
         ([*RUN, "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
         ([*RUN, "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
-        ([*RUN, "--channels", "default", "force"], "'force' is unknown; allowed are posi"),
+        ([*RUN, "--channels", "default", "force"], "--channels: 'force' is unknown; allowed are default, posi"),
         (["run", "marine"], "the following arguments are required: -o/--output; see warpchain run --help"),
         (["fly"], "invalid choice: 'fly'"),
         (["check", "marine", "--set", "run.step=1e-5\nother=1"], "run.step"),
@@ -134,7 +134,7 @@ def test_run_export_round_trip(capsys, tmp_path):
         assert held["position"].shape == (5, 162, 2)
         assert held["tension"].dtype == np.float64
         assert "joint_friction_power" not in held
-    assert run(capsys, *words, "--overwrite", "--channels", "default", "joint_friction_power")[0] == 0
+    assert run(capsys, *words, "--overwrite", "--channels", "default", "joint_friction_power", "hub_force")[0] == 0
     assert read_archive(archive)[0].joint_friction_power.shape == (5, 162)
     assert read_archive(archive)[0].position.shape == (5, 162, 2)
 

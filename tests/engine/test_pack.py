@@ -3,7 +3,7 @@
 import contextlib
 
 import pytest
-from drives import ONE_CHAIN, example, numbers, two_sprockets
+from drives import LARGE, ONE_CHAIN, but, example, numbers, two_sprockets
 
 from warpchain import Record
 from warpchain.assembly.assemble_batch import layouts_of
@@ -105,7 +105,7 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
     assert packed.chains["outer_damping"].tolist() == [damping, damping]
 
 
-@pytest.mark.parametrize("name", ONE_CHAIN)  # of one chain
+@pytest.mark.parametrize("name", but(ONE_CHAIN, LARGE))  # of one chain
 @pytest.mark.filterwarnings("ignore")
 def test_every_number_of_an_example_may_vary_in_a_batch(name):
     base = example(name)

@@ -17,20 +17,8 @@ from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner
 
-ELSEWHERE = (
-    "body",
-    "home",
-    "rest",
-    "stop_stiffness",
-    "stop_damping",
-    "bottom",
-    "direction",
-    "point",
-    "check",
-    "relief",
-    "vent",
-    "supply_table",
-)
+ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
+ELSEWHERE += ("check", "relief", "vent", "supply_table")
 
 
 @pytest.fixture(scope="module")

@@ -79,6 +79,7 @@ def free(packed, inertia):
     return packed
 
 
+@pytest.mark.long
 def test_the_recipe_of_a_body(tmp_path):
     # the bar is pressed 3 cm into the chain. A body that is held at the origin leaves every bit as it is with the bar
     # on the ground; one on springs does not, and the energy balance closes as well as on the ground (some 5e-4)

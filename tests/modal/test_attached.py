@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from command import refused
-from drives import example, two_sprockets
+from drives import example, of_long, two_sprockets
 from tensioner_rig import oil_modulus
 
 from warpchain.drive.oil import static_force, static_pressure
@@ -266,6 +266,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     assert arrays["bodies"].shape == (26, 4, 3)
 
 
+@pytest.mark.long
 def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
     """A heavier arm's mode is lower, by its share of the kinetic energy: d omega / omega = -share dI / 2 I."""
     wanted = base_modes(car, 26)
@@ -283,7 +284,7 @@ def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--set", "sprockets.intake cam.load.torque=1e5"], "does not settle"),
+        *of_long((["--set", "sprockets.intake cam.load.torque=1e5"], "does not settle")),
         (["--speed", "50000"], "speed = 50000"),
     ],
 )
@@ -306,6 +307,7 @@ def test_a_valve_is_shut_or_open(car, capsys):
     assert "takes one speed" in refused(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
 
 
+@pytest.mark.long
 def test_what_does_not_settle_is_refused():
     with pytest.raises(SimulationError, match="does not settle") as caught:
         modes(apart([SPRING]).with_values({"sprockets.driven.load.torque": 1e6}))

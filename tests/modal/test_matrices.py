@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drives import example, two_sprockets
+from drives import example, of_long, two_sprockets
 from raw import chain
 from tensioner_rig import oil_modulus
 
@@ -36,7 +36,7 @@ def strand():
     return made
 
 
-@pytest.mark.parametrize("n", [9, 10, 11, 80])
+@pytest.mark.parametrize("n", [9, 10, 11, *of_long(80)])
 def test_a_strand_has_the_frequencies_of_its_lumps(strand, n):
     """(1/pi) sqrt(T / (m p)) sin(k pi / (2 (n + 1))) across, (1/pi) sqrt(k / m) sin(...) along.
 

@@ -23,6 +23,8 @@ from warpchain.drive.geared import joined
 from warpchain.drive.rings import loaded_rings, rings_of
 from warpchain.drive.trains import own_inertia
 from warpchain.drive.transmission import is_geared, shafts_given
+from warpchain.engine.light import braking, wanted
+from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
 from warpchain.results.metrics import Ended
@@ -106,11 +108,10 @@ class Rows:
                 except DriveError as error:
                     raise first_of([(v, error)], first) from None
                 self._couple(packed, v, a, b)
+        fill_steps(packed)
 
     def _couple(self, packed: Packed, v: int, a: int, b: int) -> None:
         """Ties the bodies of variant v, whose rows are `a` to `b` - 1."""
-        from warpchain.engine.fill import LIGHT
-
         geared = is_geared(self.variants[v])
         drive, rows = self.variants[v] if geared else shafts_given(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
@@ -134,9 +135,12 @@ class Rows:
                 if not geared:
                     _tie(packed, members, begin)
                 _share_contacts(packed, members)
+        strength = []
         for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
-        rows["light"][a:b] = (packed.motions["following"][begin:end] < LIGHT).any()
+            strength += braking(packed, np.array([r]), ring.drive, packed.assemblies[r])[0].tolist()
+        trains = packed.motions["train"][begin:end]
+        rows["light"][a:b] = wanted(packed.motions["following"][begin:end], (trains[:, None] == trains) @ strength)
 
 
 Member = tuple[int, int, int]

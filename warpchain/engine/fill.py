@@ -41,9 +41,6 @@ FORMS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
 """Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
 
-LIGHT = 0.2
-"""Where `Motion.following` is less, z m R^2 / J above 4, contacts want the accelerations of bodies before forces."""
-
 DEEPEST_ENTRY = 0.5
 """A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
 

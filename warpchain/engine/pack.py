@@ -25,7 +25,6 @@ from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
-    LIGHT,
     RowList,
     fill_bar,
     fill_body,
@@ -57,6 +56,7 @@ from warpchain.engine.fill_bodies import (
     piece_count,
     profiled,
 )
+from warpchain.engine.light import fill_light
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
@@ -95,14 +95,13 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
+        fill_light(packed, part.members, part.drive, assembly)
     fill_steps(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         friction["inertia"][: len(steps)] /= steps
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
-    lightest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
-    packed.drives["light"] = lightest < LIGHT
     packed.chains["joint"]["inertia"] /= packed.drives["step"]
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
@@ -111,14 +110,23 @@ def pack(
 
 
 def fill_steps(packed: Packed) -> None:
-    """Fills what of contact laws hangs on the steps of their drives."""
+    """Fills what of contact laws hangs on the steps of their drives, and with stages on how bodies give way."""
     for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
         owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
         row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
         staged = packed.drives["integrator"][owner] > 0
         row["lag"] = np.where(staged, 0.0, 0.5 * step)
         row["yielding"] = row["lag"] / mass
-        row["most_damping"] = np.where(staged, 2.0 * mass / step, 0.0)
+        row["most_damping"] = np.where(staged, 2.0 * mass / step * _held(packed, counts, owner), 0.0)
+
+
+def _held(packed: Packed, counts: str, owner: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Part of 2 m / h that dampers of contacts with sprockets or guides may have: of light drives 1 / (1 + g)."""
+    drives, place = packed.drives[owner], packed.guides["body"][: len(owner)]
+    if counts == "sprockets":
+        place = np.arange(len(owner)) - drives["first_sprocket"]
+    following = packed.motions["following"][drives["first_body"] + np.maximum(place, 0)]
+    return np.where((drives["light"] == 0) | (place == structs.GROUND), 1.0, following)
 
 
 @dataclass
