@@ -18,6 +18,11 @@ def compiled(kernel, folder: Path, arch: int = 89) -> str:
     return path.read_text()
 
 
+def called(ptx: str) -> set[str]:
+    """Names of warpchain's functions that the compiler has not drawn in, where they are called."""
+    return {name for name in re.findall(r"\bcall(?:\.uni)?\s+(?:\([^)]*\),\s*)?([\w$]+)", ptx) if "_locals__" in name}
+
+
 def basic_blocks(ptx: str) -> tuple[list[list[str]], list[list[int]]]:
     """Instructions of the kernel's basic blocks, and to which of them each can go on."""
     blocks: list[list[str]] = [[]]

@@ -5,15 +5,20 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 
+import numpy as np
 import pytest
 import warp as wp
-from blocks import some_of
+from blocks import pack_for, some_of
+from drives import example
+from ptx import called, compiled
 
+from warpchain.engine.buckets import Bucket, kernel_kind, kind_columns, kind_of, resident
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
+from warpchain.results.schedule import Schedule
 
 LARGE = [
     (BlockKind(wp.float64, BlockShape(672, 1), Parts(3, 1), measuring=True, moving=True), 1),
@@ -71,3 +76,14 @@ def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, prec
     module = FORMS[form](getattr(wp, precision)).module
     wp.compile_aot_module(module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["marine", "car"])
+def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name):
+    # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
+    # twice (docs/notes/gpu-parts.md)
+    packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], "float64")
+    columns = {field: int(values[0]) for field, values in kind_columns(packed).items()}
+    kind = kernel_kind("measure", Bucket(kind_of(packed.real, columns, 8), np.zeros(1, int), None))
+    assert not called(compiled(block_kernel(kind, resident(kind), FRAME), tmp_path))
