@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 from common.cases import Line, case, option
-from common.drives import example
+from common.drives import example, without_friction
 
-from drawings.examples import versions
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.statics import running
@@ -92,7 +91,7 @@ def marine_waves(asked: argparse.Namespace) -> Iterator[Line]:
 
     Waves lengthen strands by dL, which stretches the N links by k dL / N. The last column has half the automatic step.
     """
-    drive = versions("marine")["now, without friction"]
+    drive = without_friction(example("marine"))
     step, per_length = automatic_step(drive), drive.chain.mean_stiffness / drive.chain.links
     record = Record(channels=("position", "tension"), rate=200.0)
     run, fine = (simulate(drive, duration=SPELL * SPELLS, step=step / n, record=record)[0] for n in (1, 2))
