@@ -85,6 +85,7 @@ def test_wheels_hold_the_sources_and_nothing_else(wheels):
         assert installed_files(wheel) == sources
 
 
+@pytest.mark.long
 def test_kernels_import_from_an_unpacked_wheel(wheels, tmp_path):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.cpu.serial as s, warpchain.cli as c; "

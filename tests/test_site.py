@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from browsing import browser, no_browser
+from drives import of_long
 from loading import load_script
 
 from warpchain.drive import Drive
@@ -12,11 +13,7 @@ from warpchain.results.metric_columns import COLUMNS
 from warpchain.study.spec import Study
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
 TAKEN_IN = "# A page\n- of its own\n\nWords:\n\n- one\n  more\n- two\n\n```\n- code\n```\n\nWords:\n- taken in\n"
-
-
 reference = load_script("pages.reference")
 
 
@@ -141,7 +138,7 @@ def test_the_site_opens_in_a_browser(site):
 
 @pytest.mark.viewer
 @pytest.mark.skipif(no_browser() is not None, reason=str(no_browser()))
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("width", [390, *of_long(1280)])
 def test_no_page_scrolls_sideways(site, width):
     """On a phone and on a small laptop; tables, code and pictures scroll within the page."""
     ready = "location.pathname.endsWith('{}') && document.readyState == 'complete'"

@@ -89,10 +89,10 @@ def test_where_launches_end_does_not_matter(fibers, drives, many, precision, fam
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
 
 
-ABREAST = [*product([True, False], ["float64", "float32"])]
-
-
-@pytest.mark.parametrize(("measuring", "precision"), some_of(ABREAST, [(True, "float32")], [(False, "float64")]))
+@pytest.mark.parametrize(
+    ("measuring", "precision"),
+    some_of([*product([True, False], ["float64", "float32"])], [(True, "float32")], [(False, "float64")]),
+)
 def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, measuring, precision):
     # four that differ, two to a block; they share memory that each has a part of, and wait for each other
     heavy = [drive.with_values({"run.gravity": [0.0, -9.81]}) for drive in equal_sprockets()]

@@ -21,8 +21,6 @@ new = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_
 new |= {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
 assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in sys.argv[2:]], True, sys.argv[1])
 """
-
-
 DRIVE = """
 from drives import two_sprockets
 from warpchain import loads_drive, dumps_drive, simulate
@@ -31,8 +29,6 @@ law = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_
 drive = loads_drive(dumps_drive(two_sprockets(duration=0.005).with_values(law)))
 print(drive.contact.sprocket.law, simulate(drive, device="cpu")[0].tension.max() > 0.0)
 """
-
-
 SEALED = """
 import sys
 import numpy as np

@@ -51,6 +51,7 @@ def strand(k, n, teeth, seat=5e6):
     return 1.0 / (n / k + 2.0 / arc)
 
 
+@pytest.mark.long
 def test_torsion_of_three_shafts_on_two_chains():
     # J q'' = -K q with K = R^2 (k/n + k/n) a chain of two strands of n links and what seats give, the crank as one of
     # 1e12 kg m^2; 0.4 %: the lever of an outer link, cos(pi/z), is up to 0.55 % short, of the frequency half of that,
@@ -75,6 +76,7 @@ FLYWHEEL = shaft("flywheel", inertia=1600.0) + gears("pair", ["middle", "flywhee
 """Turns half as fast as the shaft between the chains."""
 
 
+@pytest.mark.long
 def test_a_geared_inertia_is_a_fourth_of_it_on_the_shaft():
     # differences of forces over small steps have eight digits, of which a mode that hardly turns shows fewer
     geared, plain = modes(plus(three_shafts((1600.0, 1500.0)), FLYWHEEL), 30), modes(three_shafts((2000.0, 1500.0)), 30)

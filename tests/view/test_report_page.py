@@ -146,6 +146,7 @@ def test_what_was_not_recorded_is_said_in_its_place():
         report_html(simulate(drive, device="cpu", record=Record(channels=["tension"])))
 
 
+@pytest.mark.long
 def test_friction_over_the_speeds_of_variants(run):
     base = run.drives[0]
     drives = [base.with_values({"sprockets.driver.prescribed.speed": speed, "run.duration": 0.2})
