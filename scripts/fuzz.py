@@ -1,6 +1,7 @@
 """Feeds files and folders of studies that were changed at random to what reads them.
 
     python scripts/fuzz.py --kind drives studies tables archives folders --count 1000 --seed 0
+    python scripts/fuzz.py --kind drives --drives v6 balance_shafts --count 10000
 
 Each case starts from something right and changes it: bits, bytes, lines, numbers, pieces of others. It is accepted,
 refused (by a `WarpchainError`), or broken: any other exception, or an archive or a study's table that reads back with
@@ -21,7 +22,7 @@ import tempfile
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,10 @@ VALUES = [
 KEYS = [*Factor.model_fields, *Design.model_fields]
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
 NAMES = "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain", "balance_shafts"
-"""Example drives whose files are changed."""
+"""Example drives whose files are changed; `--drives` names others, or files of one's own.
+
+Studies and runs are those of the first.
+"""
 STUDY = """
 [study]
 drive = "marine"
@@ -253,10 +257,10 @@ def built(drive: Drive, study: Study, rows: pa.Table) -> None:
 class Fuzz:
     """Files to change, and what reads them; the method of each kind takes one case."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, chosen: Sequence[str] = NAMES) -> None:
         self.folder, self.home = folder, folder / "home"
-        drives = [example(name) for name in NAMES]
-        self.base, self.texts = drives[0], [dumps_drive(drive) for drive in drives]
+        self.base = example(NAMES[0])
+        self.texts = [dumps_drive(load_drive(name) if name.endswith(".toml") else example(name)) for name in chosen]
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]
         (folder / "t.csv").write_text("torque,double\n1000.0,74\n1500.0,76\n")
@@ -399,6 +403,7 @@ def parser() -> argparse.ArgumentParser:
     """The command's words."""
     words = described(__doc__)
     words.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
+    words.add_argument("--drives", nargs="+", metavar="DRIVE", default=NAMES, help="examples or drive files to change")
     words.add_argument("--count", type=int, default=1000)
     words.add_argument("--seed", type=int, default=0)
     return words
@@ -409,7 +414,7 @@ def main() -> None:
     asked = parser().parse_args()
     for kind in asked.kind:
         with tempfile.TemporaryDirectory() as folder:
-            found = fuzz(getattr(Fuzz(Path(folder)), kind), asked.count, asked.seed)
+            found = fuzz(getattr(Fuzz(Path(folder), asked.drives), kind), asked.count, asked.seed)
         print(f"{kind}: {found.total()} tried, {found['refused']} refused, {found['accepted']} accepted", flush=True)
 
 

@@ -514,7 +514,7 @@ def pack_for(variants, schedules, precision):
     packed = pack(rows.drives, rows.spread(schedules))
     rows.couple(packed)
     packed = packed.at_precision(precision)
-    return replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
+    return replace(packed, frame=frame_of(NAMES if packed.rubbing.any() else ()))
 
 
 SPARE = {
@@ -578,7 +578,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
-    bends = np.flatnonzero(packed.joints["rubs"])
+    bends = np.flatnonzero(packed.rubbing)
     each = [ring.drive for drive in variants for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])

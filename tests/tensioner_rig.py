@@ -133,7 +133,7 @@ def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64
     out[i, 6] = flows.leak_loss
     out[i, 7] = flows.valve_loss
     out[i, 8] = flows.supply_work
-    out[i, 9] = flows.lift
+    out[i, 9] = valve_lift(t.supply - pressure_of(x, True, state, t), t.check)
     out[i, 11] = flows.relieved
     out[i, 12] = flows.vented
     out[i, 13] = flows.filling

@@ -16,7 +16,7 @@ from warpchain import Drive
 from warpchain.engine.packed import Packed
 
 LAW = "form stiffness exponent damping speed_floor lag yielding"
-FRICTION = "mu_dynamic mu_static stribeck_speed"
+FRICTION = "inertia mu_dynamic mu_static stribeck_speed"
 BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"
 CUDA_TEETH = "pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach"
@@ -64,10 +64,10 @@ def cuda_input(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-def rubbing(partner: Any, names: str, sliding: Any) -> list[float]:
+def rubbing(partner: Any, names: str, friction: Any) -> list[float]:
     """Numbers of a sprocket or a guide, of its contact law and of its friction."""
-    law, friction = numbers(partner["law"], LAW), numbers(sliding["law"], FRICTION)
-    return [*numbers(partner, names), *law, *numbers(sliding, "rubs inertia"), *friction]
+    law = numbers(partner["law"], LAW)
+    return [*numbers(partner, names), *law, friction["inertia"] > 0.0, *numbers(friction, FRICTION)]
 
 
 def lacking(packed: Packed) -> list[str]:
@@ -78,7 +78,7 @@ def lacking(packed: Packed) -> list[str]:
         "shafts": drive["tied"] != 0,
         "hubs": drive["hubs"] != 0,
         "mounts": packed.mounts["active"].any() or packed.mounts["moves"].any(),
-        "links that differ": packed.links["varied_links"].any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
+        "links that differ": packed.varied_links.any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
         "tables": packed.motions["drive_table"]["cells"].any() or packed.motions["load_table"]["cells"].any(),
         "curved flanks": packed.sprockets["flank_curvature"].any(),
         "ratchets": packed.tensioners["ratchet_pitch"].any(),
@@ -94,20 +94,24 @@ def c_input(packed: Packed) -> bytes:
     """
     if unknown := lacking(packed):
         raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
-    drive, chain, joint = packed.drives[0], packed.chains[0], packed.joints[0]
+    drive, chain = packed.drives[0], packed.chains[0]
     n, sprockets, guides, bodies = (int(drive[name]) for name in ("rollers", "sprockets", "guides", "bodies"))
     tensioners = int(drive["tensioners"])
     pieces = len(packed.pieces) if packed.guides["pieces"].any() else 0
     values: list[float] = [n, sprockets, guides, pieces, bodies - sprockets, tensioners]
     values += [*numbers(drive, "light step"), packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
-    values += [*numbers(joint, "rubs pin_radius arm inertia"), *numbers(joint["law"], FRICTION)]
+    values += [
+        chain["joint"]["inertia"] > 0.0,
+        *numbers(chain, "pin_radius joint_arm"),
+        *numbers(chain["joint"], FRICTION),
+    ]
     for motion, body in zip(packed.motions[:bodies], packed.bodies, strict=False):
         count, harmonics = harmonics_of(packed, motion)
         values += [*numbers(motion, BODY), count, *harmonics, *numbers(body, PLACED)]
-    for partner, sliding in zip(packed.sprockets[:sprockets], packed.tooth_sliding, strict=False):
-        values += rubbing(partner, TEETH, sliding)
-    for partner, sliding in zip(packed.guides[:guides], packed.guide_sliding, strict=False):
-        values += rubbing(partner, GUIDE, sliding)
+    for partner, friction in zip(packed.sprockets[:sprockets], packed.tooth_friction, strict=False):
+        values += rubbing(partner, TEETH, friction)
+    for partner, friction in zip(packed.guides[:guides], packed.guide_friction, strict=False):
+        values += rubbing(partner, GUIDE, friction)
     for piece in packed.pieces[:pieces]:
         values += numbers(piece, PIECE)
     for arm in packed.arms[: bodies - sprockets]:

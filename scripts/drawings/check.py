@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 from common.cases import Line, case, option
-from common.drives import example
+from common.drives import example, without_friction
 
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.statics import running
+from warpchain.assembly.timestep import automatic_step
 
 DURATION = {"engine": 0.2, "industrial": 1.0, "marine": 2.0, "motorcycle": 0.3}
 """Of the runs [s], whose second half counts."""
@@ -27,13 +28,13 @@ MARINE: dict[str, dict[str, Any]] = {
 }
 
 
-def bent(trajectory: Any) -> tuple[float, float]:
-    """Length of all strands beyond straight ones in the run's second half [m]: whole, and what is not standing.
+def bent(trajectory: Any, frames: Any) -> tuple[float, float]:
+    """Length of all strands beyond straight ones in frames of a run [m]: whole, and what is not standing.
 
     Half of the slopes' squares along the strand; the mean slope at each place, a pitch long, stands.
     """
     drive, path = trajectory.drive, chain_path(trajectory.drive)
-    x = trajectory.position[trajectory.time >= 0.5 * trajectory.time[-1]].astype(float)
+    x = trajectory.position[frames].astype(float)
     whole, waves = 0.0, 0.0
     for begin, end in zip(path.strand_start, path.strand_end, strict=True):
         length = float(np.hypot(*(end - begin)))
@@ -64,7 +65,8 @@ def check(asked: argparse.Namespace) -> Iterator[Line]:
         run = simulate(drives, record=Record(channels=("position",), rate=1000.0))
         for k, (name, row) in enumerate(zip(MARINE, run.metrics.to_pylist(), strict=True)):
             found = np.array([row[f"{strand}.tension_mean"] for strand in drives[0].strand_names])
-            above, (whole, waves) = 1e-3 * (found - running(drives[k]).tension), bent(run[k])
+            above, late = 1e-3 * (found - running(drives[k]).tension), run[k].time >= 0.5 * run[k].time[-1]
+            whole, waves = bent(run[k], late)
             yield (name, f"{above.min():.1f} to {above.max():.1f} kN", f"{1e3 * whole:.2f} mm", f"{1e3 * waves:.2f} mm")
         return
     yield ("strand", "`check`", "a run", "off, of the tightest")
@@ -75,3 +77,30 @@ def check(asked: argparse.Namespace) -> Iterator[Line]:
         for strand, said, seen in zip(drive.strand_names, running(drive).tension, found, strict=True):
             off = 100.0 * (said - seen) / found.max()
             yield (f"{name}: {strand}", f"{said:.4g} N", f"{seen:.4g} N", f"{off:+.1f} %")
+
+
+SPELL, SPELLS = 4.0, 10
+"""Seconds of a row of `marine_waves`, and how many."""
+
+
+@case()
+def marine_waves(asked: argparse.Namespace) -> Iterator[Line]:
+    """The marine drive without friction over many turns: its mean tension grows with the waves of its strands.
+
+    python scripts/figures.py marine-waves
+
+    Waves lengthen strands by dL, which stretches the N links by k dL / N. The last column has half the automatic step.
+    """
+    drive = without_friction(example("marine"))
+    step, per_length = automatic_step(drive), drive.chain.mean_stiffness / drive.chain.links
+    record = Record(channels=("position", "tension"), rate=200.0)
+    run, fine = (simulate(drive, duration=SPELL * SPELLS, step=step / n, record=record)[0] for n in (1, 2))
+    yield ("time [s]", "tension [kN]", "waves [mm]", "k waves / N [kN]", "the rest [kN]", "tension, half the step [kN]")
+    assert run.tension is not None and fine.tension is not None
+    for k in range(SPELLS):
+        own, other = ((of.time >= SPELL * k) & (of.time < SPELL * (k + 1)) for of in (run, fine))
+        tension, again = 1e-3 * run.tension[own].mean(), 1e-3 * fine.tension[other].mean()
+        longer = bent(run, own)[1]
+        pull = 1e-3 * per_length * longer
+        numbers = tension, 1e3 * longer, pull, tension - pull, again
+        yield (f"{SPELL * k:.0f} to {SPELL * (k + 1):.0f}", *(f"{number:.2f}" for number in numbers))

@@ -76,7 +76,7 @@ def test_the_command_names_the_chain(tmp_path, capsys):
     save_drive(chains.two_stages().with_values({"chains.second.links": 80}), path)
     path.write_text("# two stages\n" + path.read_text())
     assert main(["fit", str(path), "--links"]) == 2
-    assert "chain: must be named" in capsys.readouterr().err
+    assert "--chain: must be given, as there are several chains; allowed are first, second" in capsys.readouterr().err
     moving = ["--sprocket", "out", "--along", "1,0", "--strain", "0"]
     assert main(["fit", str(path), "--links", "--chain", "first", *moving]) == 2
     assert '--chain first: "out" is of the chain "second"' in capsys.readouterr().err

@@ -8,7 +8,9 @@ from drives import example, two_sprockets
 from parts import coupling, gears, shaft
 
 from warpchain import Drive
+from warpchain.assembly.statics import at_rest
 from warpchain.assembly.summary import derive, report
+from warpchain.fit import fit_position
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +82,16 @@ def triangle(text):
         {**driven, "name": "third", "center": [0.5 * side, math.sqrt(0.75) * side], "shaft": "third shaft"},
     ]
     return Drive(**(values | tomllib.loads(text)))
+
+
+@pytest.mark.parametrize("sag", [0.02, 0.03])
+def test_a_slack_chain_between_couplings_with_play_stands(sag):
+    # within its play a coupling would hold nothing: the search for where it stands had no end
+    drive = fit_position(example("motorcycle_drivetrain"), "rear", (1.0, 0.0), sag=sag)
+    found, chain = at_rest(drive), drive.chain
+    length = math.hypot(*drive.sprockets[1].center)
+    assert found.failure is None
+    assert found.tension == pytest.approx(9.81 * chain.mass / chain.pitch * length**2 / (8.0 * sag), rel=0.06)
 
 
 def test_geared_sprockets_share_what_the_chain_passes_on():

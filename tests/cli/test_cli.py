@@ -82,7 +82,7 @@ def test_strand_frequency_is_the_closed_form():
         ([*RUN, "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
         ([*RUN, "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
         ([*RUN, "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
-        ([*RUN, "--channels", "default", "force"], "'force' is unknown; allowed are posi"),
+        ([*RUN, "--channels", "default", "force"], "--channels: 'force' is unknown; allowed are default, posi"),
         (["run", "marine"], "the following arguments are required: -o/--output; see warpchain run --help"),
         (["fly"], "invalid choice: 'fly'"),
         (["check", "marine", "--set", "run.step=1e-5\nother=1"], "run.step"),

@@ -156,6 +156,30 @@ def test_contradictions_of_gears_and_chains_are_refused_in_a_line(line):
     assert error(text.replace(SHAFT, more) if SHAFT in more else text + more) == line
 
 
+ALONE = {
+    ('["M", "A"]', '["N", "A"]'): 'gears.g.between.0 = "N": must be the name of a shaft or a sprocket; allowed are',
+    ('["M", "A"]', '["M", "M"]'): 'gears.g.between = ["M", "M"]: must be two different shafts',
+    ("[9, 18]", "[9, -18]"): "gears.g.teeth = [9, -18]: must be two integers",
+    ("[[gears]]", "[gears]"): "gears = { name",
+    ('chain = "b"', ""): "sprockets.b1.chain: missing; must be the name of a chain: a, b",
+    ('shaft = "A"', 'shaft = "AA"'): 'sprockets.a1.shaft = "AA": must be the name of a shaft; did you mean A?',
+    ("motor = { torque = 5.0 }", "motor = { }"): "shafts.M.motor.torque: missing; must be a positive number, or",
+    ("motor = {", "load = {"): "sprockets: none is prescribed; at least one sprocket must be, or a shaft, or have a",
+    ("motor = { torque = 5.0 }", "initial_speed = 0.0"): "sprockets: none is prescribed; at least one sprocket must be",
+}
+
+
+@pytest.mark.parametrize("words", ALONE)
+def test_a_fault_of_what_turns_chains_is_told_alone(words):
+    """Not beside it that nothing turns the chains, or that something lacks an inertia."""
+    text = text_of().replace("41", "40").replace(GIVEN, "inertia = 1.0")
+    text += '[[shafts]]\nname = "M"\ninertia = 1.0\nmotor = { torque = 5.0 }\n'
+    text += PAIR.format(teeth="9, 18", more="").replace('["A", "B"]', '["M", "A"]')
+    loads_drive(text)
+    (line,) = error(text.replace(*words, 1)).split("\n")
+    assert line.startswith(ALONE[words])
+
+
 def test_ratios_of_chains_that_contradict_each_other_beside_gears_name_the_teeth():
     pump = PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"') + '[[shafts]]\nname = "C"\ninertia = 1.0\n'
     line = (

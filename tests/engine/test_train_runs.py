@@ -181,6 +181,26 @@ def test_a_coupling_leads_its_shaft_where_the_other_is_prescribed(device):
     assert abs(row["energy_residual"]) < 1e-6 * row["input_work"]
 
 
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_prescribed_motion_goes_back_and_forth(device, precision):
+    # speeds of a triangle, their integral; backward beyond the start, where a table over angle goes on by its period
+    time, speed = np.array([0.0, 0.04, 0.12, 0.16]), np.array([0.0, 4.0, -6.0, 0.0])
+    load = {"angle": (0.0, 2.0, math.tau), "torque": (20.0, 80.0, 20.0)}
+    changes = {"sprockets.driver.prescribed": {"table": {"time": tuple(time), "speed": tuple(speed)}}}
+    drive = two_sprockets(damping=5e3).with_values(changes | {"sprockets.driven.load": {"table": load}})
+    run = simulate(drive, device=device, precision=precision, duration=0.16, window=(0.0, 0.16))
+    seen, row = run[0], run.metrics.to_pylist()[0]
+    fine = np.linspace(0.0, 0.16, 160_001)
+    turned = np.concatenate([[0.0], np.cumsum(np.interp(0.5 * (fine[1:] + fine[:-1]), time, speed)) * 1e-6])
+    expected = np.interp(seen.time, fine, turned)
+    assert expected.min() < -0.05 < 0.1 < expected.max()
+    angle = seen.sprocket_angle - seen.sprocket_angle[0]
+    assert angle[:, 0] == pytest.approx(expected, abs=1e-6)
+    assert angle[:, 1] == pytest.approx(expected, abs=0.05)  # it swings on the chain
+    assert abs(row["energy_residual_relative"]) < 1e-3
+    assert row["driver.slips"] == row["driven.slips"] == 0
+
+
 def test_a_drive_coasts_down(device):
     # nothing drives: what the flywheel loses goes into the load and the losses, all of it
     text = dumps_drive(two_sprockets(torque=0.0, viscous=40.0, duration=0.2))

@@ -48,7 +48,7 @@ from warpchain.kernels.physics.guide import in_frame, on_guide, on_profile, trac
 from warpchain.kernels.physics.motion import integral_at, load_moment, prescribed_at, value_at
 from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
 from warpchain.kernels.precision import as_float32
-from warpchain.kernels.structs import BodyState, Curves, Guide, Motion, Piece, Sprocket, Tabulated
+from warpchain.kernels.structs import BodyState, Ensemble, Guide, Motion, Piece, Sprocket, Tabulated
 from warpchain.kernels.sums import add_powers, gathered_powers
 from warpchain.results.channels import FRAME
 
@@ -326,8 +326,8 @@ def test_profiles_in_pairs_are_those_of_float64():
 def led(
     motions: wp.array[Motion],
     ours: wp.array[BLOCKS.Motion],
-    curves: Curves,
-    rows: BLOCKS.Curves,
+    curves: Ensemble,
+    rows: BLOCKS.Ensemble,
     h: wp.float64,
     every: int,
     out: wp.array2d[wp.float64],
@@ -351,7 +351,7 @@ def test_prescribed_angles_in_pairs(ramp):
     rows["prescribed"], rows["load"], rows["load_ramp_time"] = [1, 0], (9000.0, 50.0, 0.1), ramp
     rows["drive_harmonics"]["count"], rows["load_harmonics"]["first"], rows["load_harmonics"]["count"] = 2, 2, 2
     motions = both(Motion, 2, **{name: rows[name] for name in rows.dtype.names})
-    curves, ours = Curves(), BLOCKS.Curves()
+    curves, ours = Ensemble(), BLOCKS.Ensemble()
     curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
     ours.harmonics = given(harmonic_rows(SimpleNamespace(harmonics=harmonics), True), wp.vec4f)
     ours.tables = wp.zeros(1, dtype=Pair, device="cpu")
@@ -446,7 +446,7 @@ def spinning(speed: wp.float64, rate: wp.float64, lag: wp.float64, inertia: wp.f
     motion, mount = BLOCKS.Motion(), BLOCKS.Mount()
     motion.inverse_inertia = wp.float32(wp.float64(1.0) / inertia)
     rates, now = wp.vec3f(0.0, 0.0, wp.float32(rate)), number_of(float(0.0))
-    seen = body_at(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Curves())
+    seen = body_at(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Ensemble())
     out[0, 0] = body_energy(wp.vec2f(), seen, wp.vec2f(), motion, mount)
 
 

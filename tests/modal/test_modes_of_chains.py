@@ -5,14 +5,15 @@ import math
 import numpy as np
 import pytest
 from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
-from drives import of_long
+from drives import example, of_long
 from parts import coupling, gears, shaft
 
-from warpchain import loads_drive
+from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
-from warpchain.modal.campbell import assurance, campbell, over_a_pitch
+from warpchain.modal.campbell import assurance, campbell, mode_metrics, over_a_pitch
 from warpchain.modal.eigenmodes import modes, modes_of
+from warpchain.modal.mode_figures import campbell_figure
 from warpchain.modal.system import system
 
 
@@ -117,6 +118,32 @@ def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
 
 
+def test_modes_of_geared_chains_are_followed_and_drawn():
+    # the home of the train has shafts that stand for sprockets of the other chain
+    drive = example("balance_shafts")
+    whole = system(drive)
+    result = modes_of(whole, 6)
+    assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+    for part, own in zip(whole.parts, result.of_chains(), strict=True):
+        there = part.at.split(part.at.vector(own.shape, own.bodies))
+        turning = part.at.basis.reshape(-1, 3, part.at.basis.shape[1])[:, 2].any(axis=1)
+        assert there[0] == pytest.approx(own.shape) and there[1][:, turning, 2] == pytest.approx(
+            own.bodies[:, turning, 2]
+        )
+    assert np.isfinite(campbell(drive, [100.0, 110.0], 4).frequency).all()
+    assert len(mode_metrics(result, drive)) == 12
+
+
+@pytest.mark.parametrize("ending", ["html", "rrd"])
+def test_modes_of_geared_chains_with_an_arm_are_drawn(ending, tmp_path):
+    # the arm's place among a chain's bodies comes after shafts that the chain alone has
+    text = dumps_drive(example("v6")) + shaft("pump", inertia=1e-3) + coupling("drive", ["idler shaft", "pump"], 100.0)
+    file, out = tmp_path / "drive.toml", tmp_path / f"modes.{ending}"
+    file.write_text(text)
+    assert main(["modes", str(file), "--count", "2", "-o", str(out)]) == 0
+    assert out.stat().st_size > 1000
+
+
 def test_orders_are_those_of_all_chains():
     # crank 20 -> 30, 18 -> 36 teeth: teeth of the second chain pass 18 (20 / 30) times a turn of the crank
     by_cause = {cause: order.value for order in orders(two_stages()) for cause in order.cause.split(", ")}
@@ -124,6 +151,24 @@ def test_orders_are_those_of_all_chains():
     assert by_cause["tooth passing of second"] == pytest.approx(12.0)
     assert by_cause["revolution of the chain second"] == pytest.approx(12.0 / 68.0)
     assert by_cause["revolution of out"] == pytest.approx(1.0 / 3.0)
+
+
+def test_valves_are_among_the_orders_of_their_chain_and_of_the_others():
+    # eight cams a turn of a shaft that turns 1 / 3 times as fast as the crank, and 4 of car's half as fast
+    valves = {"name": "lifters", "on": "out", "phases": tuple(45.0 * k for k in range(8)), "mass": 0.1}
+    valves |= {"spring": {"preload": 50.0}, "profile": {"lift": 5e-3, "rise": 20.0, "fall": 20.0}}
+    by_cause = {order.cause: order.value for order in orders(two_stages().with_values({"valves": (valves,)}))}
+    assert by_cause["valves lifters"] == pytest.approx(8.0 / 3.0)
+    causes = ", ".join(order.cause for order in orders(example("car")) if order.value == pytest.approx(2.0))
+    assert "valves intake valves" in causes and "valves exhaust valves" in causes
+
+
+def test_names_of_slow_orders_lie_apart_in_the_diagram():
+    figure = campbell_figure(campbell(example("balance_shafts"), [0.0, 30.0], 3))
+    figure.canvas.draw()
+    names = [text for text in figure.axes[0].texts if "revolution of" in text.get_text()]
+    boxes = sorted(text.get_window_extent().y0 for text in names if text.get_rotation() == 0.0)
+    assert len(boxes) > 3 and np.diff(boxes).min() > 0.018 * figure.axes[0].bbox.height
 
 
 @pytest.mark.parametrize("ending", [".html", ".png", ".npz", *of_long(".rrd")])

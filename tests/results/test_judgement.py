@@ -30,7 +30,7 @@ def judged(drive=SIZED, limits=None, measured=True, layouts=None, **metrics):
 
 
 PULLED = {"tension_min": -1000.0, "tension_max": 10.0}
-AFTER = {"tension_mean": 100.0, "window_start": 0.1}
+AFTER = {"tension_mean": 100.0, "window_start": 0.1, "window_end": 0.3}
 BEYOND = {
     "energy_residual": ({"energy_residual_relative": -0.011}, {"energy_residual_relative": -0.009}, "-1.1 %"),
     "energy_change": ({"energy_change_relative": -0.51}, {"energy_change_relative": 0.49}, "-51 % of the losses"),

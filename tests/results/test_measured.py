@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from command import refused
 from command import run as command
-from drives import two_sprockets
+from drives import example, two_sprockets
 from scipy.io import savemat
 
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
-from warpchain.results.measured import compared, source, sources
+from warpchain.results.measured import compared, signal_units, source, sources
 from warpchain.results.measured_file import Columns, Measured, read_signal
 
 TEETH, TURNS = 20, 10.0
@@ -136,10 +136,15 @@ def test_a_pipe_is_refused_at_once(tmp_path, ending):
 def test_every_source_has_a_view_and_its_unit():
     from warpchain.view.rerun.series import GROUPS
 
+    for drive in (two_sprockets(duration=0.001), *map(example, ("v6", "balance_shafts"))):
+        run = simulate(drive.with_values({"run.duration": 1e-3, "run.sample_rate": 1e4}))[0]
+        assert {name: of.unit for name, of in sources(run).items()} == signal_units(drive)
+        for name, of in sources(run).items():
+            assert of.group in GROUPS
+            assert of.values().shape == run.time.shape, name
+    assert {"rotor.speed", "tongue.torque", "tongue.twist"} <= set(signal_units(drive))
+    assert {"left arm.angle", "left tensioner.pressure"} <= set(signal_units(example("v6")))
     run = simulate(two_sprockets(duration=0.001))[0]
-    for name, of in sources(run).items():
-        assert of.group in GROUPS
-        assert of.values().shape == run.time.shape, name
     with pytest.raises(SimulationError, match=r"'x': allowed are driver->driven.tension, .* with I from 0 to 59"):
         source(run, "x")
 
@@ -164,7 +169,7 @@ def test_the_command_compares_and_draws(tmp_path, capsys):
             ([*words[:-1], f"--offset={word}"], f"--offset {word}: must be a number of seconds within 1e+09, or auto")
             for word in ("soon", "nan", "-1e300")
         ),
-        ([*words[:3], "--as", "camshaft"], "'camshaft': allowed are "),
+        ([*words[:3], "--as", "camshaft"], "--as 'camshaft': allowed are "),
     ):
         assert said in refused(capsys, *bad)
 

@@ -28,6 +28,14 @@ def sampled(kind, text, count=64, name="torque"):
     return np.array(table[name].to_pylist())
 
 
+@pytest.mark.parametrize(("low", "high", "points"), [(5.0, 80.0, 16), (0.1, 0.4, 4), (1.0, 2.0, 11)])
+def test_grid_points_are_round_numbers(low, high, points):
+    # 20, not 19.999999999999996
+    table = design('[design]\nkind = "factorial"\n' + factor("torque", f"range = [{low}, {high}]\npoints = {points}"))
+    expected = [float(f"{low + (high - low) * k / (points - 1):.6g}") for k in range(points)]
+    assert table["torque"].to_pylist() == expected
+
+
 def test_factorial_has_every_combination_once_and_exact_ends():
     table = design(
         '[design]\nkind = "factorial"\n'

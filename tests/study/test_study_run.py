@@ -183,6 +183,10 @@ def test_a_refusal_of_one_variant_is_a_row(tmp_path, monkeypatch):
     ("more", "line"),
     [
         ('[metrics]\nkeep = ["tensoin*"]', 'metrics.keep.0 = "tensoin*": no such metric; did you mean tension_min?'),
+        (
+            '[metrics]\nkeep = ["tension_*"]\nmodes = 2',
+            'metrics.modes = 2: metrics.keep keeps none; add "modes.*"',
+        ),
         ('[record]\nworst = { metric = "peak", count = 1 }', 'record.worst.metric = "peak": no such metric; allowed'),
         ("[record]\nvariants = [12]", "record.variants = 12: must be below the number of rows, 12"),
         (FACTOR.format("tension_max", "chain.damping"), "must not be the name of a metric"),

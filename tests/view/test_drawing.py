@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from chains import two_stages
 from command import refused
 from command import run as command
 from drives import example
@@ -138,3 +139,15 @@ def test_watch_draws_at_every_save_and_outlives_mistakes(tmp_path):
         assert process.wait(20) == 0 and "Traceback" not in told.read_text()
     finally:
         process.kill()
+
+
+def test_the_title_of_a_narrow_drive_is_whole():
+    # two stages, one above the other: a figure half as wide as the line on what was run
+    drive = two_stages()
+    upright = {f"sprockets.{s.name}.center": (s.center[1], s.center[0]) for s in drive.sprockets}
+    upright |= {"sprockets.crank.name": "crankshaft sprocket with a long name"}
+    figure = drive_figure(drive.with_values(upright))
+    figure.canvas.draw()
+    title = figure.axes[0].title.get_window_extent()
+    assert figure.axes[0].get_title().count("\n") > 1
+    assert title.x0 > 0.0 and title.x1 < figure.bbox.width

@@ -163,7 +163,8 @@ def test_arms_turn_and_plungers_come_out():
 def test_every_group_of_curves_has_a_view(run):
     from warpchain.view.rerun.series import GROUPS
 
-    assert {group for group, _, _ in curves(run[0])} == set(GROUPS) - {"friction", "coupling", "twist", "valves"}
+    others = {"friction", "coupling", "twist", "valves", "arm", "push", "extension", "pressure"}
+    assert {group for group, _, _ in curves(run[0])} == set(GROUPS) - others
     power = np.arange(1.0, 5.0) * np.ones((len(run[0].time), 4))
     rubbing = dataclasses.replace(run[0], joint_friction_power=power)
     (total,) = (values for group, _, values in curves(rubbing) if group == "friction")

@@ -80,13 +80,14 @@ def orders(drive: Drive) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
     Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
-    each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, balance wheels.
+    each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, valves, balance
+    wheels.
     """
     return _together([*_of_chains(drive, _passing), *_of_chains(drive, _driven)])
 
 
 def excited_orders(drive: Drive) -> tuple[Order, ...]:
-    """The orders that harmonics and tables of prescribed motions and loads excite alone, ascending."""
+    """The orders that harmonics, tables of prescribed motions and loads, and valves excite alone, ascending."""
     return _together(_of_chains(drive, _driven))
 
 
@@ -121,7 +122,7 @@ def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
 
 
 def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
-    """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
+    """Orders of the driver's revolution of harmonics, periodic tables and valves, each of the shaft that it counts."""
     found = []
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
     for s, turned in enumerate(parts):
@@ -137,6 +138,9 @@ def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
             if isinstance(cause.table, Table) and cause.table.angle is not None:
                 own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
                 found.append((own * turns, f"{word} table of {turned.name}"))
+    for valves in drive.valves:
+        turns = speed_ratio(drive, names_of(drive).index(valves.on), drive.driver)
+        found.append((valves.slowest_order * turns, f"valves {valves.name}"))
     return found
 
 

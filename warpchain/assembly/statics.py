@@ -119,10 +119,17 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
 def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
 
+    Couplings stand in the middle of their play, as at the start of a run: within it nothing but the weight of the chain
+    would say where.
+
     Raises:
         DriveError: a chain that does not fit.
     """
-    return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
+    assembly = assembly or assemble(drive)
+    if any(coupling.lash for coupling in drive.couplings):
+        tight = tuple(coupling.model_copy(update={"lash": 0.0}) for coupling in drive.couplings)
+        drive = drive.model_copy(update={"couplings": tight})
+    return _steady(drive, assembly, 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
 
 
 def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:

@@ -248,8 +248,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _channels(words: list[str]) -> tuple[str, ...]:
     """The channels that words name, each once; "default" means those that are not on request."""
-    from warpchain.results.channels import DEFAULT
+    from warpchain.results.channels import DEFAULT, NAMES
 
+    for word in words:
+        if word not in ("default", *NAMES):
+            raise WarpchainError(f"--channels: {word!r} is unknown; allowed are default, {', '.join(NAMES)}")
     return tuple(dict.fromkeys(name for word in words for name in (DEFAULT if word == "default" else (word,))))
 
 

@@ -47,6 +47,9 @@ def fit_file(arguments: Namespace) -> list[str]:
     text = read_drive_text(path)
     before = loads_drive(text, str(path), Path(path).parent)
     angle = _angle(before, arguments)
+    if before.chains and arguments.chain is None and arguments.sprocket is None:
+        names = ", ".join(chain.name for chain in before.chains)
+        raise DriveError(f"--chain: must be given, as there are several chains; allowed are {names}")
     chain = fitted_chain(before, arguments.chain, arguments.sprocket).name or None
     if moving and chain not in (None, own := fitted_chain(before, sprocket=arguments.sprocket).name):
         raise DriveError(f'--chain {chain}: "{arguments.sprocket}" is of the chain "{own}"')

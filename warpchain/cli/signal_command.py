@@ -26,7 +26,7 @@ def compare(arguments: argparse.Namespace) -> list[str]:
             raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(ENDINGS)}")
     offset = _offset(arguments.offset)
     one = recorded(arguments.archive, arguments.variant)
-    unit = source(one.trajectory, arguments.name).unit
+    unit = source(one.trajectory, arguments.name, "--as ").unit
     columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit)
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
     lines = _lines(found)

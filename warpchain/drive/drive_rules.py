@@ -27,7 +27,7 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
     if get(drive, "sprockets") is not None and len(sprockets) < 2:
         yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
     shafts = elements(drive, "shafts")
-    moved = any(get(shaft, key) for shaft in shafts for key in ("prescribed", "motor", "initial_speed"))
+    moved = any(get(of, key) not in (None, 0.0) for of in shafts for key in ("prescribed", "motor", "initial_speed"))
     if sprockets and not moved and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
         text = "at least one sprocket must be" + (", or a shaft, or have a motor or an initial_speed" if shafts else "")
         yield Problem(("sprockets",), None, f"none is prescribed; {text}", BARE)

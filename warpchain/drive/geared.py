@@ -134,6 +134,15 @@ def joined(drive: Any, rings: Sequence[Ring]) -> list[tuple[tuple[int, int], tup
     ]
 
 
+def bodies_of(drive: Any, ring: Ring) -> list[int]:
+    """Places in the whole drive of a chain's own bodies; a shaft that stands for another chain's sprocket has that
+    one's."""
+    count, names = len(drive.sprockets), [sprocket.name for sprocket in drive.sprockets]
+    shafts = [count + h for h in ring.places["shafts"]]
+    shafts += [names.index(shaft.name) for shaft in ring.drive.shafts if isinstance(shaft, Beside)]
+    return [*ring.places["sprockets"], *shafts, *(drive.first_arm_body + a for a in ring.places["arms"])]
+
+
 def own_shafts(drive: Any) -> list[Any]:
     """The shafts of a chain's own drive that are none of another chain's sprockets; they stand first."""
     return [shaft for shaft in drive.shafts if not isinstance(shaft, Beside)]

@@ -11,6 +11,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -56,6 +57,18 @@ PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y":
 """The same of displacements over time, time first."""
 
 
+SAMPLES = 720
+"""Of a revolution, in the spectrum of a table over angle."""
+NOTABLE = 0.05
+"""Of the largest part of a spectrum: what counts as a ripple."""
+
+
+def slowest_part(spectrum: NDArray[np.complexfloating]) -> int:
+    """Periods of the slowest part of a period's spectrum (from 0 periods on) that is `NOTABLE` of the largest."""
+    size = abs(spectrum[1:])
+    return 1 + int((size >= NOTABLE * size.max()).argmax())
+
+
 class Table(Part):
     """A quantity over time or over angle, row by row.
 
@@ -91,6 +104,16 @@ class Table(Part):
     def revolutions(self) -> int:
         """Revolutions that the angles span."""
         return round((self.over[-1] - self.over[0]) / (2.0 * math.pi))
+
+    @cached_property
+    def slowest_order(self) -> float | None:
+        """Periods per revolution of its slowest ripple (`slowest_part`); None over time, or where it is constant."""
+        import numpy as np  # here, since drives are read without it
+
+        if self.angle is None or min(getattr(self, self._quantity)) == max(getattr(self, self._quantity)):
+            return None
+        over = np.linspace(self.over[0], self.over[-1], SAMPLES * self.revolutions, endpoint=False)
+        return slowest_part(np.fft.rfft(np.interp(over, self.over, self.values))) / self.revolutions
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -236,7 +259,8 @@ class SpeedTable(Table):
     """Forward angular speed over time or over the angle turned (see `Table`).
 
     Attributes:
-        speed: forward speed [rad/s], at least 0; over angle above 0.
+        speed: forward speed [rad/s]; over time it may be negative, backward, where the largest is positive; over angle
+            it is above 0.
     """
 
     speed: Column
@@ -246,10 +270,13 @@ class SpeedTable(Table):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from super()._rules(node)
-        strict = get(node, "angle") is not None
-        for i, value in enumerate(elements(node, "speed")):
-            if numbers(value) and (value < 0.0 or (strict and value == 0.0)):
-                yield Problem(("speed", i), value, "must be above 0 over angle" if strict else "must be at least 0")
+        over_angle, speeds = get(node, "angle") is not None, elements(node, "speed")
+        for i, value in enumerate(speeds if over_angle else ()):
+            if numbers(value) and value <= 0.0:
+                yield Problem(("speed", i), value, "must be above 0 over angle")
+        if not over_angle and speeds and numbers(*speeds) and min(speeds) < 0.0 >= max(speeds):
+            text = "must have a positive element; forward is the sense of wrap, and negative speeds are backward"
+            yield Problem(("speed",), list(speeds), text)
         factor = get(node, "factor")
         if numbers(factor) and factor <= 0.0:
             yield Problem(("factor",), factor, "must be a positive number")

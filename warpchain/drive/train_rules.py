@@ -44,8 +44,9 @@ def train_rules(drive: Any) -> Iterator[Problem]:
     wrong = list(_gearboxes(drive, names)) or list(_contradictions(drive, names))
     yield from wrong
     if not wrong:
-        yield from _inertias(drive, names) if several else ()
-        yield from _driven(drive, names, found)
+        whole = _whole(drive, names, found)
+        yield from _inertias(drive, names) if several and whole else ()
+        yield from _driven(drive, names, whole)
         yield from _carried(drive, names)
 
 
@@ -84,6 +85,7 @@ def _on_shafts(drive: Any, several: bool) -> Iterator[Problem]:
     """
     rigidly = {tie.b for tie in ties(drive) if tie.kind == "shaft"}
     first: dict[str, Any] = {}
+    shafts = [get(shaft, "name") for shaft in elements(drive, "shafts")]
     for s, sprocket in enumerate(elements(drive, "sprockets")):
         shaft = get(sprocket, "shaft")
         if not isinstance(shaft, str):
@@ -92,7 +94,7 @@ def _on_shafts(drive: Any, several: bool) -> Iterator[Problem]:
             if get(sprocket, key) is not None:
                 text = f'not on a sprocket with a shaft; give shafts."{shaft}".{key} instead'
                 yield Problem(("sprockets", s, key), None, text, BARE)
-        if get(sprocket, "inertia") is None and s not in rigidly:
+        if get(sprocket, "inertia") is None and s not in rigidly and shaft in shafts:
             text = f"missing; {allowed(Sprocket, 'inertia')}; needed where a coupling holds the sprocket on its shaft"
             yield Problem(("sprockets", s, "inertia"), None, text, BARE)
         other = first.setdefault(shaft, sprocket)
@@ -203,8 +205,19 @@ def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) 
     return Problem((*tie.path, "between"), [a, b], f"{has}; a coupling needs two that turn alike")
 
 
-def _driven(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> Iterator[Problem]:
-    """Something turns every shaft, and speeds at the start fit each other."""
+def _whole(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> bool:
+    """Whether all that ties bodies is known, so that what nothing turns is no consequence of another fault."""
+    paths, parts = {tie.path for tie in found}, elements(drive, "sprockets")
+    for kind in ("gears", "couplings"):
+        there = elements(drive, kind)
+        if not all((kind, i) in paths for i in range(len(there))) or (get(drive, kind) and not there):
+            return False
+    chains = [get(chain, "name") for chain in elements(drive, "chains")] or [None]
+    return all(get(of, "shaft") in [None, *names] and get(of, "chain") in chains for of in parts)
+
+
+def _driven(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
+    """Something turns every shaft, where all that ties bodies is known, and speeds at the start fit each other."""
     count = len(elements(drive, "sprockets"))
     parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
     all_of, _ = with_chain(drive)
@@ -214,11 +227,13 @@ def _driven(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> Iterator[
     if not chains:
         moved.add(all_of.root[-1])
     turned = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in DRIVING)}
-    for c, chain in enumerate(chains):
-        if all_of.root[len(parts) + c] not in turned:
+    whole = whole and bool(turned)
+    on = [get(sprocket, "chain") for sprocket in elements(drive, "sprockets")]
+    for c, chain in enumerate(chains if whole else ()):
+        if all_of.root[len(parts) + c] not in turned and on.count(get(chain, "name")) > 1:
             text = "is turned by nothing: neither a sprocket of it, nor what that turns with, is prescribed or driven"
             yield Problem(("chains", c, "name"), get(chain, "name"), text)
-    for b in range(count, len(parts)):
+    for b in range(count, len(parts) if whole else count):
         if all_of.root[b] not in moved:
             text = "nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed"
             yield Problem(("shafts", b - count), None, text, BARE)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending
+from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending, slowest_part
 from warpchain.drive.schema import (
     BARE,
     Column,
@@ -283,6 +283,15 @@ class Valves(Part):
         pressed, thrown = self.spring.preload + self.spring.stiffness * lift, -self.mass * bend
         over = thrown > 0.0
         return math.sqrt(max(0.0, float((pressed[over] / thrown[over]).min(initial=math.inf))))
+
+    @cached_property
+    def slowest_order(self) -> float:
+        """Periods per revolution of the slowest ripple of its torque (`slowest_part`), by the slopes of all lifts."""
+        import numpy as np  # here, since drives are read without it
+
+        orders = np.arange(ROWS // 2 + 1)
+        shifts = np.exp(-1j * np.outer(orders, np.radians(self.phases))).sum(axis=1)
+        return float(slowest_part(np.fft.rfft(self.curve.around()[1]) * shifts))
 
     @property
     def torsional_stiffness(self) -> Any:

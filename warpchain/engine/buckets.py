@@ -167,7 +167,6 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
 def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
     """The same of each chain by itself, (rows,): of kernels that settle it, or that take on a variant with no other."""
     drives = packed.drives
-    varied = packed.links["varied_links"] > 0
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
     cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
     return {
@@ -190,7 +189,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "profiles": packed.carried_guides,
         "contacts": packed.sliding,
         "joints": packed.rubbing,
-        "links": np.where(varied, 2, 1 - packed.uniform_links),
+        "links": np.where(packed.varied_links, 2, 1 - packed.uniform_links),
         "linear_hysteretic": packed.linear_hysteretic,
     }
 

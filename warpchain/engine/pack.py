@@ -30,13 +30,11 @@ from warpchain.engine.fill import (
     fill_body,
     fill_chain,
     fill_drive,
+    fill_friction,
     fill_guide,
     fill_hub,
-    fill_joint,
-    fill_links,
     fill_motion,
     fill_mount,
-    fill_sliding,
     fill_sprocket,
     fill_strand,
     tooth_effective_mass,
@@ -51,7 +49,7 @@ from warpchain.engine.fill_bodies import (
     fill_profile,
     fill_shaft,
     fill_tensioner,
-    fill_tie,
+    fill_train,
     fill_valve,
     guide_effective_mass,
     is_tied,
@@ -100,11 +98,11 @@ def pack(
         fill_light(packed, part.members, part.drive, assembly)
     fill_steps(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
-    for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
+    for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
-        sliding["inertia"][: len(steps)] /= steps
+        friction["inertia"][: len(steps)] /= steps
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
-    packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
+    packed.chains["joint"]["inertia"] /= packed.drives["step"]
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
@@ -167,12 +165,11 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
     drive, v = part.drive, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
-    for array, fill in ((packed.chains, fill_chain), (packed.joints, fill_joint), (packed.links, fill_links)):
-        _fill(array, v, fill, drive)
+    _fill(packed.chains, v, fill_chain, drive)
     links = drive.chain.links
     store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
-    states = state_rows(assembly.position, assembly.velocity, "float64").reshape(len(v), -1)
+    states = state_rows(assembly.position, assembly.velocity).reshape(len(v), -1)
     store(packed.rollers, STATE_ROWS * at["first_roller"], states)
     for s in range(len(drive.sprockets)):
         _pack_sprocket(packed, drive, s, at, assembly, gathered)
@@ -199,13 +196,15 @@ def _pack_trains(
     """Fills the rows of shafts, gears, couplings and valves, where a stack has any."""
     if not is_tied(drive):
         return
-    for b in range(drive.first_arm_body + len(drive.arms)):
-        _fill(packed.ties, at["first_body"] + b, fill_tie, drive, b)
     for h in range(len(drive.shafts)):
         b = len(drive.sprockets) + h
         _fill(packed.motions, at["first_body"] + b, fill_motion, drive, b, 0.0, gathered.harmonics, gathered.tables)
         _fill(packed.bodies, at["first_body"] + b, fill_shaft, h, assembly)
         _fill(packed.motors, at["first_shaft"] + h, fill_motor, drive, h, gathered.tables)
+    for b in range(drive.first_arm_body + len(drive.arms)):
+        row = packed.motions[at["first_body"] + b]
+        fill_train(row, drive, b)
+        packed.motions[at["first_body"] + b] = row
     for c in range(len(drive.couplings)):
         _fill(packed.couplings, at["first_coupling"] + c, fill_coupling, drive, c, gathered.tables)
         _fill(packed.engaged, at["first_coupling"] + c, fill_engaged, drive, c, assembly)
@@ -221,7 +220,7 @@ def _pack_sprocket(
     """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
     _fill(packed.sprockets, mine, fill_sprocket, drive, s, gathered.seats)
-    _fill(packed.tooth_sliding, mine, fill_sliding, tooth_rubbing(drive), tooth_effective_mass(drive, s))
+    _fill(packed.tooth_friction, mine, fill_friction, tooth_rubbing(drive), tooth_effective_mass(drive, s))
     _fill(packed.strands, mine, fill_strand, assembly, s, drive.chain.links)
     _fill(
         packed.motions, body, fill_motion, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables
@@ -243,7 +242,7 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 else:
                     fill_bar(row, drive, g)
                 fill_guide(row, drive, g)
-            _fill(packed.guide_sliding, mine, fill_sliding, guide_rubbing(drive, g), effective_mass)
+            _fill(packed.guide_friction, mine, fill_friction, guide_rubbing(drive, g), effective_mass)
 
 
 def extensions(packed: Packed) -> NDArray[np.float64]:

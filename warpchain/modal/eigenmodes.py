@@ -28,6 +28,7 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.arguments import Count, Index, NonNegativeNumber, Workers, checked
 from warpchain.drive import Drive
+from warpchain.drive.geared import bodies_of
 from warpchain.drive.rings import rings_of
 from warpchain.drive.transmission import is_geared
 from warpchain.engine.processes import each
@@ -187,8 +188,7 @@ class Modes:
         found, first = [], 0
         for ring in rings_of(self.drive):
             rollers = slice(first, first + ring.drive.chain.links)
-            arms = [self.drive.first_arm_body + a for a in ring.places["arms"]]
-            bodies, pushed = [*ring.places["sprockets"], *arms], list(ring.places["tensioners"])
+            bodies, pushed = bodies_of(self.drive, ring), list(ring.places["tensioners"])
             own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in PUSHED}
             own |= {"position": self.position[rollers], "tension": self.tension[rollers], "placed": self.placed[bodies]}
             own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": ring.drive}
@@ -349,10 +349,9 @@ def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
         shape, turned = part.at.split(own.T)
         _carry(part, turned)
         shapes.append(shape)
-        at = [*ring.places["sprockets"], *(len(drive.sprockets) + h for h in ring.places["shafts"])]
-        at += [drive.first_arm_body + a for a in ring.places["arms"]]
         mine = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
         mine += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
+        at = np.array(bodies_of(drive, ring))[mine]
         bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
             values[:, list(ring.places["tensioners"])] = getattr(plunger, name)

@@ -131,7 +131,7 @@ class Coordinates:
 
     def vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
         """Vectors (copies, n) of displacements of rollers (copies, N, 2) and bodies (copies, B, 3), 0 for oil."""
-        own = turned.reshape(len(turned), -1) @ self.basis
+        own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
     def split(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -122,8 +122,10 @@ def campbell_figure(found: Campbell) -> Figure:
         words, color = f"{k + 1}  {arrowed(found.names[k])}", LINES[k % len(LINES)]
         axis.annotate(words, (speed[-1], place), (4, 0), textcoords="offset points", fontsize=7, va="center",
                       color=color, annotation_clip=False)  # fmt: skip
-    for order in found.orders:
-        _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top)
+    last = np.array([order.value * speed[-1] / 60.0 for order in found.orders])  # where their lines end, if within
+    places = _apart(last, 0.022 * top)
+    for order, place in zip(found.orders, places, strict=True):
+        _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top, float(place))
     for crossing in found.crossings():
         axis.plot(rpm(crossing.speed), crossing.frequency, "o", ms=3.0, color="black")
     for tongue in found.tongues():
@@ -149,8 +151,8 @@ def _apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     return result
 
 
-def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> None:
-    """A line of an order, with its name where it leaves the diagram."""
+def _draw_order(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
+    """A line of an order, with its name where it leaves the diagram: on its right at a height `place`."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"
@@ -158,5 +160,5 @@ def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> 
     style = {"textcoords": "offset points", "fontsize": 6.5, "color": "0.35", "bbox": box}
     if at < end:
         axis.annotate(short, (at, top), (0, 3), rotation=35, va="bottom", annotation_clip=False, **style)
-    elif order * at / 60.0 > 0.02 * top:
-        axis.annotate(short, (at, order * at / 60.0), (-3, 2), ha="right", va="bottom", **style)
+    elif place < 0.96 * top:
+        axis.annotate(short, (at, place), (-3, 2), ha="right", va="bottom", **style)

@@ -7,7 +7,7 @@ new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -146,9 +146,40 @@ def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: s
     return np.where(largest > 0.0, np.maximum(largest, least_force(drives, of)), np.nan)
 
 
+def changes_within(drive: Drive, begin: float, end: float) -> bool:
+    """Whether a table over time changes a motion, load, motor, ratio, clutch, oil supply or place between two times
+    [s]."""
+    return any(not _even(over, values, begin, end) for over, values in _tables(drive))
+
+
+def _tables(drive: Drive) -> Iterator[tuple[Any, Any]]:
+    """Times [s] and values of all tables over time."""
+    parts: list[Any] = [*drive.sprockets, *drive.shafts]
+    held = [_of(of, "table") for part in parts for of in (part.load, part.prescribed, _of(part, "motor"))]
+    held += [_of(coupling.clutch, "table") for coupling in drive.couplings]
+    held += [_of(tensioner.oil, "supply_table") for tensioner in drive.tensioners]
+    yield from ((table.over, table.values) for table in held if table is not None and table.time is not None)
+    ratios = (coupling.ratios for coupling in drive.couplings)
+    yield from ((of.time, of.ratio) for of in ratios if of is not None)
+    places = [*(_of(sprocket.mount, "table") for sprocket in drive.sprockets), *(arm.pivot_table for arm in drive.arms)]
+    for table in (table for table in places if table is not None):
+        yield from ((table.time, column) for column in (table.x, table.y) if column is not None)
+
+
+def _of(part: Any, name: str) -> Any:
+    return getattr(part, name, None)
+
+
+def _even(over: Any, values: Any, begin: float, end: float) -> bool:
+    """Whether a quantity over time, as at its ends beyond them, is the same from `begin` to `end`."""
+    time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
+    first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
+    return bool(np.ptp(value[max(int(first), 0) : min(int(last), len(value) - 1) + 1]) == 0.0)
+
+
 def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, or where no ramp is
-    over before it begins.
+    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, where no ramp is
+    over before it begins, or where a table over time changes what the drive does within it.
     """
     name = f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
@@ -158,8 +189,11 @@ def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of
         for drive in drives
     )
     ramps = np.array([max((motion.ramp_time for motion in each if motion), default=0.0) for each in motions])
-    mean, begin = columns[name][0], columns["window_start"][0]
-    return np.where((ramps > 0.0) & (begin >= ramps), np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
+    mean, begin, end = columns[name][0], columns["window_start"][0], columns["window_end"][0]
+    ramped = (ramps > 0.0) & (begin >= ramps)
+    for v, drive in enumerate(drives):
+        ramped[v] = ramped[v] and not changes_within(drive, float(begin[v]), float(end[v]))
+    return np.where(ramped, np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
 
 
 RULES = (

@@ -21,6 +21,7 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.channels import CHANNEL, UNITS, Sizes
 from warpchain.results.measured_file import STATISTICS, Measured
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
@@ -31,6 +32,7 @@ from warpchain.results.signals import (
     largest_contacts,
     latter_half,
     order_spectrum,
+    part_signals,
     strand_tension,
 )
 
@@ -71,11 +73,15 @@ class Comparison:
 
 
 def sources(trajectory: Trajectory) -> dict[str, Source]:
-    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of
-    several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
+    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension"
+    and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
     found: dict[str, Source] = {}
     for chain, own in chain_trajectories(trajectory).items():
         found |= _chain_sources(own, f"{chain}." if chain else "")
+    held = trajectory.channels()
+    for name, signal, channel, group, i in part_signals(trajectory.drive):
+        if channel in held:
+            found[f"{name}.{signal}"] = Source(UNITS[channel], group, partial(_of, held[channel], i))
     return found
 
 
@@ -91,7 +97,9 @@ def signal_units(drive: Drive) -> dict[str, str]:
                      for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
         links = {f"{before}link {i}.tension": "N" for i in range(ring.drive.chain.links)}
         units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
-    return units
+    sizes = Sizes.of(drive)
+    recorded = [of for of in part_signals(drive) if sizes.count(CHANNEL[of[2]].per)]
+    return units | {f"{name}.{signal}": UNITS[channel] for name, signal, channel, _, _ in recorded}
 
 
 def _chain_sources(trajectory: Trajectory, before: str) -> dict[str, Source]:
@@ -124,8 +132,11 @@ def _of(values: NDArray[np.floating] | None, index: int) -> Array:
     return np.asarray(values[:, index], dtype=float)
 
 
-def source(trajectory: Trajectory, name: str) -> Source:
+def source(trajectory: Trajectory, name: str, option: str = "") -> Source:
     """The signal that a measured one of that name is compared with.
+
+    Args:
+        option: what stands before the name where it was given, such as "--as ".
 
     Raises:
         SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
@@ -137,7 +148,7 @@ def source(trajectory: Trajectory, name: str) -> Source:
         befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
         shown = [word for word in found if not any(word.startswith(f"{before}link ") for before in befores)]
         more = ", ".join(f'"{before}link I.tension" with I from 0 to {links - 1}' for before, links in befores.items())
-        raise SimulationError(f"{name!r}: allowed are {', '.join(shown)}, and {more}")
+        raise SimulationError(f"{option}{name!r}: allowed are {', '.join(shown)}, and {more}")
     return found[name]
 
 

@@ -36,6 +36,7 @@ from warpchain.results.metric_columns import (
     same_columns,
     unit_of,
 )
+from warpchain.results.ripple import slowest_ripple
 from warpchain.results.schedule import Schedule, schedule_columns
 
 if TYPE_CHECKING:
@@ -182,23 +183,9 @@ def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
     tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
     turned = noted["sprocket"]["speed"]
     turns = np.abs(np.nansum(turned, axis=-1)) / (2.0 * np.pi)
-    waves = np.array([_slowest(drive, row) for drive, row in zip(ended.drives, turns, strict=True)])
+    seconds = np.nansum(durations, axis=-1)
+    waves = np.array([slowest_ripple(*of) for of in zip(ended.drives, turns, map(float, seconds), strict=True)])
     return Drifts(tension, list(np.moveaxis(turned / durations[:, None], 1, 0)), waves)
-
-
-def _slowest(drive: Drive, turns: NDArray[np.float64]) -> float:
-    """Periods of the slowest harmonic of motions and loads, of the turns of each sprocket; 0 for none."""
-    names = [sprocket.name for sprocket in drive.sprockets]
-    return min(
-        (
-            harmonic.order * float(turns[names.index(harmonic.shaft) if harmonic.shaft in names else s])
-            for s, sprocket in enumerate(drive.sprockets)
-            for part in (sprocket.load, sprocket.prescribed)
-            for harmonic in (part.harmonics if part else ())
-            if harmonic.amplitude
-        ),
-        default=0.0,
-    )
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:

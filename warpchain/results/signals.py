@@ -6,6 +6,7 @@ the foot of the perpendicular the chain's velocity and its displacement, from th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,29 @@ SPECTRUM_SPELLS = 2000
 """Spells that a spectrum is thinned out to, smallest and largest values kept."""
 TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [degrees]"
 """Quantities that order spectra are of."""
+
+
+PART_SIGNALS = (
+    ("shafts", "speed", "shaft_speed", "speed"),
+    ("couplings", "torque", "coupling_torque", "coupling"),
+    ("couplings", "twist", "coupling_twist", "twist"),
+    ("arms", "angle", "arm_angle", "arm"),
+    ("tensioners", "force", "tensioner_force", "push"),
+    ("tensioners", "extension", "tensioner_extension", "extension"),
+    ("tensioners", "pressure", "chamber_pressure", "pressure"),
+    ("valves", "torque", "valve_torque", "valves"),
+)
+"""Of parts that no roller touches: the list of a drive, a signal of each of its parts, its channel, its group of curves
+in playback."""
+
+
+def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
+    """Name of the part, signal, channel, group and column in the channel of all `PART_SIGNALS` of a drive; pressures of
+    chambers of oil only."""
+    for parts, signal, channel, group in PART_SIGNALS:
+        for i, part in enumerate(getattr(drive, parts)):
+            if signal != "pressure" or part.hydraulic:
+                yield part.name, signal, channel, group, i
 
 
 def latter_half(trajectory: Trajectory) -> slice:

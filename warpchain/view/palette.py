@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.run import Trajectory, need
-from warpchain.results.signals import latter_half
+from warpchain.results.signals import PART_SIGNALS, latter_half
 from warpchain.results.tension_colors import full_scale, tension_color
 
 if TYPE_CHECKING:
@@ -49,17 +49,22 @@ def _mixed(color: Color, share: float, gray: int) -> Color:
 
 
 def thing_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
-    """The color of everything that curves are of, by name: one a sprocket, guide-bar and strand wherever it is shown.
+    """The color of everything that curves are of, by name: one a part and strand wherever it is shown.
 
     Args:
         variant: the variant's color among others, whose curves then differ by shade; None where it is alone.
     """
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
     if variant is None:
-        names = [*bodies, *drive.strand_names]
+        names = [*bodies, *drive.strand_names, *others]
         return EXTREMES | {name: CURVES[k % len(CURVES)] for k, name in enumerate(names)}
     own = shades(variant)
-    return {name: own[k % len(own)] for names in (EXTREMES, bodies, drive.strand_names) for k, name in enumerate(names)}
+    return {
+        name: own[k % len(own)]
+        for names in (EXTREMES, bodies, drive.strand_names, others)
+        for k, name in enumerate(names)
+    }
 
 
 @lru_cache(maxsize=1)

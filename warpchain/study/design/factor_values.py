@@ -125,10 +125,11 @@ def _sample(factor: Factor) -> Array:
 
 
 def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
-    """Values at grid points i (R,) of `size`."""
+    """Values at grid points i (R,) of `size`, to 15 digits, so that 20 is not 19.999999999999996."""
     if factor.values is not None:
         return [factor.values[k] for k in i]
-    return from_coded(factor, 2.0 * i / (size - 1) - 1.0)
+    values = from_coded(factor, 2.0 * i / (size - 1) - 1.0)
+    return values if factor.integer else [float(f"{value:.15g}") for value in values]
 
 
 def log_moments(factor: Factor) -> tuple[float, float]:

@@ -207,8 +207,11 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
     if study.metrics.modes is not None:
         from warpchain.modal.campbell import PREFIX, base_modes
 
-        for name in base_modes(drive, study.metrics.modes).names:
-            names += [f"{PREFIX}{name}.{column.name}" for column in OF_MODES]
+        modes = base_modes(drive, study.metrics.modes).names
+        followed = [f"{PREFIX}{name}.{column.name}" for name in modes for column in OF_MODES]
+        names += followed
+        if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.wanted)):
+            lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{PREFIX}*"')
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
             lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')

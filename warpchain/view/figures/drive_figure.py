@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -106,10 +107,15 @@ def drive_figure(
         figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
     axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
-    axis.set_title(f"{title}\n{about(drive)}", fontsize=11)
+    words = textwrap.fill(about(drive), int(LETTERS * figure.get_figwidth()))
+    axis.set_title(f"{title}\n{words}", fontsize=11)
     if isinstance(of, Drive):
         spread(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
     return figure
+
+
+LETTERS = 9.0
+"""Letters of a title in an inch of a figure's width, beside the scale of colors."""
 
 
 class _Chain(NamedTuple):

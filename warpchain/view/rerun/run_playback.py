@@ -15,7 +15,7 @@ import numpy as np
 
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run, Trajectory
-from warpchain.results.signals import TENSION, forward
+from warpchain.results.signals import TENSION, forward, part_signals
 from warpchain.view.chosen import NEEDED, Recorded, by_chain, to_compare
 from warpchain.view.palette import CURVES, Color, Scale, scale_top, thing_colors
 from warpchain.view.rerun.chart import BACKGROUND, Chart
@@ -112,6 +112,10 @@ def blueprint(
     rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
     tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
     tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
+    if any(one.trajectory.arm_angle is not None or one.trajectory.tensioner_force is not None for one in shown):
+        there = {signal[3] for one in shown for signal in part_signals(one.trajectory.drive)}
+        groups = [group for group in ("arm", "push", "extension", "pressure") if group in there]
+        tabs.append(rrb.Vertical(*curves(*groups), name="arms and tensioners"))
     if any(one.trajectory.coupling_torque is not None for one in shown):
         tabs.append(rrb.Vertical(*curves("coupling", "twist"), name="couplings"))
     if any(one.trajectory.valve_torque is not None for one in shown):

@@ -16,6 +16,7 @@ from warpchain.results.signals import (
     largest_contacts,
     latter_half,
     order_spectra,
+    part_signals,
     peak_frames,
     peaks_over_time,
     speed_ratio,
@@ -44,10 +45,16 @@ GROUPS = {
     "friction": "friction power of all joints [W]",
     "coupling": "torque of the couplings [N m]",
     "twist": "twist of the couplings [deg]",
+    "arm": "angle of the arms from the drawing [deg]",
+    "push": "force of the tensioners [N]",
+    "extension": "extension of the tensioners [mm]",
+    "pressure": "pressure in the tensioners' chambers [bar]",
     "valves": "torque of the valves against rotation [N m]",
 }
 """Groups of curves, each a view, with their titles."""
-DISPLAYED_IN = {"error": DEGREES, "displacement": 1e3, "twist": DEGREES}
+DISPLAYED_IN = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
+    ("error", "twist", "arm"), DEGREES
+)
 """Factors from SI of groups that are shown in another unit."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
@@ -78,17 +85,10 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
             yield "error", sprocket.name, DEGREES * transmission_error(trajectory, s)
             if trajectory.sprocket_speed is not None:
                 yield "ratio", sprocket.name, speed_ratio(trajectory, s)
-    for h, shaft in enumerate(drive.shafts):
-        if trajectory.shaft_speed is not None:
-            yield "speed", shaft.name, trajectory.shaft_speed[:, h]
-    for c, coupling in enumerate(drive.couplings):
-        if trajectory.coupling_torque is not None:
-            yield "coupling", coupling.name, trajectory.coupling_torque[:, c]
-        if trajectory.coupling_twist is not None:
-            yield "twist", coupling.name, DEGREES * trajectory.coupling_twist[:, c]
-    for v, valves in enumerate(drive.valves):
-        if trajectory.valve_torque is not None:
-            yield "valves", valves.name, trajectory.valve_torque[:, v]
+    held = trajectory.channels()
+    for name, _, channel, group, i in part_signals(drive):
+        if channel in held:
+            yield group, name, DISPLAYED_IN.get(group, 1.0) * held[channel][:, i]
 
 
 def log_curves(

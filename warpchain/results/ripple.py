@@ -1,0 +1,50 @@
+"""The slowest ripple of the mean tension that a drive's own motions, loads and valves cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.trains import names_of, speed_ratio
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+
+def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: float) -> float:
+    """Periods in a window of the slowest ripple of motions, loads, motors, valves and prescribed centers; 0 for none.
+
+    Args:
+        turns: of each sprocket in the window.
+        seconds: duration of the window [s].
+    """
+    count = len(turns)
+
+    def periods(b: int, order: float) -> float:
+        led = b if b < count else drive.driver
+        return order * float(turns[led]) * (1.0 if b < count else speed_ratio(drive, b, led))
+
+    swings = (getattr(sprocket.mount, "frequency", 0.0) * seconds for sprocket in drive.sprockets)
+    slow = [*(periods(b, order) for b, order in _orders(drive)), *(swing for swing in swings if swing)]
+    return min(slow, default=0.0)
+
+
+def _orders(drive: Drive) -> Iterator[tuple[int, float]]:
+    """Bodies, and periods per revolution of ripples that their angles cause."""
+    names: list[Any] = []
+    bodies: list[Any] = [*drive.sprockets, *drive.shafts]
+    for b, part in enumerate(bodies):
+        for of in (part.load, part.prescribed, getattr(part, "motor", None)):
+            table = getattr(of, "table", None)
+            ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if h.amplitude]
+            if table is not None and table.slowest_order is not None:
+                ripples.append((table.shaft, table.slowest_order))
+            for shaft, order in ripples:
+                names = names or (names_of(drive) if shaft is not None else [])
+                yield names.index(shaft) if shaft in names else b, order
+    for valves in drive.valves:
+        names = names or names_of(drive)
+        yield names.index(valves.on), valves.slowest_order
