@@ -12,7 +12,7 @@ from warpchain.kernels.cpu.relax import relax_kernel
 from warpchain.kernels.cpu.serial import advance_kernel
 from warpchain.results.schedule import Schedule
 
-SHORT = Schedule(5e-6, 100, 50, 100, 0)
+SHORT = Schedule(3e-6, 100, 50, 100, 0)
 RK4 = two_sprockets(integrator="rk4", duration=0.002)
 PLAIN = two_sprockets(duration=0.002)
 
