@@ -38,14 +38,6 @@ class Tabulated:
 
 
 @wp.struct
-class Curves:
-    """The tables of the motions and loads of all bodies."""
-
-    harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase)
-    tables: wp.array[wp.float64]  # five values a cell (`physics.motion`)
-
-
-@wp.struct
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
@@ -93,9 +85,15 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, eq. (4)."""
+    """Prescribed motion or load of a body's angle, eq. (4); and, of drives that are tied (`physics.train`) or have
+    several chains, its place in its train.
+    """
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
+    train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
+    # turns alone; negative: an arm of a drive that is tied
+    ratio: wp.float64  # rho, its speed over that of the first
+    own_inertia: wp.float64  # J of its own [kg m^2]
     sign: wp.float64  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float64  # 1 / J, of an arm about its pivot, with what moves along [1/(kg m^2)]
     following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expecting`)
@@ -108,16 +106,6 @@ class Motion:
     load_harmonics: Harmonics
     drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
     load_table: Tabulated  # torque [N m], on top of `load`
-
-
-@wp.struct
-class Tie:
-    """The place of a body in its train, of drives that are tied (`physics.train`) or have several chains."""
-
-    train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
-    # turns alone; negative: an arm of a drive that is tied
-    ratio: wp.float64  # rho, its speed over that of the first
-    inertia: wp.float64  # J of its own [kg m^2]
     apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
     # shaft, of another chain; 0: it is that itself
 
@@ -345,14 +333,6 @@ class BodyState:
 
 
 @wp.struct
-class BodyStages:
-    """A body at the step's start, and the sum of its stages' weighted slopes."""
-
-    base: BodyState
-    slopes: BodyState
-
-
-@wp.struct
 class Wrench:
     """The load on a body at one instant, by contacts and by what drives or holds its angle."""
 
@@ -365,13 +345,13 @@ class Wrench:
 
 @wp.struct
 class Push:
-    """Force and motion of a tensioner at one instant."""
+    """Force of a tensioner at one instant."""
 
     force: wp.float64  # on its body, along its direction [N]
     pressure: wp.float64  # in its chamber [Pa]
     extension: wp.float64  # [m]
-    rate: wp.float64  # of that [m/s]
-    wrench: Wrench  # on its body
+    moment: wp.float64  # on its body, about that's center [N m]
+    thrust: wp.vec2d  # the force as a vector [N]
 
 
 @wp.struct
@@ -444,31 +424,12 @@ class ContactLaw:
 
 @wp.struct
 class Friction:
-    """Coefficients of dry friction (`physics.friction`)."""
+    """Dry friction of rollers on teeth or a guide, or of a chain's joints (`physics.friction`)."""
 
+    inertia: wp.float64  # m_e / h [kg/s], of joints 0.6 (m p^2 / 6) / h [N m s]; 0: there is no friction
     mu_dynamic: wp.float64  # mu_d
     mu_static: wp.float64  # mu_s
     stribeck_speed: wp.float64  # v_s [m/s]
-
-
-@wp.struct
-class Sliding:
-    """Friction of rollers on teeth or a guide-bar (`physics.friction`)."""
-
-    rubs: wp.int32  # 1: there is friction
-    inertia: wp.float64  # m_e / h [kg/s]
-    law: Friction
-
-
-@wp.struct
-class Joint:
-    """Friction in the joints of one chain (`physics.friction`)."""
-
-    rubs: wp.int32  # 1: there is friction
-    pin_radius: wp.float64  # r_p [m]
-    arm: wp.float64  # kappa r_p [m]
-    inertia: wp.float64  # 0.6 (m p^2 / 6) / h [N m s]
-    law: Friction
 
 
 @wp.struct
@@ -481,16 +442,12 @@ class Chain:
     inverse_mass: wp.float64  # 1 / m [1/kg]
     gravity: wp.vec2d  # [m/s^2]
     length: wp.float64  # of each link, unloaded, where they are alike; else of the first [m]
-
-
-@wp.struct
-class Links:
-    """Where the links of one chain are not all the same linear spring: outer ones have an even index."""
-
-    varied_links: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
-    outer_stiffness: wp.float64  # k of outer links [N/m]; the chain's is that of inner ones
-    outer_damping: wp.float64  # c of outer links [N s/m]
+    outer_stiffness: wp.float64  # k of links of an even index [N/m]; `stiffness` is that of the others
+    outer_damping: wp.float64  # c of these [N s/m]
     play: wp.float64  # s of a link, its two joints' [m]
+    pin_radius: wp.float64  # r_p [m]
+    joint_arm: wp.float64  # kappa r_p [m]
+    joint: Friction
 
 
 @wp.struct
@@ -670,7 +627,6 @@ class TensionerFlows:
     leak_loss: wp.float64  # in gap, relief valve and vent [J]
     valve_loss: wp.float64  # in the check valve [J]
     supply_work: wp.float64  # [J]
-    lift: wp.float64  # y of the valve at the step's end [m]
     filling: wp.float64  # time from the run's beginning until oil has filled the chamber [s]
     unfilled: wp.float64  # 1: it has not, at the step's end
 
@@ -842,16 +798,14 @@ class Ensemble:
     pieces: wp.array[Piece]  # (all profiles' pieces,)
     arms: wp.array[Arm]  # (all arms,)
     tensioners: wp.array[Tensioner]  # (all tensioners,)
-    ties: wp.array[Tie]  # (all bodies,)
     motors: wp.array[Motor]  # (all shafts,)
     couplings: wp.array[Coupling]  # (all couplings,)
     gears: wp.array[Gear]  # (all gears,)
     valves: wp.array[ValveGroup]  # (all groups of valves,)
-    curves: Curves
-    tooth_sliding: wp.array[Sliding]  # (all sprockets,)
-    guide_sliding: wp.array[Sliding]  # (all guide-bars,)
-    joints: wp.array[Joint]  # (variants,)
-    links: wp.array[Links]  # (variants,)
+    harmonics: wp.array[wp.vec3d]  # (order, amplitude, phase) of the motions and loads of all bodies
+    tables: wp.array[wp.float64]  # five values a cell of all tables (`physics.motion`)
+    tooth_friction: wp.array[Friction]  # (all sprockets,)
+    guide_friction: wp.array[Friction]  # (all guide-bars,)
 
 
 @wp.struct
@@ -872,7 +826,7 @@ class State:
 
     rollers: wp.array[wp.float64]  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
     bodies: wp.array[BodyState]  # (all bodies,)
-    body_stages: wp.array[BodyStages]  # (all bodies,), for schemes with stages
+    body_stages: wp.array[BodyState]  # (all bodies, 2): at the step's start, and sums of its stages' weighted slopes
     wrenches: wp.array[Wrench]  # (all bodies,), of contacts
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
@@ -907,6 +861,8 @@ class Memory:
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
+    inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
+    gravity: wp.vec2d  # on them [m/s^2]
     straight: wp.vec2d  # acceleration that contacts expect of the center of the partner's body [m/s^2]
     angular: wp.float64  # the same of its angle [rad/s^2]
     lag: wp.float64  # how far the velocities are behind the forces [s]
@@ -940,7 +896,6 @@ class _BlockPose:
 PAIRS = {
     Tabulated: ("start", "spacing"),
     Motion: ("speed", "ramp_time", "start_angle"),
-    Tie: (),
     Motor: (),
     Coupling: (),
     Engaged: ("rest",),
@@ -955,7 +910,6 @@ PAIRS = {
     Tensioner: ("point", "home", "direction"),
     TensionerState: ("content",),
     BodyState: ("angle", "speed", "center", "velocity"),
-    BodyStages: (),
     Wrench: (),
     Push: ("extension",),
 }
@@ -966,7 +920,7 @@ PAIRS = {
 def _of_rollers() -> dict[Any, Any]:
     """The structs of what is at float32 on the CPU and on blocks alike."""
     made: dict[Any, Any] = {}
-    for full in (Friction, ContactLaw, Sliding, Joint, Chain, Links, Band, Extra):
+    for full in (Friction, ContactLaw, Chain, Band, Extra):
         made[full] = at_float32(full, made)
     made[Memory] = at_float32(Memory, made, kept=("time",))
     return made
@@ -977,8 +931,7 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     for full, pairs in PAIRS.items():
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
-    made[Curves] = at_float32(Curves, made, pairs=("tables",), harmonics=wp.array[wp.vec4f])
-    flowed = [name for name in TensionerFlows.vars if name not in ("lift", "unfilled")]
+    flowed = [name for name in TensionerFlows.vars if name != "unfilled"]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
     made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))
@@ -1007,8 +960,9 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
         else:
             made[Sprocket] = at_float32(Sprocket, made, kept=("exact_radius",))
             made[Guide] = at_float32(Guide, made, kept=("start", "direction", "low", "high"))
-        seats = {"seats": wp.array[wp.vec4f]} if blocks else {"kept": ("seats",)}
-        made[Ensemble] = at_float32(Ensemble, made, **seats)
+        of_blocks = {"pairs": ("tables",), "seats": wp.array[wp.vec4f], "harmonics": wp.array[wp.vec4f]}
+        others = of_blocks if blocks else {"kept": ("seats", "harmonics", "tables")}
+        made[Ensemble] = at_float32(Ensemble, made, **others)
         made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks

@@ -253,7 +253,7 @@ def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
 
 @wp.func
 def add_flows(total: Any, flows: Any):
-    """A tensioner's meter after one more step; the lift, and whether it is not yet filled, are of the step's end."""
+    """A tensioner's meter after one more step; whether it is not yet filled is of the step's end."""
     total.leaked = added(total.leaked, flows.leaked)
     total.supplied = added(total.supplied, flows.supplied)
     total.relieved = added(total.relieved, flows.relieved)
@@ -261,7 +261,6 @@ def add_flows(total: Any, flows: Any):
     total.leak_loss = added(total.leak_loss, flows.leak_loss)
     total.valve_loss = added(total.valve_loss, flows.valve_loss)
     total.supply_work = added(total.supply_work, flows.supply_work)
-    total.lift = flows.lift
     total.filling = added(total.filling, flows.filling)
     total.unfilled = flows.unfilled
     return total

@@ -8,13 +8,8 @@ What a case gives beyond what is stored, such as new columns of metrics, is name
 
 Together the cases exercise everything but figures: drives, contacts, mounts, tables, both integrators and precisions,
 the CPU kernel and, on fibers, the GPU's block kernel, archives, studies, and what is read off a recorded run. Results
-hold for one machine and one version of Warp and numpy, so they are made anew and not committed. To compare with an
-older commit, store with that tree and its own script (or copies of these, where it has none):
-
-    git worktree add ../before REV
-    PYTHONPATH=../before python ../before/scripts/golden.py -o out/before
-    PYTHONPATH=. python scripts/golden.py --compare -o out/before
-    git worktree remove ../before
+hold for one machine and one version of Warp and numpy, so they are made anew and not committed. CONTRIBUTING.md has how
+to compare with an older commit, by that tree's own script.
 
 The first line printed tells which tree's package ran. The cases are in `golden_runs/cases.py` and `blocks.py`, their
 drives in `drives.py`; when a redesign moves modules, only the imports of these three follow.

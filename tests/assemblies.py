@@ -49,3 +49,9 @@ def error_of(drives, variant):
         assemble_all(stacks_of(drives))
     assert str(together.value) == f"variant {variant}: {alone.value}"
     return str(alone.value)
+
+
+def differences(potential, x, i, d=1e-9):
+    """Slope of the energy along coordinate i, and of its gradient, by central differences."""
+    after, before = (potential.terms(np.where(np.arange(len(x)) == i, x + by, x)) for by in (d, -d))
+    return (after.energy - before.energy) / (2 * d), (after.gradient - before.gradient) / (2 * d)

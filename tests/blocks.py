@@ -241,6 +241,7 @@ def swung(**values):
     """An idler on an arm, one whose bearing rubs, the other in a drive whose last sprocket's does, too."""
     at_once = {"run.step": 5e-6, "chain.elongation": -2e-3, "contact.sprocket.clearance": 1e-5}
     at_once |= {"sprockets.gearbox.prescribed.ramp_time": 0.0, "sprockets.auger.load.ramp_time": 0.0}
+    at_once |= {"sprockets.idler.inertia": 1.5e-3}  # not light in its narrow seats
     idler = load_drive(drive_path("swing_idler")).with_values(at_once | values)
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
@@ -421,6 +422,7 @@ SWUNG_LIGHT = (swung_light, led_light, folded_light)
 TRAINS = (trains, gear_changes, valves, light_trains)
 MOVING = (moving_sprockets, rubbing_on_moving_sprockets)
 PUSHED = (*MOVING, pushed_slider, segments)
+MOVING_TRAINS = (*TRAINS, *MOVING)
 ARMS_RK4 = (arms_rk4, swung_rk4, led_rk4)
 OF_THREE_RK4 = (bending_rk4, rubbing_rk4, *ARMS_RK4)
 TRAINS_RK4 = (trains_rk4, gear_changes_rk4, valves_rk4)
@@ -430,6 +432,47 @@ OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
 What a kernel has for one of them all others go through, which then is what a test of them is for: beside a family with
 arms on arms, shafts, moving centers or valves stands one without.
 """
+RUBBING = (rubbing, bending, uneven)
+ON_ARMS = (*SWUNG, *SWUNG_LIGHT, arms, fed)
+VALVED = (geared_stages, cushed_stages, light_stages, stages_of_two_chains, valved_stages)
+V6 = (v6, v6_fed)
+USUAL = [
+    (RUBBING, True, "float64"),
+    ((light_wheels, unusual_contacts), True, "float32"),
+    (ON_ARMS, False, "float32"),
+    (MOVING_TRAINS, True, "float64"),
+    (OF_THREE_RK4, True, "float32"),
+    (VALVED, False, "float32"),
+]
+"""A kernel each: families, whether there are many, and the precision."""
+LONG = [
+    ((*SWUNG, swung_trains, arms, fed), False, "float64"),
+    (TRAINS, False, "float32"),
+    (PUSHED, False, "float64"),
+    ((*PUSHED, *TRAINS), True, "float32"),
+    (ARMS_RK4, True, "float64"),
+    (OF_TWO_RK4, True, "float32"),
+    (TRAINS_RK4, False, "float64"),
+    ((bending_rk4, rubbing_rk4), False, "float32"),
+    (VALVED, True, "float64"),
+    (V6, True, "float64"),
+    ((stages_rk4,), True, "float32"),
+    ((unjoined, unjoined_folded), False, "float64"),
+    ((unjoined, unjoined_light), True, "float32"),
+]
+OF_ONE_CHAIN = (
+    marine, *RUBBING, equal_sprockets, light_wheels, long_chains, unusual_contacts, *ON_ARMS, swung_trains, *PUSHED,
+    *TRAINS, *OF_THREE_RK4, *OF_TWO_RK4,
+)  # fmt: skip
+EVERY = (*OF_ONE_CHAIN, *VALVED, *V6, stages_rk4, unjoined, unjoined_light, unjoined_folded)
+
+
+def on_fibers(kernel):
+    """A block kernel that the CPU's compiler does little for, in two thirds of the time: few steps are taken."""
+    if kernel.module.options["optimization_level"] is None:
+        flags = "-march=native -fno-vectorize -fno-slp-vectorize"
+        wp.set_module_options({"optimization_level": 1, "cpu_compiler_flags": flags}, kernel.module)
+    return kernel
 
 
 def run_blocks(packed, kind, blocks, order, frames):
@@ -437,7 +480,7 @@ def run_blocks(packed, kind, blocks, order, frames):
     ensemble = upload_ensemble(packed, "cpu", blocks=True)
     state = upload_state(packed, "cpu", large(kind, len(order)))
     sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
-    shape, kernel = kind.shape, block_kernel(kind, 4, packed.frame)
+    shape, kernel = kind.shape, on_fibers(block_kernel(kind, 4, packed.frame))
     turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
     for number, block in enumerate(blocks):
         inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
@@ -471,7 +514,7 @@ def pack_for(variants, schedules, precision):
     packed = pack(rows.drives, rows.spread(schedules))
     rows.couple(packed)
     packed = packed.at_precision(precision)
-    return replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
+    return replace(packed, frame=frame_of(NAMES if packed.rubbing.any() else ()))
 
 
 SPARE = {
@@ -535,7 +578,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
-    bends = np.flatnonzero(packed.joints["rubs"])
+    bends = np.flatnonzero(packed.rubbing)
     each = [ring.drive for drive in variants for ring in rings_of(drive)]
     widths = [frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])

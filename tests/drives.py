@@ -15,6 +15,8 @@ from warpchain.errors import DriveError
 MARINE = FOLDER / "marine.toml"
 ONE_CHAIN = [name for name in example_names() if not load_drive(drive_path(name)).chains]
 """Names of the example drives of one chain."""
+LARGE = ("balance_shafts", "car", "derailleur", "motorcycle_drivetrain", "v6")
+"""Example drives that take longest."""
 STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3}
 POSITIVE = "must be a positive number"
 NOT_NEGATIVE = "must be a number of at least 0"
@@ -96,6 +98,16 @@ UPPER = {"name": "upper", "pivot": [-0.055, 0.25], "mass": 0.05, "center": [-0.0
          "stiffness": 20.0, "free_angle": 8.0, "damping": 0.05}  # fmt: skip
 LOWER = {"name": "lower", "arm": "upper", "pivot": [-0.042, 0.15], "mass": 0.04, "center": [-0.045, 0.1],
          "inertia": 2e-4, "stiffness": 8.0, "free_angle": 6.0, "damping": 0.02}  # fmt: skip
+
+
+def of_long(*values):
+    """Values of a parameter, or tuples of several's, whose tests are marked `long`."""
+    return [pytest.param(*(v if isinstance(v, tuple) else (v,)), marks=pytest.mark.long) for v in values]
+
+
+def but(values, long):
+    """Values of a parameter, some of which have their tests marked `long`."""
+    return [value for value in values if value not in long] + of_long(*(value for value in values if value in long))
 
 
 def jointed_blade():

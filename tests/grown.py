@@ -53,6 +53,13 @@ def grown(folder, changes):
     return folder
 
 
+def followed(folder, title, paths):
+    """A copy of the package with the changes of a recipe, which are in these files, in this order."""
+    changes = recipe(title)
+    assert [path for path, _, _ in changes] == paths
+    return grown(folder, changes)
+
+
 def run_in(folder, code, *words):
     """Runs Python code, or a module if it is named with -m, with the package of a folder; what it prints."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(folder), str(folder / "tests")))}

@@ -49,22 +49,23 @@ def chain(
     """
     kinds = structs.types(REAL[precision])
     n, wheels, bars = len(position), len(sprockets), len(guides)
+    rows = state_rows(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
+    rows[4:6] = rows[0:2] - rows[0:2].astype(precision)  # what it rounds off
     bodies = wheels + carriers + len(arms)
     pieces = sum(len(bar["pieces"]) + 1 for bar in guides if "pieces" in bar)
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
-        joints=zeros(kinds.Joint), links=zeros(kinds.Links),
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
         pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),
         hubs=zeros(structs.Hub, wheels), tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState),
-        ties=zeros(structs.Tie, bodies), motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
+        motors=zeros(structs.Motor), couplings=zeros(structs.Coupling),
         engaged=zeros(structs.Engaged), gears=zeros(structs.Gear), valves=zeros(structs.ValveGroup),
-        tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
+        tooth_friction=zeros(kinds.Friction, wheels), guide_friction=zeros(kinds.Friction, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
-        rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
+        rollers=rows.astype(precision).ravel(),
         bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
         seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip
@@ -77,7 +78,7 @@ def chain(
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3
     row = packed.chains[0]
-    row["stiffness"], row["damping"] = stiffness, damping
+    row["stiffness"], row["damping"] = row["outer_stiffness"], row["outer_damping"] = stiffness, damping
     row["mass"], row["inverse_mass"], row["gravity"] = mass, 1.0 / mass, gravity
     if joint is not None:
         put_joint(packed, pitch, **joint)
@@ -94,7 +95,7 @@ def chain(
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
-        put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
+        put_friction(packed.tooth_friction[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
         law["speed_floor"] = values.get("speed_floor", 0.01)
@@ -117,7 +118,7 @@ def chain(
         strand = packed.strands[s]
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
     for g, (bar, values) in enumerate(zip(packed.guides, guides, strict=False)):
-        put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("effective_mass", mass), step)
+        put_friction(packed.guide_friction[g], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         if "pieces" in values:
             put_profile(packed, bar, values["pieces"])
             values = values | {"start": bar["start"], "end": bar["start"] + bar["length"] * bar["direction"]}
@@ -170,18 +171,17 @@ def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(
 
 def put_friction(row, friction, effective_mass, step):
     """Friction of a hand-made contact."""
-    row["rubs"], row["inertia"] = int(friction > 0.0), effective_mass / step
-    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
-    row["law"]["stribeck_speed"] = 1.0
+    row["inertia"] = effective_mass / step if friction > 0.0 else 0.0
+    row["mu_dynamic"] = row["mu_static"] = friction
+    row["stribeck_speed"] = 1.0
 
 
 def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
     """Friction in the joints of a hand-made chain."""
-    row, chain = packed.joints[0], packed.chains[0]
-    row["rubs"], row["pin_radius"], row["arm"] = 1, pin_radius, factor * pin_radius
-    row["inertia"] = JOINT_INERTIA * chain["mass"] * pitch**2 / (6.0 * packed.drives[0]["step"])
-    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
-    row["law"]["stribeck_speed"] = 1.0
+    row = packed.chains[0]
+    row["pin_radius"], row["joint_arm"] = pin_radius, factor * pin_radius
+    inertia = JOINT_INERTIA * row["mass"] * pitch**2 / 6.0
+    put_friction(row["joint"], friction, inertia, packed.drives[0]["step"])
 
 
 def struck_sprocket(*, step, steps, integrator="leapfrog", precision="float64", **contact):

@@ -63,6 +63,13 @@ def engine():
     return loads_drive(TEXT)
 
 
+def oil_modulus(tensioner, pressure):
+    """E = E_0 (1 + a) / (1 + a (E_0/n) P_0^(1/n) P^(-1 - 1/n)) [Pa] of a drive's oil with its air."""
+    oil, n = tensioner.oil, 1.4
+    soft = oil.air * oil.bulk_modulus / (n * oil.ambient) * (oil.ambient / pressure) ** (1.0 + 1.0 / n)
+    return oil.bulk_modulus * (1.0 + oil.air) / (1.0 + soft)
+
+
 def tensioner(**values):
     """The tensioner of the model's section on bodies, at rest at 2.508 bar; `values` change what they name, those of
     valves as "check.lift_max".
@@ -126,7 +133,7 @@ def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64
     out[i, 6] = flows.leak_loss
     out[i, 7] = flows.valve_loss
     out[i, 8] = flows.supply_work
-    out[i, 9] = flows.lift
+    out[i, 9] = valve_lift(t.supply - pressure_of(x, True, state, t), t.check)
     out[i, 11] = flows.relieved
     out[i, 12] = flows.vented
     out[i, 13] = flows.filling

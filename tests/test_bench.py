@@ -172,7 +172,7 @@ def test_growth_is_a_fixed_part_and_one_for_each(monkeypatch):
     """Steps of 2 us and 3 ns a roller of each variant: half is fixed at 2000 / 3 rollers, and at 2000 / (3 * 118) = 5.6
     variants; per roller-step the figure falls from 3 + 2000 / 50 ns to 3 + 2000 / 2000."""
     growth = load_script("benches.growth")
-    monkeypatch.setattr(growth, "rate", lambda links, variants, *_: 1.0 / (2e-6 + 3e-9 * links * variants))
+    monkeypatch.setattr(growth, "step_rate", lambda links, variants, *_: 1.0 / (2e-6 + 3e-9 * links * variants))
     asked = types.SimpleNamespace(
         lengths=growth.LENGTHS, variants=growth.VARIANTS, rounds=2, precision="float64", device="cpu"
     )

@@ -8,7 +8,7 @@ from loading import load_script
 
 import warpchain
 
-CASES = ["setup", "tables"]
+CASES = ["worn", "tables"]
 
 
 @pytest.fixture
@@ -27,10 +27,10 @@ def test_the_same_tree_is_the_same_and_a_change_is_told(golden, tmp_path, capsys
     arrays["run/0/position"][3, 2, 1] = np.nextafter(arrays["run/0/position"][3, 2, 1], 1.0)
     arrays["metrics/columns/old"] = arrays.pop("metrics/columns/tension_mean/value")
     np.savez(tmp_path / "tables.npz", **arrays)
-    (tmp_path / "setup.npz").unlink()
+    (tmp_path / "worn.npz").unlink()
     assert golden.main([*store, "--compare"]) == 1
-    setup, tables = capsys.readouterr().out.splitlines()[1:]
-    assert "missing: " in setup
+    worn, tables = capsys.readouterr().out.splitlines()[1:]
+    assert "missing: " in worn
     assert "run/0/position: 1 of " in tables and "metrics/columns/old is missing" in tables
     assert "added: metrics/columns/tension_mean/value" in tables
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import builtins
 import inspect
 import math
+import operator
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -156,7 +157,10 @@ def _kind(note: Any) -> tuple[str, Test]:
         return words, lambda value: any(test(value) for test in tests)
     if origin is tuple:
         words = f"{len(kinds)} values, {', '.join(words for words, _ in kinds)}"
-        return words, lambda value: _listed(value) and len(value) == len(tests) and all(map(_holds, tests, value))
+        return (
+            words,
+            lambda value: _listed(value) and len(value) == len(tests) and all(map(operator.call, tests, value)),
+        )
     if origin is Sequence:
         return f"a sequence, each {kinds[0][0]}", lambda value: _listed(value) and all(map(tests[0], value))
     if origin is Mapping:
@@ -183,7 +187,3 @@ def _listed(value: Any) -> bool:
 def _no_number(value: Any) -> bool:
     """Whether a value only counts as a number in Python, or has more digits than numbers of machines have."""
     return isinstance(value, bool) or (isinstance(value, int) and value.bit_length() > 63)
-
-
-def _holds(test: Test, value: Any) -> bool:
-    return test(value)

@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from ..native import accessors, whole_lanes
-from ..physics.link import link_chain, roller_energy
+from ..physics.link import link_spring, roller_energy
 from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
 from ..structs import ChainSums, Drive, LinkTally, MountNote, Note, SprocketNote, Strand, StrandSums, Sums, types
 from ..sums import (
@@ -34,7 +34,7 @@ from .rollers import passes, rows
 def tallies(Real: type, capacity: int) -> SimpleNamespace:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    Chain, Links = kinds.Chain, kinds.Links
+    Chain = kinds.Chain
     load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     row = rows(capacity)
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
@@ -97,14 +97,12 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return merge_extremes(sums, wp.float64(load_row(w, row.least + i)), wp.float64(load_row(w, row.greatest + i)))
 
     @wp.func
-    def merge_links(w: wp.array[Real], n: int, chain: Chain, links: Links, sums: ChainSums, step: wp.float64):
+    def merge_links(w: wp.array[Real], n: int, chain: Chain, sums: ChainSums, step: wp.float64):
         """`sums` with the tallies of all links; `step` is a step's length [s]."""
         for i in range(n):
             sums = merge_extremes_of(w, i, sums)
-            mine = chain
-            if links.varied_links != 0:
-                mine = link_chain(i, chain, links)
-            sums.dissipated = sums.dissipated + step * wp.float64(mine.damping * load_row(w, row.rates + i))
+            stiffness, damping = link_spring(i, chain)
+            sums.dissipated = sums.dissipated + step * wp.float64(damping * load_row(w, row.rates + i))
         return sums
 
     @wp.func
@@ -137,7 +135,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def rollers_energy(w: wp.array[Real], n: int, chain: Chain, links: Links, back: Real):
+    def rollers_energy(w: wp.array[Real], n: int, chain: Chain, back: Real):
         """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
         instant.
         """
@@ -147,12 +145,8 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             a = acceleration(w, i, chain.inverse_mass, chain.gravity)
             position = vec2(load_row(w, row.x + i), load_row(w, row.y + i))
             velocity = vec2(load_row(w, row.vx + i) + back * a[0], load_row(w, row.vy + i) + back * a[1])
-            mine = chain
-            if links.varied_links != 0:
-                mine = link_chain(i, chain, links)
-            held, weight = roller_energy(
-                position, velocity, load_row(w, row.tension + i), load_row(w, row.rate + i), mine
-            )
+            tension, rate = load_row(w, row.tension + i), load_row(w, row.rate + i)
+            held, weight = roller_energy(position, velocity, tension, rate, i, chain)
             total += held
             total -= weight
             i = i + 1
@@ -226,8 +220,8 @@ def chain_sums(Real: type, capacity: int) -> SimpleNamespace:
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         n = drive.rollers
-        sums.chain[variant] = tally.merge_links(w, n, chain, ensemble.links[variant], sums.chain[variant], drive.step)
-        if ensemble.joints[variant].rubs != 0:
+        sums.chain[variant] = tally.merge_links(w, n, chain, sums.chain[variant], drive.step)
+        if chain.joint.inertia > Real(0.0):
             sums.chain[variant].friction = tally.merge_friction(w, n, sums.chain[variant].friction, drive.step)
         for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
             sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])

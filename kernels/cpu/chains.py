@@ -45,31 +45,32 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
             kick: as `kick_of`.
             lifting: whether cams lift valves.
         """
-        first = b + ensemble.ties[b].apart
-        tie, wrench, more = ensemble.ties[first], state.wrenches[b], state.rates[b][2]
+        first = b + ensemble.motions[b].apart
+        mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if wp.static(not plain):
             if lifting:
                 cam = cam_on(ensemble, state, begin, count, first)
-                share = valves_share(state.bodies[first].speed, kick, cam, ensemble.motions[first])
+                share = valves_share(state.bodies[first].speed, kick, cam, mine)
                 more = more / (wp.float64(1.0) + share)
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:
             for other in range(begin, begin + count):
-                if ensemble.ties[other].train == tie.train and ensemble.ties[other].apart == 0:
+                motion = ensemble.motions[other]
+                if motion.train == mine.train and motion.apart == 0:
                     rates = state.rates[other]
-                    rates[2] = rates[2] + ensemble.ties[other].ratio / tie.ratio * more
+                    rates[2] = rates[2] + motion.ratio / mine.ratio * more
                     state.rates[other] = rates
 
     @wp.func
     def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
-            if ensemble.ties[b].apart != 0:
+            if ensemble.motions[b].apart != 0:
                 hand_on(ensemble, state, begin, count, b, kick, lifting)
         for b in range(begin, begin + count):
-            if ensemble.ties[b].apart != 0 and ensemble.motions[b].prescribed == 0:
+            if ensemble.motions[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
-                rates[2] = state.rates[b + ensemble.ties[b].apart][2]
+                rates[2] = state.rates[b + ensemble.motions[b].apart][2]
                 state.rates[b] = rates
 
     @wp.func
@@ -82,11 +83,11 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
         """Answer of the contacts of all that turns with body `b` to an acceleration of that [kg m^2]."""
-        mine, total = ensemble.ties[b], wp.float64(0.0)
+        mine, total = ensemble.motions[b], wp.float64(0.0)
         for other in range(begin, begin + count):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                ratio = tie.ratio / mine.ratio
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                ratio = motion.ratio / mine.ratio
                 total = total + ratio * ratio * state.wrenches[other].yielding
         return total
 
@@ -128,7 +129,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
     @wp.func
     def pull(ensemble: Ensemble, state: State, r: int, drive: Drive, w: wp.array[Real], memory: kinds.Memory):
         """`steps.evaluating`'s, of the chain in row r."""
-        forces.pull(ensemble, state, drive, ensemble.chains[r], ensemble.links[r], ensemble.joints[r], w, memory)
+        forces.pull(ensemble, state, drive, ensemble.chains[r], w, memory)
 
     @wp.func
     def evaluate(
@@ -144,19 +145,19 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
                 predicted = int(1)
                 for c in range(rings):
                     drive = ensemble.drives[variant + c]
-                    memory.first = drive.first_contact
+                    memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
                     pull(ensemble, state, variant + c, drive, scratch[c], memory)
-                    forces.try_contacts(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
+                    forces.try_contacts(ensemble, state, drive, scratch[c], memory)
                 if rings == 1:
                     forces.predict(ensemble, state, ensemble.drives[variant], memory.time)
                 else:
                     together.predict(ensemble, state, variant, rings, memory.time)
         for c in range(rings):
             drive = ensemble.drives[variant + c]
-            memory.first = drive.first_contact
+            memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
             if predicted == 0:
                 pull(ensemble, state, variant + c, drive, scratch[c], memory)
-            forces.push(ensemble, state, drive, ensemble.chains[variant + c], scratch[c], memory)
+            forces.push(ensemble, state, drive, scratch[c], memory)
             together.find_rates(ensemble, state, drive, memory.stage, memory.time)
         together.join_all(ensemble, state, variant, rings, memory.time)
 
@@ -178,7 +179,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
             drive = ensemble.drives[r]
             n = drive.rollers
             if now.measures != 0:
-                sums_of.measure(ensemble, state, sums, r, drive, ensemble.chains[r], scratch[c], now)
+                sums_of.measure(ensemble, state, sums, r, drive, scratch[c], now)
             if now.sizes != 0:
                 width = wp.int64(frames_of.width(drive))
                 begin = drive.first_value + wp.int64(taken) * width

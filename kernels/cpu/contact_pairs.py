@@ -78,13 +78,13 @@ def partners(Real: type) -> SimpleNamespace:
         return law
 
     @wp.func
-    def sliding_of(ensemble: Ensemble, drive: Drive, p: int):
+    def friction_of(ensemble: Ensemble, drive: Drive, p: int):
         """The friction of partner p of a drive."""
         if p < drive.sprockets:
-            sliding = ensemble.tooth_sliding[drive.first_sprocket + p]
-            return sliding
-        sliding = ensemble.guide_sliding[drive.first_guide + p - drive.sprockets]
-        return sliding
+            friction = ensemble.tooth_friction[drive.first_sprocket + p]
+            return friction
+        friction = ensemble.guide_friction[drive.first_guide + p - drive.sprockets]
+        return friction
 
     @wp.func
     def carrier_of(ensemble: Ensemble, drive: Drive, p: int):
@@ -131,8 +131,16 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             state.poses[b] = pose_of(state.bodies[b])
 
     @wp.func
+    def at_chain(memory: Memory, drive: Drive, chain: kinds.Chain):
+        """The memory of contacts with the first partner of a drive, whose chain it is."""
+        memory.first = drive.first_contact
+        memory.inverse_mass = chain.inverse_mass
+        memory.gravity = chain.gravity
+        return memory
+
+    @wp.func
     def memory_of(state: State, drive: Drive):
-        """The memory of contacts with the first partner of a drive."""
+        """The same, but for the chain."""
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -283,9 +291,8 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         w: wp.array[Real],
         group: Group,
         law: kinds.ContactLaw,
-        sliding: kinds.Sliding,
+        friction: kinds.Friction,
         memory: Memory,
-        chain: Chain,
         totals: wp.array[Totals],
         slot: int,
     ):
@@ -299,20 +306,20 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         measured = memory.wanted.measures != 0
         changed = int(0)
         began = int(1)
-        if law.exponent == Real(1.0) and sliding.rubs == 0:
+        if law.exponent == Real(1.0) and friction.inertia == Real(0.0):
             if measured:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, True)
+                changed, began = force.press_smoothly(w, group, law, memory, True)
             else:
-                changed, began = force.press_smoothly(w, group, law, memory, chain, False)
+                changed, began = force.press_smoothly(w, group, law, memory, False)
         else:
-            changed = force.press(w, group, law, memory, chain)
-            if sliding.rubs != 0:
-                rub_rollers(w, group, sliding, memory)
+            changed = force.press(w, group, law, memory)
+            if friction.inertia > Real(0.0):
+                rub_rollers(w, group, friction, memory)
             force.add_forces(w, group)
             if measured:
-                force.lose(w, group, sliding, memory, chain)
+                force.lose(w, group, friction, memory)
         if measured:
-            sums.add_measured(w, group, law, sliding, memory.wanted, totals, slot)
+            sums.add_measured(w, group, law, friction, memory.wanted, totals, slot)
             if began != 0:
                 totals[slot].impacts += sums.begun(w, group)
         else:
@@ -356,7 +363,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: Ensemble,
         state: State,
         drive: Drive,
-        chain: Chain,
         w: wp.array[Real],
         p: int,
         run: int,
@@ -368,14 +374,14 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if group.high > group.low:
             slot = drive.first_sprocket + drive.first_guide + p
             law = of.law_of(ensemble, drive, p)
-            sliding = of.sliding_of(ensemble, drive, p)
+            friction = of.friction_of(ensemble, drive, p)
             impacts = state.totals[slot].impacts
             body = of.carrier_of(ensemble, drive, p)
             if body != GROUND:
                 pose = state.poses[drive.first_body + body]
                 memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
                 memory.angular = Real(pose.angular)
-            changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
+            changed = answer(w, group, law, friction, memory, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep(w, group.low, group.high, p, memory)
@@ -390,7 +396,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func
-    def evaluate_all(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], memory: Memory):
+    def evaluate_all(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], memory: Memory):
         """Contacts of all rollers with all partners: each one's `Totals`, and the wrenches on their bodies.
 
         One loop over all runs, not one over each partner's: else what the loops over rollers want of a partner, common
@@ -404,7 +410,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             if run == 0:
                 state.totals[slot] = Totals()
             if run < runs:
-                evaluate_run(ensemble, state, drive, chain, w, p, run, memory)
+                evaluate_run(ensemble, state, drive, w, p, run, memory)
                 run += 1
             if run >= runs:
                 body = of.carrier_of(ensemble, drive, p)

@@ -83,7 +83,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
 def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     """The forces of contacts whose `touch` is in the rows, with what dampers and friction take."""
     kinds = types(Real)
-    Memory, Chain = kinds.Memory, kinds.Chain
+    Memory = kinds.Memory
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
@@ -99,19 +99,19 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return wp.where(load_row(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
-    def gaining(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
+    def gaining(w: wp.array[Real], i: int, memory: Memory):
         """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far."""
         arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
-        return gained(memory.straight, memory.angular, arm, acceleration(w, i, chain.inverse_mass, chain.gravity))
+        return gained(memory.straight, memory.angular, arm, acceleration(w, i, memory.inverse_mass, memory.gravity))
 
     @wp.func
-    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory, chain: Chain):
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
         """The normal force on roller i, and what its contact keeps; 1 if that is something else than before."""
         penetration = load_row(w, row.penetration + i)
         normal_x = load_row(w, row.normal_x + i)
         normal_y = load_row(w, row.normal_y + i)
         speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
-        more = gaining(w, i, memory, chain)
+        more = gaining(w, i, memory)
         growth = more[0] * normal_x + more[1] * normal_y
         x = Real(0.0)
         y = Real(0.0)
@@ -139,18 +139,18 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
 
     @wp.func
-    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain):
+    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
         """Normal forces; of a linear law in a loop of its own, which vectorizes. 1 if contacts keep something else."""
         changed = int(0)
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             while i < group.high:
-                changed = changed | press_one(w, i, law, memory, chain)
+                changed = changed | press_one(w, i, law, memory)
                 i = i + 1
         else:
             while i < group.high:
-                changed = changed | press_one(w, i, law, memory, chain)
+                changed = changed | press_one(w, i, law, memory)
                 i = i + 1
         return changed
 
@@ -174,25 +174,23 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return total
 
     @wp.func
-    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory, chain: Chain):
+    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory):
         """Power that a force on roller i takes, as `contact.dissipated`."""
-        more = gaining(w, i, memory, chain)
+        more = gaining(w, i, memory)
         speed_x = load_row(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = load_row(w, row.relative_y + i) + memory.lag * more[1]
         return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
 
     @wp.func
-    def lose_one(w: wp.array[Real], i: int, memory: Memory, chain: Chain):
+    def lose_one(w: wp.array[Real], i: int, memory: Memory):
         """Power that roller i's damper takes."""
         damper = load_row(w, row.damper + i)
         x = damper * load_row(w, row.normal_x + i)
         y = damper * load_row(w, row.normal_y + i)
-        store_row(w, row.damped + i, power_of(w, i, x, y, memory, chain))
+        store_row(w, row.damped + i, power_of(w, i, x, y, memory))
 
     @wp.func
-    def press_smoothly(
-        w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, chain: Chain, measured: bool
-    ):
+    def press_smoothly(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, measured: bool):
         """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
 
         Returns 1 each if contacts keep something else, and if any begins.
@@ -202,10 +200,10 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         began = int(0)
         i = group.low
         while i < group.high:
-            changed = changed | press_one(w, i, law, memory, chain)
+            changed = changed | press_one(w, i, law, memory)
             add_force(w, i)
             if measured:
-                lose_one(w, i, memory, chain)
+                lose_one(w, i, memory)
                 began = began | begins(w, i)
             i = i + 1
         return changed, began
@@ -219,18 +217,18 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory, chain: Chain):
+    def lose(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
-            lose_one(w, i, memory, chain)
+            lose_one(w, i, memory)
             i = i + 1
-        if sliding.rubs != 0:
+        if friction.inertia > Real(0.0):
             i = group.low
             while i < group.high:
                 x = load_row(w, row.drag_x + i)
                 y = load_row(w, row.drag_y + i)
-                store_row(w, row.rubbed + i, power_of(w, i, x, y, memory, chain))
+                store_row(w, row.rubbed + i, power_of(w, i, x, y, memory))
                 i = i + 1
 
     return SimpleNamespace(**locals())
@@ -281,23 +279,23 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: Memory):
+    def rub_rollers(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
         """Friction; coefficients that hang on the speed in a loop of their own, which does not vectorize."""
         recall_holds(w, group, memory)
         i = group.low
         while i < group.high:
-            store_row(w, row.mu + i, sliding.law.mu_dynamic)
+            store_row(w, row.mu + i, friction.mu_dynamic)
             i = i + 1
-        if sliding.law.mu_static != sliding.law.mu_dynamic:
+        if friction.mu_static != friction.mu_dynamic:
             i = group.low
             while i < group.high:
                 if load_row(w, row.size + i) > Real(0.0):
-                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), sliding.law))
+                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), friction))
                 i = i + 1
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = held_back(mu * size, slides(w, i), held, sliding.inertia, memory.stretched)
+            drag, holds = held_back(mu * size, slides(w, i), held, friction.inertia, memory.stretched)
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:
@@ -370,7 +368,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         w: wp.array[Real],
         group: Group,
         law: kinds.ContactLaw,
-        sliding: kinds.Sliding,
+        friction: kinds.Friction,
         wanted: Now,
         totals: wp.array[Totals],
         slot: int,
@@ -379,12 +377,12 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
         add_up(w, group, totals, slot, True)
         if wanted.ends != 0:
             add_energies(w, group, law, totals, slot)
-        if sliding.rubs != 0:
-            friction = totals[slot].friction
+        if friction.inertia > Real(0.0):
+            taken = totals[slot].friction
             i = group.low
             while i < group.high:
-                friction += wp.float64(load_row(w, row.rubbed + i))
+                taken += wp.float64(load_row(w, row.rubbed + i))
                 i = i + 1
-            totals[slot].friction = friction
+            totals[slot].friction = taken
 
     return SimpleNamespace(**locals())

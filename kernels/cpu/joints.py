@@ -10,7 +10,7 @@ import warp as wp
 
 from ..native import accessors, whole_lanes
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
-from ..physics.link import link_chain, link_force, played_force
+from ..physics.link import are_uneven, link_force, played_force
 from ..structs import types
 from ..sums import after, before
 from .rollers import passes, rows
@@ -20,7 +20,7 @@ from .rollers import passes, rows
 def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     """The passes over the joints of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    Chain, Joint = kinds.Chain, kinds.Joint
+    Chain = kinds.Chain
     vec2 = kinds.vec2
     part = passes(Real, capacity)
     apart, parting, store_link, close = part.apart, part.parting, part.store_link, part.close
@@ -37,13 +37,13 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.bend_y + i + 1, lever[1])
 
     @wp.func
-    def pull_links(w: wp.array[Real], n: int, chain: Chain, links: kinds.Links):
+    def pull_links(w: wp.array[Real], n: int, chain: Chain):
         """Tension, force and turning of every link, in a loop of its own where links differ or have play; contact
         forces start at zero.
         """
         close(w, n)
         i = int(0)
-        if links.varied_links == 0:
+        if not are_uneven(chain):
             while i < whole(n):
                 d, v = apart(w, i), parting(w, i)
                 tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
@@ -52,8 +52,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
                 i = i + 1
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
-            mine = link_chain(i, chain, links)
-            tension, rate, u = played_force(d, v, load_row(w, row.length + i), links.play, mine)
+            tension, rate, u = played_force(d, v, load_row(w, row.length + i), i, chain)
             store_link(w, i, tension, rate, u)
             store_turning(w, i, d, v)
             i = i + 1
@@ -61,29 +60,29 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.link_y, load_row(w, row.link_y + n))
 
     @wp.func
-    def rub_joint(w: wp.array[Real], i: int, mu: Real, joint: Joint, memory: kinds.Memory):
+    def rub_joint(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
         """The moment of the joint after link i, and what it holds; in numbers, not vectors."""
         tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
         tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
         held = load_row(w, row.joint_hold + i + 1)
-        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, joint, memory.stretched)
+        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, chain, memory.stretched)
         store_row(w, row.moment + i + 1, moment)
         store_row(w, row.joint_hold + i + 1, wp.where(memory.stage == 0, holds, held))
 
     @wp.func
-    def rub_joints(w: wp.array[Real], n: int, joint: Joint, memory: kinds.Memory):
+    def rub_joints(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
         """The moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
         store_row(w, row.tension + n, load_row(w, row.tension))
         store_row(w, row.turn + n, load_row(w, row.turn))
-        mu = joint.law.mu_dynamic
+        mu = chain.joint.mu_dynamic
         i = int(0)
-        if joint.law.mu_static == mu:
+        if chain.joint.mu_static == mu:
             while i < whole(n):
-                rub_joint(w, i, mu, joint, memory)
+                rub_joint(w, i, mu, chain, memory)
                 i = i + 1
         while i < n:
-            mu = joint_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), joint)
-            rub_joint(w, i, mu, joint, memory)
+            mu = joint_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), chain)
+            rub_joint(w, i, mu, chain, memory)
             i = i + 1
         store_row(w, row.moment, load_row(w, row.moment + n))
 

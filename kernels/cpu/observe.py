@@ -107,17 +107,17 @@ def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
         """Adds the pair of gears g of all to the sums of the window."""
         gear = ensemble.gears[g]
         at = drive.first_body + gear.body
-        mine = ensemble.ties[at]
+        mine = ensemble.motions[at]
         moment = gear.inertia * bodies.angular_now(ensemble, state, at, now.time)
         for b in range(drive.sprockets + drive.shafts):
             if on_side(gear, b):
                 other = drive.first_body + b
-                moment = moment - ensemble.ties[other].ratio / mine.ratio * state.passed[other]
+                moment = moment - ensemble.motions[other].ratio / mine.ratio * state.passed[other]
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
             if on_side(gear, valve.body):
                 torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
-                beside = ensemble.ties[drive.first_body + valve.body].ratio / mine.ratio
+                beside = ensemble.motions[drive.first_body + valve.body].ratio / mine.ratio
                 moment = moment + beside * valve.sign * torque
         sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
 
@@ -151,11 +151,9 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     add_trains = measuring_trains(Real, plain).add_trains
 
     @wp.func(inline=False)
-    def mechanical_energy(
-        ensemble: Ensemble, state: State, drive: Drive, chain: Chain, links: kinds.Links, w: wp.array[Real], now: Now
-    ):
+    def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = sums_of.energy(w, drive.rollers, chain, links, Real(now.lag))
+        total = sums_of.energy(w, drive.rollers, chain, Real(now.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -174,7 +172,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                         energy += joint_energy(body, carrier, of)
                     energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
-                energy = own_energy(energy, body.speed, ensemble.ties[b], ensemble.motions[b])
+                energy = own_energy(energy, body.speed, ensemble.motions[b])
             if wp.static(not plain):
                 if drive.valves > 0:
                     energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
@@ -206,7 +204,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = load + whole.bearing
             off = off_home(body.center, mount)
-            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
+            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
         sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
@@ -227,7 +225,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = bodies.load_on(ensemble, state, drive, body, b, now.time) + whole.bearing
             off, motion = off_home(body.center, mount), ensemble.motions[b]
-            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble.curves)
+            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
             led = pivot_power(led, body, ensemble.arms[i])
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, now.weight)
 
@@ -260,21 +258,20 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         sums: Sums,
         variant: int,
         drive: Drive,
-        chain: Chain,
         w: wp.array[Real],
         now: Now,
     ):
         """Adds an evaluated step to the sums of the window."""
-        n = drive.rollers
+        n, chain = drive.rollers, ensemble.chains[variant]
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             sums_of.gather(ensemble, state, sums, variant, drive, w, now.step)
         sums_of.widen(w, n)
         share = Real(now.weight / drive.step)
         sums_of.add_rates(w, n, share)
-        if ensemble.joints[variant].rubs != 0:
+        if chain.joint.inertia > Real(0.0):
             add_friction(w, n, chain, Real(now.lag), share)
         if now.ends != 0:
-            energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, now)
+            energy = mechanical_energy(ensemble, state, drive, chain, w, now)
             sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)
         measure_contacts(state, sums, drive, now)
         for s in range(drive.sprockets):
@@ -333,7 +330,7 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
             velocity = vec2(load_row(w, row.vx + i) + lag * a[0], load_row(w, row.vy + i) + lag * a[1])
             extra = seen(w, i)
             if wp.static(frame.holds("joint_friction_power")):
-                if ensemble.joints[variant].rubs != 0:
+                if chain.joint.inertia > Real(0.0):
                     extra.friction_power = joint_power(w, i, n, chain, lag)
             write.write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):

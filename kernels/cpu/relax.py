@@ -21,7 +21,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
-    evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, nearness(Real, capacity, plain).memory_of
+    forces, near = evaluating(Real, capacity, plain), nearness(Real, capacity, plain)
     load_row = accessors(Real).load_row
     rates_of, carry = moving(Real, plain).rates_of, moving(Real, plain).carry
 
@@ -90,16 +90,16 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
-        links = ensemble.links[variant]
-        joint = kinds.Joint()  # no friction while settling
-        memory = memory_of(state, drive)
+        chain.joint.inertia = Real(0.0)  # no friction while settling
+        memory = near.at_chain(near.memory_of(state, drive), drive, chain)
         s = settling[variant]
         n = drive.rollers
         part.fetch(state, ensemble.lengths, w, drive.first_roller, n)
         neighbors.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, drive, chain, links, joint, w, memory)
+            forces.pull(ensemble, state, drive, chain, w, memory)
+            forces.push(ensemble, state, drive, w, memory)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)

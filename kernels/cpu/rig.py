@@ -15,6 +15,7 @@ from ..physics.tensioner import (
     tensioner_energy,
     tensioner_force,
     tensioner_step,
+    valve_lift,
 )
 from ..structs import Tensioner, TensionerFlows
 from ..sums import add_flows
@@ -105,7 +106,8 @@ def lead(
             x, rate = place_at(i + 1, ride)
             state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, True, state, tensioner)
             force, pressure = tensioner_force(x, rate, True, state, tensioner)
-            lift = flows.lift
+            if tensioner.hydraulic == 1:
+                lift = valve_lift(tensioner.supply - pressure, tensioner.check)
             leaked += flows.leaked
             supplied += flows.supplied
             if i >= steps - ride.cycle:

@@ -33,7 +33,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     part = passes(Real, capacity)
     do = stepping(Real, capacity, plain)
     sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
-    evaluate = evaluating(Real, capacity, plain).evaluate
+    forces = evaluating(Real, capacity, plain)
     neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
     inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
@@ -50,9 +50,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         """One variant: `steps` steps on. A function, of which the kernel's two forms share the code."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
-        links = ensemble.links[variant]
-        joint = ensemble.joints[variant]
-        memory = near.memory_of(state, drive)
+        memory = near.at_chain(near.memory_of(state, drive), drive, chain)
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state, ensemble.lengths, w, drive.first_roller, n)
@@ -74,11 +72,16 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 at_stage = stage_at(drive.integrator, stage, now.time, drive.step)
                 memory.time = at_stage.time
                 memory.stretched = stretching(drive.integrator, stage, Real(1.0))
-                evaluate(ensemble, state, drive, chain, links, joint, w, memory)
+                forces.pull(ensemble, state, drive, chain, w, memory)
+                if wp.static(not plain):
+                    if drive.light != 0 and memory.lag > Real(0.0):
+                        forces.try_contacts(ensemble, state, drive, w, memory)
+                        forces.predict(ensemble, state, drive, memory.time)
+                forces.push(ensemble, state, drive, w, memory)
                 find_rates(ensemble, state, drive, stage, at_stage.time)
                 if stage == 0:
                     if memory.wanted.measures != 0:
-                        sums_of.measure(ensemble, state, sums, variant, drive, chain, w, now)
+                        sums_of.measure(ensemble, state, sums, variant, drive, w, now)
                     if memory.wanted.sizes != 0:
                         frames_of.sample(ensemble, state, variant, drive, w, frames, at, now)
                         at = at + wp.int64(frames_of.width(drive))

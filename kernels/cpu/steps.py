@@ -22,6 +22,7 @@ from ..physics.body import (
     turns_soundly,
 )
 from ..physics.hub import bearing_moment, carried_by, moment_of
+from ..physics.link import are_uneven
 from ..physics.motion import load_moment, prescribed_acceleration, prescribed_at
 from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
@@ -129,14 +130,13 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 if drive.first_body + ensemble.tensioners[t].body == b:
-                    push = state.pushes[t].wrench
-                    wrench = with_reaction(wrench, push.force, push.moment)
+                    wrench = with_reaction(wrench, state.pushes[t].thrust, state.pushes[t].moment)
         return wrench
 
     @wp.func
     def load_on(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
         """Moment [N m] of what loads body `b` of all, or of an arm's own spring and weight."""
-        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble.curves)
+        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
         if wp.static(not plain):
             arm = arm_of(drive, b)
             if arm >= 0:
@@ -155,7 +155,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
         shaft = b - drive.first_body - drive.sprockets
         if shaft >= 0 and shaft < drive.shafts:
             body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
-            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.curves.tables)
+            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.tables)
         return moment
 
     @wp.func
@@ -176,7 +176,7 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
             coupling = ensemble.couplings[c]
             first = state.bodies[drive.first_body + coupling.first]
             second = state.bodies[drive.first_body + coupling.second]
-            tables = ensemble.curves.tables
+            tables = ensemble.tables
             state.couplings[c] = engaged_at(time, first, second, state.couplings[c], coupling, tables)
 
     @wp.func
@@ -206,17 +206,17 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
             valve = ensemble.valves[v]
             b = drive.first_body + valve.body
             for k in range(valve.phases):
-                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.tables)
                 state.cams[b] = with_valves(state.cams[b], at, valve)
 
     @wp.func
     def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
         """Inertia and moment of a train's valves, as its body `b` has them; it is among `count` bodies from `begin`."""
-        cam, mine = Cam(), ensemble.ties[b]
+        cam, mine = Cam(), ensemble.motions[b]
         for other in range(begin, begin + count):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                cam = geared(cam, state.cams[other], tie.ratio / mine.ratio)
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                cam = geared(cam, state.cams[other], motion.ratio / mine.ratio)
         return cam
 
     @wp.func
@@ -234,11 +234,11 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
         """The moment that turns body `b` of all as if it turned alone (a)."""
         total = wp.float64(0.0)
-        mine = ensemble.ties[b]
+        mine = ensemble.motions[b]
         for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
-            tie = ensemble.ties[other]
-            if tie.train == mine.train:
-                total = total + tie.ratio * state.passed[other]
+            motion = ensemble.motions[other]
+            if motion.train == mine.train:
+                total = total + motion.ratio * state.passed[other]
         return total / mine.ratio
 
     return SimpleNamespace(**locals())
@@ -265,13 +265,13 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         state.wrenches[b].load = wrench.load
         if wp.static(not plain):
             wrench.load = wrench.load + wrench.bearing
-            if drive.tied != 0 and ensemble.ties[b].train >= 0 and ensemble.ties[b].apart == 0:
+            if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
                 wrench.moment = gathered(ensemble, state, drive, b)
                 wrench.load = wp.float64(0.0)
                 if drive.valves > 0:
                     wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
         off = off_home(body.center, mount)
-        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble.curves)
+        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
@@ -306,7 +306,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if tensioner.supply_table.cells > 0:
                 pump = drive.first_body + tensioner.pump
                 forward = ensemble.motions[pump].sign * state.poses[pump].speed
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
@@ -329,9 +329,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
-                ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
+                ahead, speed = prescribed_at(time + drive.step, motion, ensemble)
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble.curves)
+            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             if drive.hubs != 0:
@@ -345,17 +345,19 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if at.number == 0:
                 feed(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body, stages = stage_body(
+            body, base, slopes = stage_body(
                 at,
                 state.bodies[b],
-                state.body_stages[b],
+                state.body_stages[2 * b],
+                state.body_stages[2 * b + 1],
                 state.rates[b],
                 ensemble.motions[b],
                 ensemble.mounts[b],
-                ensemble.curves,
+                ensemble,
             )
             state.bodies[b] = body
-            state.body_stages[b] = stages
+            state.body_stages[2 * b] = base
+            state.body_stages[2 * b + 1] = slopes
         if wp.static(not plain):
             if drive.hubs != 0:
                 carry(ensemble, state, drive)
@@ -368,9 +370,9 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
-            angle, driven = prescribed_at(time, motion, ensemble.curves)
+            angle, driven = prescribed_at(time, motion, ensemble)
         body, rates, mount = state.bodies[b], state.rates[b], ensemble.mounts[b]
-        return body_at(time, lag, body, rates, driven, motion, mount, ensemble.curves)
+        return body_at(time, lag, body, rates, driven, motion, mount, ensemble)
 
     @wp.func
     def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
@@ -386,7 +388,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         """Angular acceleration of body `b` of all at `time` [rad/s^2], once rates are found."""
         angular = state.rates[b][2]
         if ensemble.motions[b].prescribed == 1:
-            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble.curves)
+            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble)
         return angular
 
     @wp.func
@@ -397,7 +399,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         body, angular = body_now(ensemble, state, b, time, lag), angular_now(ensemble, state, b, time)
         load = unloaded(valve)
         for k in range(valve.phases):
-            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.curves.tables)
+            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.tables)
             load = with_load(load, at, body.speed, angular, valve)
         return load[0], load[1]
 
@@ -416,7 +418,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
 @cache
 def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
-    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
+    """The functions that evaluate the forces of one variant, for rows of `capacity` values of type `Real`.
 
     For `plain` see `serial.advance_kernel`, as everywhere here.
     """
@@ -432,7 +434,6 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
-        chain: kinds.Chain,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
@@ -441,7 +442,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         memory.wanted = Now()
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
+        evaluate_all(ensemble, state, drive, w, memory)
         if drive.hubs != 0:
             hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
         clear(w, row.fx, row.fy, drive.rollers)
@@ -465,20 +466,19 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
-        links: kinds.Links,
-        joint: kinds.Joint,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Forces of links and joints on rollers, and of tensioners, after poses of bodies."""
         n = drive.rollers
         see_bodies(state, drive)
-        if links.varied_links != 0 or joint.rubs != 0:
-            joints.pull_links(w, n, chain, links)
+        rubs = chain.joint.inertia > Real(0.0)
+        if are_uneven(chain) or rubs:
+            joints.pull_links(w, n, chain)
         else:
             link_pass(w, n, chain)
-        if joint.rubs != 0:
-            joints.rub_joints(w, n, joint, memory)
+        if rubs:
+            joints.rub_joints(w, n, chain, memory)
             joints.bend_links(w, n)
         if memory.wanted.sizes != 0:
             clear(w, row.sprocket_force, row.guide_force, n)
@@ -493,39 +493,16 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
-        chain: kinds.Chain,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Forces of contacts on rollers, and their wrenches on bodies."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, chain, w, memory)
+        evaluate_all(ensemble, state, drive, w, memory)
         if wp.static(not plain):
             if drive.hubs != 0:
                 hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
-
-    @wp.func
-    def evaluate(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
-        links: kinds.Links,
-        joint: kinds.Joint,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
-
-        Totals have what only metrics want as far as `memory` wants it.
-        """
-        pull(ensemble, state, drive, chain, links, joint, w, memory)
-        if wp.static(not plain):
-            if drive.light != 0 and memory.lag > Real(0.0):
-                try_contacts(ensemble, state, drive, chain, w, memory)
-                predict(ensemble, state, drive, memory.time)
-        push(ensemble, state, drive, chain, w, memory)
 
     return SimpleNamespace(**locals())
 

@@ -103,7 +103,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
             now.step = now.step + 1
         return now
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def begin(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares bodies and sums, from the state."""
         if mine.body >= 0:
@@ -112,7 +112,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
             observe.start_extremes(ensemble, sums, shared, mine)
             find_strands(ensemble, state, shared, mine)
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def finish(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Everything back into the state."""
         if wp.static(measuring):
@@ -156,7 +156,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     early = kind.early
     # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
     # frames want: on several warps the contacts, on one all of it
-    twice = not staged and not kind.profiles
+    twice = not staged and not kind.profiles and not kind.parts.light
     # rollers and bodies go ways of their own between events
     splitting = not measuring and kind.handing and early and not staged
 

@@ -69,8 +69,8 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number:
                 push = push_by(pose, kept, state.tensioners[t], tensioner)
                 state.pushes[t] = push
-                wrench.force = wrench.force + push.wrench.force
-                wrench.moment = wrench.moment + push.wrench.moment
+                wrench.force = wrench.force + push.thrust
+                wrench.moment = wrench.moment + push.moment
         return wrench
 
     @wp.func
@@ -113,7 +113,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
                 pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
                 forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.curves.tables)
+                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
@@ -168,7 +168,7 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
         motion = shared.motions[b]
         if wp.static(kind.parts.tabulated == 0):
             motion.drive_table.cells = 0  # so that the compiler knows
-        return prescribed_at(counted(step, step_number(mine)), motion, ensemble.curves)
+        return prescribed_at(counted(step, step_number(mine)), motion, ensemble)
 
     @wp.func
     def step_number(mine: Mine):
@@ -323,58 +323,53 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
     """The functions that gather moments on the bodies of a train (`physics.train`)."""
     Real, kinds = kind.Real, kind.types
     Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
-    place_of, step_number = block_rings(kind).place_of, prescribed_motion(kind).step_number
+    step_number = prescribed_motion(kind).step_number
 
     @wp.func
-    def against_valves(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
+    def against_valves(shared: Shared, mine: Mine, now: Now, b: int, moment: Real):
         """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
-        cam, kick, first = kinds.Cam(), Real(0.0), ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
+        cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
         for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                cam = geared(cam, shared.cams[other], quotient(tie.ratio, own.ratio))
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                cam = geared(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
         if wp.static(not kind.staged):
             kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
-        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, shared.motions[b])
+        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
 
     @wp.func
-    def gathered(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
+    def gathered(shared: Shared, mine: Mine, now: Now, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, b)]
-        total = Real(0.0)
+        own, total = shared.motions[b], Real(0.0)
         for other in range(wp.static(kind.parts.mounted)):
-            tie = ensemble.ties[place_of(shared, first, other)]
-            if tie.train == own.train:
-                total = total + tie.ratio * shared.passed[other]
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                total = total + motion.ratio * shared.passed[other]
         moment = quotient(total, own.ratio)
         if wp.static(kind.parts.valves > 0):
-            moment = against_valves(ensemble, shared, mine, now, b, moment)
+            moment = against_valves(shared, mine, now, b, moment)
         return moment
 
     @wp.func
     def rates_now(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, b: int):
         """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
-        speed, angular = leading(pose.speed), gathered(ensemble, shared, mine, now, b) * motion.inverse_inertia
+        speed, angular = leading(pose.speed), gathered(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(kind.integrator == 0):
             lag = leapfrog_lag(now.step, leading(step_number(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
         if motion.prescribed == 1:
-            angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble.curves)
+            angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble)
         return speed, angular
 
     @wp.func
-    def yielding_together(ensemble: Ensemble, shared: Shared, mine: Mine):
+    def yielding_together(shared: Shared, mine: Mine):
         """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
-        first = ensemble.drives[mine.variant].first_body
-        own = ensemble.ties[place_of(shared, first, mine.body)]
-        total = Real(0.0)
+        own, total = shared.motions[mine.body], Real(0.0)
         for b in range(wp.static(kind.parts.bodies)):
-            tie = ensemble.ties[place_of(shared, first, b)]
-            if tie.train == own.train:
-                ratio = quotient(tie.ratio, own.ratio)
+            motion = shared.motions[b]
+            if motion.train == own.train:
+                ratio = quotient(motion.ratio, own.ratio)
                 total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
         return total
 
@@ -437,8 +432,8 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.tabulated > 0):
             if motion.load_table.cells > 0:
                 x = tabulated_over(time, pose.angle, motion)
-                tabulated = value_at(x, motion.load_table, ensemble.curves.tables)
-        load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble.curves)
+                tabulated = value_at(x, motion.load_table, ensemble.tables)
+        load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
@@ -449,11 +444,11 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         return wp.where(motion.prescribed == 1, Real(0.0), load)
 
     @wp.func
-    def turning(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
+    def turning(shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others pass on to it."""
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                wrench.moment = gathered(ensemble, shared, mine, now, mine.body)
+                wrench.moment = gathered(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
 
@@ -488,12 +483,12 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         mount = mount_of(shared, mine.body)
         if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0) and not hangs(ensemble, mine):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            by = turning(ensemble, shared, mine, now, with_bearing(wrench))
+            by = turning(shared, mine, now, with_bearing(wrench))
             body, apart = state_of(pose), off(pose, mount)
             if wp.static(kind.parts.rings > 1):
-                wrench.yielding = yielding_together(ensemble, shared, mine)
+                wrench.yielding = yielding_together(shared, mine)
             time = time_of(mine, now)
-            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble.curves)
+            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble)
             shared.poses[mine.body].angular = solved(pose.angular, rates[2], wrench, motion)
 
     @wp.func
@@ -519,16 +514,16 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
-        moved_by = turning(ensemble, shared, mine, now, with_bearing(wrench))
-        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble.curves)
+        moved_by = turning(shared, mine, now, with_bearing(wrench))
+        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble)
         rates = joined(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
-        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble.curves)
+        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
             moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
-            moved = led_center(time + step_number(mine), h, moved, mount, ensemble.curves)
+            moved = led_center(time + step_number(mine), h, moved, mount, ensemble)
             moved = expecting(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
@@ -546,12 +541,14 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         plain = in_plain(body)
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
-            place = ensemble.drives[mine.row].first_body + mine.number
-            by, to = turning(ensemble, shared, mine, now, with_bearing(wrench)), heading(pose)
-            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble.curves)
+            place = 2 * (ensemble.drives[mine.row].first_body + mine.number)
+            by, to = turning(shared, mine, now, with_bearing(wrench)), heading(pose)
+            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = joined(shared, mine, rates)
-            moved, stages = stage_body(at, body, state.body_stages[place], rates, motion, mount, ensemble.curves)
-            state.body_stages[place] = stages
+            start, summed = state.body_stages[place], state.body_stages[place + 1]
+            moved, base, slopes = stage_body(at, body, start, summed, rates, motion, mount, ensemble)
+            state.body_stages[place] = base
+            state.body_stages[place + 1] = slopes
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench
 

@@ -24,7 +24,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     """The functions that contacts with teeth and with guides call."""
     Real, staged, sliding, sprockets = kind.Real, kind.staged, kind.friction.contacts, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
-    State, Shared, Sliding = kinds.State, kinds.Shared, kinds.Sliding
+    State, Shared, Friction = kinds.State, kinds.Shared, kinds.Friction
     vec2, Bits, Direction = kinds.vec2, near_mask(kind).Bits, kinds.Ensemble.vars["seats"].type.dtype
     row, load_row, store_row = roller_rows(kind), accessors(Real).load_row, accessors(Real).store_row
     Pose, memory_of, chain_at = kinds.Pose, block_rings(kind).memory_of, block_rings(kind).chain_at
@@ -60,7 +60,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         return gained(straight, body.angular, arm, row.acceleration(shared, j))
 
     @wp.func
-    def drag_of(state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Sliding):
+    def drag_of(
+        state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Friction
+    ):
         """Friction on a roller [N], as `rub`, and what the contact then holds; `before` is its v0 until now."""
         held = wp.where(before > Real(0.0), load_row(state.contact_hold, at), Real(0.0))
         stretched = row.stretched(now)
@@ -153,7 +155,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
         drag = vec2(Real(0.0), Real(0.0))
         if wp.static(sliding):
-            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.sliding[p])
+            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.friction[p])
             force = force + drag
             if now.stage == 0:
                 store_row(state.contact_hold, at, holds)

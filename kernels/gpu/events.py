@@ -119,7 +119,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             gone = wp.max(gone, body_gone(shared, mine))
         return gone
 
-    @wp.func(inline=kind.parts.rings > 1)  # as `stepping.advance_body`; of one chain it is drawn in anyway
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def on_event(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Does what is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]

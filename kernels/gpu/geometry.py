@@ -34,25 +34,17 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
 
     @wp.func
-    def share_links(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
-        """Shares the links, joints and box of chain r, `drive`."""
+    def share_ring(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
+        """Shares chain r, `drive`, and its box."""
         shared.box[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
         shared.box[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
         shared.chain[r] = ensemble.chains[variant + r]
-        if wp.static(kind.friction.joints):
-            shared.joint[r] = ensemble.joints[variant + r]
-        if wp.static(kind.links == "varied"):
-            links = ensemble.links[variant + r]
-            if links.varied_links == 0:  # of one of several chains
-                links.outer_stiffness = shared.chain[r].stiffness
-                links.outer_damping = shared.chain[r].damping
-            shared.links[r] = links
 
     @wp.func
     def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
         """The chain and the guides, of all chains; `drive` is the first of them."""
         for r in range(wp.static(kind.parts.rings)):
-            share_links(ensemble, shared, ensemble.drives[variant + r], variant, r)
+            share_ring(ensemble, shared, ensemble.drives[variant + r], variant, r)
         if wp.static(profiles):
             ground = Pose()
             ground.cosine = number_of(Real(1.0))
@@ -66,7 +58,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
                 bar.first_piece = ensemble.drives[variant + ring].first_piece + bar.first_piece
             shared.bars[g] = bar
             if wp.static(kind.friction.contacts):
-                shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
+                shared.friction[wp.static(sprockets) + g] = ensemble.guide_friction[drive.first_guide + g]
 
     @wp.func
     def share_sprocket(ensemble: Ensemble, shared: Shared, drive: Drive, s: int, center: Any):
@@ -79,9 +71,9 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         band.far_square = sprocket.far_square
         shared.bands[s] = band
         if wp.static(kind.friction.contacts):
-            shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
+            shared.friction[s] = ensemble.tooth_friction[drive.first_sprocket + s]
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def guide_at(shared: Shared, g: int):
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
         bar = shared.bars[g]

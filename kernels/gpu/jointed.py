@@ -137,7 +137,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         """Body b, an arm that has this acceleration, with its rates at `time`, `lag` after their instant."""
         rates = of_three(got(shared, b, RATES), got(shared, b, RATES + 1), angular)
         body, mount = state_of(shared.poses[b]), steps.mount_of(shared, b)
-        return body_at(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble.curves)
+        return body_at(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)
 
     @wp.func
     def accelerate(ensemble: Ensemble, shared: Shared, mine: Mine, time: Any, lag: Real):
@@ -182,7 +182,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             shared.poses[mine.body].load = load
             wrench.load = load
             by, body, off = steps.with_bearing(wrench), in_plain(state_of(pose)), steps.off(pose, mount)
-            rates = body_rates(time, off, body, heading(pose), by, shared.motions[mine.body], mount, ensemble.curves)
+            rates = body_rates(time, off, body, heading(pose), by, shared.motions[mine.body], mount, ensemble)
             for k in range(3):
                 put(shared, mine.body, RATES + k, rates[k])
             put(shared, mine.body, MOMENT, others)

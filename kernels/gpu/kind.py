@@ -66,12 +66,10 @@ def block_types(Real: type) -> SimpleNamespace:
         teeth: wp.array[kinds.Sprocket]  # (S,)
         bands: wp.array[kinds.Band]  # (S,)
         bars: wp.array[kinds.Guide]  # (G,)
-        sliding: wp.array[kinds.Sliding]  # (S + G,), of kernels with friction there
+        friction: wp.array[kinds.Friction]  # (S + G,), of kernels with friction there
         chain: wp.array[kinds.Chain]  # (1,)
         box: wp.array[kinds.vec2]  # (2,): low and high corner beyond which a roller has left the drive [m]
-        joint: wp.array[kinds.Joint]  # (1,)
-        links: wp.array[kinds.Links]  # (1,)
-        rings: wp.array[Ring]  # of several chains, each of which has one, or two, of the four before
+        rings: wp.array[Ring]  # of several chains, each of which has one, or two, of the two before
         memories: wp.array[wp.int32]  # (S + G,) of those: where contact memories with each begin (`rings`)
         places: wp.array[wp.int32]  # (B,) of those: of each body among all of the ensemble
         parts: wp.array[Real]  # (3, B, `parts_of_a_body`): of moment [N m], force (x, y) [N] on each

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
-from ..physics.link import link_chain, link_force, played_force
+from ..physics.link import link_force, played_force
 from .kind import BY_SPEED, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
@@ -27,13 +27,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
     rings = block_rings(kind)
-    ring_of, span_of, chain_at, next_to, last_to = (
-        rings.ring_of,
-        rings.span_of,
-        rings.chain_at,
-        rings.next_to,
-        rings.last_to,
-    )
+    span_of, chain_at, next_to, last_to = rings.span_of, rings.chain_at, rings.next_to, rings.last_to
     X, Y, VX, VY, X_LOW, Y_LOW = row.X, row.Y, row.VX, row.VY, row.X_LOW, row.Y_LOW
     force_on, set_force = row.force_on, row.set_force
 
@@ -52,23 +46,14 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         return d, v
 
     @wp.func
-    def chain_of(shared: Shared, j: int, n: int):
-        """The chain, of n rollers in all, with the stiffness and damping of its link j."""
-        if wp.static(kind.links == "varied"):
-            first, count = span_of(shared, j, n)
-            return link_chain(j - first, chain_at(shared, j), shared.links[ring_of(shared, j)])
-        else:
-            return chain_at(shared, j)
-
-    @wp.func
     def link_between(shared: Shared, j: int, n: int, d: vec2, v: vec2, length: Real):
         """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3).
 
         `d` and `v` are from `across`.
         """
         if wp.static(kind.links == "varied"):
-            play = shared.links[ring_of(shared, j)].play
-            tension, rate, u = played_force(d, v, length, play, chain_of(shared, j, n))
+            first, count = span_of(shared, j, n)
+            tension, rate, u = played_force(d, v, length, j - first, chain_at(shared, j))
             return tension, rate, tension * u
         else:
             chain = chain_at(shared, j)
@@ -93,7 +78,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def less(value: Real, other: Real) -> Real:
         """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
 
-    @wp.func
+    @wp.func(inline=threads == WARP)  # as `stepping.advance_body`
     def pull(state: kinds.State, shared: Shared, mine: Mine, now: kinds.Now, lengths: wp.array[Real]):
         """Makes the forces of both its links stand as each roller's; all threads together.
 
@@ -152,11 +137,11 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     slots = kind.shape.slots
     kinds, Now = kind.types, kind.types.Now
-    Ensemble, State, Shared, Joint = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Joint
+    Ensemble, State, Shared, Chain = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Chain
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, links, rings = roller_rows(kind), link_forces(kind), block_rings(kind)
-    ring_of, next_to, last_to = rings.ring_of, rings.next_to, rings.last_to
+    chain_at, next_to, last_to = rings.chain_at, rings.next_to, rings.last_to
     barrier, link_of, across = sync(kind).barrier, links.link_of, links.across
     link_between, length_of = links.link_between, links.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
@@ -167,14 +152,14 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     FRICTION = wp.constant(seen_rows(kind)[1])
 
     @wp.func
-    def moment_between(before: vec2, after: vec2, held: Real, joint: Joint, stretched: Real):
+    def moment_between(before: vec2, after: vec2, held: Real, chain: Chain, stretched: Real):
         """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each, and what
         its bristle holds after it has held `held` [N m].
         """
-        mu = joint.law.mu_dynamic
+        mu = chain.joint.mu_dynamic
         if wp.static(kind.friction.joints == BY_SPEED):
-            mu = joint_coefficient(before[1], after[1], joint)
-        return rubbing_moment(mu, before[0], before[1], after[0], after[1], held, joint, stretched)
+            mu = joint_coefficient(before[1], after[1], chain)
+        return rubbing_moment(mu, before[0], before[1], after[0], after[1], held, chain, stretched)
 
     @wp.func
     def bent(rows: wp.array[Real], j: int):
@@ -184,10 +169,10 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def moment_at(state: State, shared: Shared, mine: Mine, now: Now, j: int):
         """Moment [N m] of joint j, and what its bristle holds, from the rows."""
-        n, rows, joint = mine.rollers, shared.rows, shared.joint[ring_of(shared, j)]
+        n, rows = mine.rollers, shared.rows
         held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
         stretched = row.stretched(now)
-        return moment_between(bent(rows, last_to(shared, j, n)), bent(rows, j), held, joint, stretched)
+        return moment_between(bent(rows, last_to(shared, j, n)), bent(rows, j), held, chain_at(shared, j), stretched)
 
     @wp.func
     def keep_hold(state: State, mine: Mine, now: Now, j: int, holds: Real):
@@ -237,7 +222,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         else:
             return wp.vec2f(load_row(rows, FIRST + j), load_row(rows, SECOND + j))
 
-    @wp.func
+    @wp.func(inline=threads == WARP)  # as `stepping.advance_body`
     def pull(state: State, shared: Shared, mine: Mine, now: Now, lengths: wp.array[Real]):
         """As `link_forces.pull`, with the forces of the links' joints."""
         n, i, rows = mine.rollers, mine.thread, shared.rows
@@ -336,7 +321,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
         held = load_row(state.joint_hold, mine.first + j)
         first, second = vec2(tension_before, turn_before), vec2(tension, turn)
-        moment, holds = moment_between(first, second, held, shared.joint[ring_of(shared, j)], Real(0.0))
+        moment, holds = moment_between(first, second, held, chain_at(shared, j), Real(0.0))
         return joint_friction_power(moment, later_before, later)
 
     return SimpleNamespace(**locals())

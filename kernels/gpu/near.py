@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, inside
+from ..native import inside
 from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
 from .kind import BlockKind, Mine
@@ -97,8 +97,8 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
     partners = kind.parts.sprockets + kind.parts.guides
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
-    row, geometry, load_row = roller_rows(kind), contact_geometry(kind), accessors(Real).load_row
-    X, Y, point, arm_on, guide_at = row.X, row.Y, row.point, geometry.arm_on, geometry.guide_at
+    row, geometry, of_each = roller_rows(kind), contact_geometry(kind), wp.types.vector(rollers_per_thread, wp.int32)
+    point, position, arm_on, guide_at = row.point, row.position, geometry.arm_on, geometry.guide_at
     bits = near_mask(kind)
     Bits, with_slot, any_of, of_bars = bits.Bits, bits.with_slot, bits.any_of, bits.of_bars
     first, rest = bits.first, bits.rest
@@ -121,27 +121,31 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             q = near_frame(q, shared.poses[bar.body])
         return near_profile(q, bar)
 
-    @wp.func
-    def near(shared: Shared, j: int, n: int):
-        """The partners that roller j may touch, as bits: sprockets whose band it is in, guides it is on."""
-        x = load_row(shared.rows, X + j)
-        y = load_row(shared.rows, Y + j)
-        mask = int(0)
+    @wp.func(inline=True)  # as `stepping.advance_body`
+    def near(shared: Shared, mine: Mine):
+        """The partners that each of the thread's rollers may touch, as bits: sprockets whose band it is in, guides it
+        is on. Each partner is read once for all rollers.
+        """
+        found = of_each()
         for s in range(wp.static(sprockets)):
             band = shared.bands[s]
-            from_x = x - band.center[0]
-            from_y = y - band.center[1]
-            square = from_x * from_x + from_y * from_y
-            mask = mask | (inside(square, band.near_square, band.far_square) << s)
+            for k in range(wp.static(rollers_per_thread)):
+                p = position(shared.rows, k * wp.static(threads) + mine.thread)
+                from_x = p[0] - band.center[0]
+                from_y = p[1] - band.center[1]
+                square = from_x * from_x + from_y * from_y
+                found[k] = found[k] | (inside(square, band.near_square, band.far_square) << s)
         for g in range(wp.static(guides)):
             bar = guide_at(shared, g)
-            if by_profile(bar):
-                mask = mask | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
-            else:
-                mask = mask | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
-        return wp.where(j < n, partners_of(shared, j, mask), 0)
+            for k in range(wp.static(rollers_per_thread)):
+                j = k * wp.static(threads) + mine.thread
+                if by_profile(bar):
+                    found[k] = found[k] | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
+                else:
+                    found[k] = found[k] | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
+        return found
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def remembered(state: State, shared: Shared, mine: Mine):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = Bits()
@@ -166,15 +170,17 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def update_near(state: State, shared: Shared, mine: Mine, now: Now, held: Bits):
         """The partners that the thread's rollers are near now; `held` are those at the step before.
 
         Guide-bars are let go of at a step's start only.
         """
+        partners_near = near(shared, mine)
         found = Bits()
         for k in range(wp.static(rollers_per_thread)):
-            found = with_slot(found, k, near(shared, k * wp.static(threads) + mine.thread, mine.rollers))
+            j = k * wp.static(threads) + mine.thread
+            found = with_slot(found, k, wp.where(j < mine.rollers, partners_of(shared, j, partners_near[k]), 0))
         if wp.static(kind.staged):
             if now.stage != 0:
                 found = found | of_bars(held)

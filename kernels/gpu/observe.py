@@ -22,7 +22,7 @@ from ..physics.body import (
     pivot_power,
     whole_speed,
 )
-from ..physics.link import roller_energy
+from ..physics.link import link_spring, roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import own_energy
 from ..physics.valve import cam_energy
@@ -41,7 +41,6 @@ from ..sums import (
 )
 from .bodies import body_access, body_steps
 from .kind import START, WARP, BlockKind, Mine
-from .links import link_forces
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import ENERGY, MOMENT, STRAND_WORD, TURNED, extremes, rubbed, seen_rows, strand_bits, strand_words
@@ -107,7 +106,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     sprockets, rings = kind.parts.sprockets, kind.parts.rings
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Sums = kinds.Ensemble, kinds.Shared, kinds.Sums
-    chain_of, span_of, strand_in = link_forces(kind).chain_of, block_rings(kind).span_of, block_rings(kind).strand_in
+    chain_at, span_of, strand_in = block_rings(kind).chain_at, block_rings(kind).span_of, block_rings(kind).strand_in
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     row = roller_rows(kind)
     X, Y = row.X, row.Y
@@ -218,7 +217,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         j = int(mine.thread)
         while j < mine.rollers:
             taken = RollerTally()
-            taken.dissipated = wp.float64(chain_of(shared, j, mine.rollers).damping * load_row(shared.seen, RATES + j))
+            first, n = span_of(shared, j, mine.rollers)
+            stiffness, damping = link_spring(j - first, chain_at(shared, j))
+            taken.dissipated = wp.float64(damping * load_row(shared.seen, RATES + j))
             store_row(shared.seen, RATES + j, Real(0.0))
             if wp.static(kind.friction.joints):
                 if j < wp.static(rubbed(kind)):  # with its first roller goes what a thread has of all
@@ -258,8 +259,9 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
         """Energy of roller j, of n, and elastic energy of the link after it and of its contacts [J]."""
-        chain = chain_of(shared, j, n)
-        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain)
+        first, count = span_of(shared, j, n)
+        position, chain = row.position(shared.rows, j), chain_at(shared, j)
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, j - first, chain)
         return held - weight + wp.float64(extra.energy)
 
     return SimpleNamespace(**locals())
@@ -308,7 +310,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
                 acting = steps.with_bearing(whole)
-                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble.curves)
+                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
@@ -328,7 +330,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 if wp.static(kind.parts.jointed):
                     whole.load = whole.load + of_joints(shared, mine.arm, MOMENT)
                 acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
-                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble.curves)
+                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble)
                 led = pivot_power(power, seen, arm)
         return led
 
@@ -375,7 +377,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                energy = own_energy(energy, whole_speed(seen), ensemble.ties[at], motion)
+                energy = own_energy(energy, whole_speed(seen), motion)
                 if wp.static(kind.parts.valves > 0):
                     energy = energy + wp.float64(cam_energy(seen.speed, shared.cams[mine.body], motion))
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)

@@ -123,9 +123,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "bars": guides,
         "chain": rings,
         "box": 2 * rings,
-        "sliding": (sprockets + guides) * (kind.friction.contacts > 0),
-        "joint": rings * (kind.friction.joints > 0),
-        "links": rings * (kind.links == "varied"),
+        "friction": (sprockets + guides) * (kind.friction.contacts > 0),
         "rings": rings * several,
         "memories": (sprockets + guides) * several,
         "places": kind.parts.bodies * several,
@@ -283,11 +281,9 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.teeth = found.teeth(shared, place)
         shared.bands = found.bands(shared, place)
         shared.bars = found.bars(shared, place)
-        shared.sliding = found.sliding(shared, place)
+        shared.friction = found.friction(shared, place)
         shared.chain = found.chain(shared, place)
         shared.box = found.box(shared, place)
-        shared.joint = found.joint(shared, place)
-        shared.links = found.links(shared, place)
         shared.rings = found.rings(shared, place)
         shared.memories = found.memories(shared, place)
         shared.places = found.places(shared, place)

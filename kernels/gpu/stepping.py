@@ -61,7 +61,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
 
-    @wp.func
+    @wp.func(inline=threads == WARP)  # as `advance_body`
     def predict_all(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
     ):
@@ -102,7 +102,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
 
-    @wp.func
+    @wp.func(inline=threads == WARP)  # as `advance_body`
     def prepare(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """Shares the lifts of valves and, where bodies are light, predicts their accelerations; before the contacts."""
         if wp.static(kind.parts.valves > 0):
@@ -236,7 +236,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
-    @wp.func
+    @wp.func(inline=True)  # as `advance_body`
     def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """The partners that the thread's rollers may touch, from those of the step before in `touch`."""
         near = partners.update_near(state, shared, mine, now, touch.near)

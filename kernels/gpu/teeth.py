@@ -171,7 +171,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         applies = wp.where(touch.seat < 0, 0, applies)
         drag = vec2()
         if wp.static(sliding):
-            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.sliding[s])
+            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.friction[s])
             force = force + drag
             if applies != 0 and closed and now.stage == 0:
                 store_row(state.contact_hold, at, holds)

@@ -42,7 +42,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             drive = ensemble.drives[mine.row]
             at = drive.first_shaft + mine.number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
-            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.curves.tables)
+            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.tables)
         return moment
 
     @wp.func
@@ -57,7 +57,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
         coupling, one, other = coupled(ensemble, shared, mine, c)
         first, second = shared.poses[one], shared.poses[other]
-        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.curves.tables)
+        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.tables)
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -131,22 +131,22 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a pair of gears, whose second body is the thread's, for the sums of the window."""
         drive, first = ensemble.drives[mine.row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
-        motion, tie = shared.motions[mine.body], ensemble.ties[drive.first_body + mine.number]
+        own = shared.motions[mine.body]
         speed, angular = rates_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
         for b in range(wp.static(mounted)):
-            place = place_of(shared, first, b)
-            other = ensemble.ties[place]
-            number = place + other.apart - drive.first_body  # of the body that it turns as, of this chain or another
+            other = shared.motions[b]
+            # of the body that it turns as, of this chain or another
+            number = place_of(shared, first, b) + other.apart - drive.first_body
             if number >= 0 and number < drive.bodies:
                 if on_side(gear, number):
-                    moment = moment - other.ratio / tie.ratio * shared.passed[b]
+                    moment = moment - other.ratio / own.ratio * shared.passed[b]
         if wp.static(kind.parts.valves > 0):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
                 if on_side(gear, valve.body):
                     torque, force = cams.lifted(ensemble, shared, mine, now, v)
-                    beside = ensemble.ties[drive.first_body + valve.body].ratio / tie.ratio
+                    beside = ensemble.motions[drive.first_body + valve.body].ratio / own.ratio
                     moment = moment + beside * valve.sign * torque
         out.sums.gear[g] = add_gear(out.sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
 
@@ -211,7 +211,7 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     if v >= ensemble.drives[mine.variant + r].first_valve:
                         ring = r
                 b = body_of(ensemble, shared, mine.variant + ring, ring, valve.body)
-                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.curves.tables)
+                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.tables)
                 shared.lifts[cam] = at
             cam = cam + wp.static(kind.shape.threads)
 

@@ -165,7 +165,7 @@ def whole_speed(body: BLOCKS.Instant):
 
 
 @wp.func
-def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
+def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 for a prescribed angle that
     nothing else hangs on.
 
@@ -175,7 +175,7 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
         body: its coordinates and rates in plain numbers; its speed must be that of `time`.
         heading: cosine and sine of its angle.
         wrench: of the chain and of tensioners on it, and its load, if its angle is free.
-        motion, mount, curves: how it is turned and held.
+        motion, mount, ensemble: how it is turned and held.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -184,12 +184,12 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
     else:
         turning = wp.vector(zero, zero, wrench.load)
         if motion.prescribed == 1:
-            angle, speed = prescribed_at(time, motion, curves)
+            angle, speed = prescribed_at(time, motion, ensemble)
             body.speed = speed
-            turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, curves), zero)
+            turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, ensemble), zero)
         driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
-            place, velocity, driven = prescribed_center(time, mount, curves)
+            place, velocity, driven = prescribed_center(time, mount, ensemble)
         rates = accelerations(driven, off, body, heading, wrench, turning, mount)
     return rates
 
@@ -208,10 +208,10 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 
 @wp.func
-def led_center(after: Any, h: Any, body: Any, mount: Any, curves: Any):
+def led_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
     """A body with its center where it is led at `after` [s], a leapfrog step `h` on; at its mean velocity there."""
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(after, mount, curves)
+        center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
         body.center = center
     return body
@@ -261,41 +261,43 @@ def solved(expected: Any, acceleration: Any, wrench: Any, motion: Any):
 
 
 @wp.func
-def stage_body(at: Any, body: Any, stages: Any, rates: Any, motion: Any, mount: Any, curves: Any):
-    """A body where the next stage of a step evaluates it, after the last at the step's end, and its `stages`."""
+def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
+    """A body where the next stage of a step evaluates it, after the last at the step's end; and what is kept of it: its
+    state at the step's start, and the sum of its stages' weighted slopes.
+    """
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
     if at.number == 0:
-        stages = type(stages)()
-        stages.base = body
-    stages.slopes.angle = stages.slopes.angle + at.weight * turning
-    stages.slopes.speed = stages.slopes.speed + at.weight * rates[2]
-    stages.slopes.center = stages.slopes.center + at.weight * moving
-    stages.slopes.velocity = stages.slopes.velocity + at.weight * straight
+        base = body
+        slopes = type(slopes)()
+    slopes.angle = slopes.angle + at.weight * turning
+    slopes.speed = slopes.speed + at.weight * rates[2]
+    slopes.center = slopes.center + at.weight * moving
+    slopes.velocity = slopes.velocity + at.weight * straight
     if at.last == 1:
-        body.angle = stages.base.angle + stages.slopes.angle
-        body.speed = stages.base.speed + stages.slopes.speed
-        body.center = stages.base.center + stages.slopes.center
-        body.velocity = stages.base.velocity + stages.slopes.velocity
+        body.angle = base.angle + slopes.angle
+        body.speed = base.speed + slopes.speed
+        body.center = base.center + slopes.center
+        body.velocity = base.velocity + slopes.velocity
     else:
-        body.angle = stages.base.angle + at.reach * turning
-        body.speed = stages.base.speed + at.reach * rates[2]
-        body.center = stages.base.center + at.reach * moving
-        body.velocity = stages.base.velocity + at.reach * straight
+        body.angle = base.angle + at.reach * turning
+        body.speed = base.speed + at.reach * rates[2]
+        body.center = base.center + at.reach * moving
+        body.velocity = base.velocity + at.reach * straight
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(at.after, motion, curves)
+        angle, speed = prescribed_at(at.after, motion, ensemble)
         body.angle = angle
         body.speed = number_of(speed)
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(at.after, mount, curves)
+        center, velocity, growth = prescribed_center(at.after, mount, ensemble)
         body.center = center
         body.velocity = number_of(velocity)
-    return body, stages
+    return body, base, slopes
 
 
 @wp.func
-def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, curves: Any):
+def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
     """A body in plain numbers with its rates at `time`, `lag` after their instant; `driven` is the speed of a
     prescribed angle.
     """
@@ -305,7 +307,7 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
     else:
         seen = hastened(seen, lag * rates[2])
     if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(time, mount, curves)
+        center, velocity, growth = prescribed_center(time, mount, ensemble)
         seen.velocity = velocity
     else:
         seen.velocity = seen.velocity + lag * wp.vector(rates[0], rates[1])
@@ -325,12 +327,12 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 
 @wp.func
-def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, curves: Any):
+def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
     """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
     Arguments as of `body_rates`, with the body's rates at `time`.
     """
-    rates = body_rates(time, off, body, heading, wrench, motion, mount, curves)
+    rates = body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 

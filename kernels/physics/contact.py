@@ -94,7 +94,7 @@ def misses(penetration: Any, impact_speed: Any, bar: Any):
 
 
 @wp.func
-def rub(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
+def rub(size: Any, normal: Any, relative: Any, held: Any, friction: Any, stretched: Any):
     """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0, and what the contact then holds.
 
     Args:
@@ -102,25 +102,25 @@ def rub(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretche
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s].
         held: friction that the contact has held until now [N], 0 if it was open.
-        sliding: the contact's friction (`structs.Sliding`).
+        friction: of the contact (`structs.Friction`).
         stretched: as in `friction.held_back`.
     """
-    mu = sliding_coefficient(normal, relative, sliding)
-    drag, holds = rub_at(mu, size, normal, relative, held, sliding, stretched)
+    mu = sliding_coefficient(normal, relative, friction)
+    drag, holds = rub_at(mu, size, normal, relative, held, friction, stretched)
     return drag, holds
 
 
 @wp.func
-def rub_evenly(size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
+def rub_evenly(size: Any, normal: Any, relative: Any, held: Any, friction: Any, stretched: Any):
     """As `rub`, of one coefficient at all speeds."""
-    drag, holds = rub_at(sliding.law.mu_dynamic, size, normal, relative, held, sliding, stretched)
+    drag, holds = rub_at(friction.mu_dynamic, size, normal, relative, held, friction, stretched)
     return drag, holds
 
 
 @wp.func
-def sliding_coefficient(normal: Any, relative: Any, sliding: Any):
+def sliding_coefficient(normal: Any, relative: Any, friction: Any):
     """mu [-] at the speed at which a contact slides; arguments as of `rub`."""
-    return coefficient(wp.abs(sliding_speed(relative[0], relative[1], normal[0], normal[1])), sliding.law)
+    return coefficient(wp.abs(sliding_speed(relative[0], relative[1], normal[0], normal[1])), friction)
 
 
 @wp.func
@@ -130,11 +130,11 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 
 
 @wp.func
-def rub_at(mu: Any, size: Any, normal: Any, relative: Any, held: Any, sliding: Any, stretched: Any):
+def rub_at(mu: Any, size: Any, normal: Any, relative: Any, held: Any, friction: Any, stretched: Any):
     """As `rub`, of a given coefficient."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
-    drag, holds = held_back(mu * size, speed, held, sliding.inertia, stretched)
+    drag, holds = held_back(mu * size, speed, held, friction.inertia, stretched)
     return sized(along, drag), holds
 
 

@@ -38,17 +38,17 @@ DAMPER = 0.5
 
 
 @wp.func
-def coefficient(speed: Any, law: Any):
+def coefficient(speed: Any, friction: Any):
     """mu(v) [-] at a sliding speed v >= 0.
 
     Args:
         speed: v [m/s].
-        law: what rubs (`structs.Friction`).
+        friction: of what rubs (`structs.Friction`).
     """
-    mu = law.mu_dynamic
-    if law.mu_static != law.mu_dynamic:
-        part = quotient(speed, law.stribeck_speed)
-        mu += (law.mu_static - law.mu_dynamic) * wp.exp(-part * part)
+    mu = friction.mu_dynamic
+    if friction.mu_static != friction.mu_dynamic:
+        part = quotient(speed, friction.stribeck_speed)
+        mu += (friction.mu_static - friction.mu_dynamic) * wp.exp(-part * part)
     return mu
 
 
@@ -89,7 +89,7 @@ def rubbing_moment(
     tension_after: Any,
     turn_after: Any,
     held: Any,
-    joint: Any,
+    chain: Any,
     stretched: Any,
 ):
     """Moment M_i [N m] of a joint on the link after it, of a given coefficient, and what its bristle holds of -M_i.
@@ -99,18 +99,18 @@ def rubbing_moment(
         tension_before, tension_after: of the links before and after the joint [N].
         turn_before, turn_after: rates at which they turn [rad/s].
         held: what the bristle has held until now [N m].
-        joint: of the chain (`structs.Joint`).
+        chain: whose joint it is (`structs.Chain`).
         stretched: as in `held_back`.
     """
-    most = mu * joint.arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
-    drag, holds = held_back(most, turn_after - turn_before, held, joint.inertia, stretched)
+    most = mu * chain.joint_arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
+    drag, holds = held_back(most, turn_after - turn_before, held, chain.joint.inertia, stretched)
     return -drag, holds
 
 
 @wp.func
-def joint_coefficient(turn_before: Any, turn_after: Any, joint: Any):
+def joint_coefficient(turn_before: Any, turn_after: Any, chain: Any):
     """mu [-] at the speed at which a joint's pin slides."""
-    return coefficient(wp.abs(turn_after - turn_before) * joint.pin_radius, joint.law)
+    return coefficient(wp.abs(turn_after - turn_before) * chain.pin_radius, chain.joint)
 
 
 @wp.func

@@ -34,32 +34,29 @@ def link_force(d: Any, w: Any, length: Any, stiffness: Any, damping: Any):
 
 
 @wp.func
-def played_force(d: Any, w: Any, length: Any, play: Any, chain: Any):
-    """As `link_force`, of a link with play.
-
-    Args:
-        play: s [m].
-        chain: of this link (`link_chain`).
-    """
+def played_force(d: Any, w: Any, length: Any, i: int, chain: Any):
+    """As `link_force`, of link i of a chain whose links differ or have play (`structs.Chain`)."""
+    stiffness, damping = link_spring(i, chain)
     square = wp.dot(d, d)
     u = d * inverse_root(square)
     rate = wp.dot(w, u)
     stretch = root(square) - length
-    tension = chain.stiffness * (stretch - wp.clamp(stretch, -play, play)) + chain.damping * rate
+    tension = stiffness * (stretch - wp.clamp(stretch, -chain.play, chain.play)) + damping * rate
     return tension, rate, u
 
 
 @wp.func
-def link_chain(i: int, chain: Any, links: Any):
-    """The chain (`structs.Chain`) with the stiffness and damping of its link i, an outer one where i is even.
+def are_uneven(chain: Any):
+    """Whether a chain's links differ in more than their length, or have play."""
+    like = chain.outer_stiffness == chain.stiffness and chain.outer_damping == chain.damping
+    return not like or chain.play != type(chain.play)(0.0)
 
-    Args:
-        links: where links differ (`structs.Links`).
-    """
+
+@wp.func
+def link_spring(i: int, chain: Any):
+    """Stiffness [N/m] and damping [N s/m] of link i of a chain, an outer one where i is even."""
     outer = i % 2 == 0
-    chain.stiffness = wp.where(outer, links.outer_stiffness, chain.stiffness)
-    chain.damping = wp.where(outer, links.outer_damping, chain.damping)
-    return chain
+    return wp.where(outer, chain.outer_stiffness, chain.stiffness), wp.where(outer, chain.outer_damping, chain.damping)
 
 
 @wp.func
@@ -85,8 +82,8 @@ def two_sum(high: Any, low: Any, change: Any):
 
 
 @wp.func
-def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, chain: Any):
-    """Kinetic and elastic energy of a roller and the link after it, and the work of their weight, m g . x [J].
+def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int, chain: Any):
+    """Kinetic and elastic energy of roller i and the link after it, and the work of their weight, m g . x [J].
 
     Args:
         position: of the roller [m].
@@ -95,13 +92,12 @@ def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, chain: 
         rate: of the link's elongation [m/s].
         chain: the chain (`structs.Chain`).
     """
-    spring = wp.float64(tension - chain.damping * rate)
+    stiffness, damping = link_spring(i, chain)
+    spring = wp.float64(tension - damping * rate)
     vx = wp.float64(velocity[0])
     vy = wp.float64(velocity[1])
     lift = wp.float64(chain.gravity[0]) * wp.float64(position[0]) + wp.float64(chain.gravity[1]) * wp.float64(
         position[1]
     )
-    held = wp.float64(0.5) * (
-        wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
-    )
+    held = wp.float64(0.5) * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(stiffness))
     return held, wp.float64(chain.mass) * lift

@@ -128,16 +128,16 @@ def ramp_integral(time: Any, duration: Any):
 
 
 @wp.func
-def course_at(time: Any, motion: Any, curves: Any):
+def course_at(time: Any, motion: Any, ensemble: Any):
     """phi, phi' and phi'' of a prescribed body, before its harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
     rate = rounded(motion.speed) * ramp(rounded(time), rounded(motion.ramp_time))
     growth = rounded(motion.speed) * ramp_slope(rounded(time), rounded(motion.ramp_time))
     if motion.drive_table.cells > 0:
-        value, integral = integral_at(time, motion.drive_table, curves.tables)
+        value, integral = integral_at(time, motion.drive_table, ensemble.tables)
         phi = integral
         rate = rounded(value)
-        growth = slope_at(time, motion.drive_table, curves.tables)
+        growth = slope_at(time, motion.drive_table, ensemble.tables)
     return phi, rate, growth
 
 
@@ -155,14 +155,14 @@ def phase_sine(harmonic: wp.vec4f):
 
 
 @wp.func
-def prescribed_at(time: Any, motion: Any, curves: Any):
+def prescribed_at(time: Any, motion: Any, ensemble: Any):
     """Angle [rad] and angular velocity [rad/s] of a prescribed body."""
-    phi, rate, growth = course_at(time, motion, curves)
+    phi, rate, growth = course_at(time, motion, ensemble)
     angle = phi
     factor = type(rate)(1.0)
     rows = motion.drive_harmonics
     for j in range(rows.first, rows.first + rows.count):
-        harmonic = curves.harmonics[j]
+        harmonic = ensemble.harmonics[j]
         sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
         angle = angle + harmonic[1] / harmonic[0] * (sine - phase_sine(harmonic))
         factor = factor + harmonic[1] * leading(cosine)
@@ -170,14 +170,14 @@ def prescribed_at(time: Any, motion: Any, curves: Any):
 
 
 @wp.func
-def prescribed_acceleration(time: Any, motion: Any, curves: Any):
+def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
     """Angular acceleration [rad/s^2] of a prescribed body."""
-    phi, rate, growth = course_at(time, motion, curves)
+    phi, rate, growth = course_at(time, motion, ensemble)
     factor = type(rate)(1.0)
     slope = type(rate)(0.0)
     rows = motion.drive_harmonics
     for j in range(rows.first, rows.first + rows.count):
-        harmonic = curves.harmonics[j]
+        harmonic = ensemble.harmonics[j]
         sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
         factor = factor + harmonic[1] * leading(cosine)
         slope = slope - harmonic[0] * harmonic[1] * leading(sine)
@@ -206,32 +206,32 @@ def tabulated_over(time: Any, angle: Any, motion: Any):
 
 
 @wp.func
-def free_load(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, curves: Any):
+def free_load(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
     """Load moment [N m] of a body that is free to turn, counter-clockwise.
 
     Args:
         time: rounded [s].
         tabulated: what of T0 is [N m].
         angle, speed: of the body.
-        motion, curves: its load.
+        motion, ensemble: its load.
     """
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
     for j in range(rows.first, rows.first + rows.count):
-        harmonic = curves.harmonics[j]
+        harmonic = ensemble.harmonics[j]
         torque = torque + harmonic[1] * cosine_of(harmonic[0] * forward_angle(angle, motion) + harmonic[2])
     return resisted(torque, leading(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
 
 
 @wp.func
-def load_moment(time: Any, angle: Any, speed: Any, motion: Any, curves: Any):
+def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
     """The load moment [N m] at a time [s]; 0 of a body whose angle is prescribed."""
     load = type(motion.inverse_inertia)(0.0)
     if motion.prescribed == 0:
         tabulated = type(load)(0.0)
         if motion.load_table.cells > 0:
-            tabulated = value_at(tabulated_over(time, angle, motion), motion.load_table, curves.tables)
-        load = free_load(leading(time), tabulated, angle, speed, motion, curves)
+            tabulated = value_at(tabulated_over(time, angle, motion), motion.load_table, ensemble.tables)
+        load = free_load(leading(time), tabulated, angle, speed, motion, ensemble)
     return load
 
 

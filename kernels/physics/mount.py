@@ -43,11 +43,11 @@ def sine_cosine_of(argument: Pair):
 
 
 @wp.func
-def prescribed_center(time: Any, mount: Any, curves: Any):
+def prescribed_center(time: Any, mount: Any, ensemble: Any):
     """Place [m], velocity and acceleration of a prescribed center."""
     if mount.x_table.cells + mount.y_table.cells > 0:
-        x, x_rate, x_growth = track_at(time, mount.x_table, curves.tables)
-        y, y_rate, y_growth = track_at(time, mount.y_table, curves.tables)
+        x, x_rate, x_growth = track_at(time, mount.x_table, ensemble.tables)
+        y, y_rate, y_growth = track_at(time, mount.y_table, ensemble.tables)
         return mount.home + vector(x, y), wp.vector(x_rate, y_rate), wp.vector(x_growth, y_growth)
     sine, cosine = sine_cosine_of(mount.frequency * time + mount.phase)
     along = mount.offset + mount.amplitude * sine

@@ -442,17 +442,17 @@ def no_push(tensioner: BLOCKS.Tensioner):
 
 @wp.func
 def push_by(body: Any, kept: bool, remembered: Any, tensioner: Any):
-    """The force of a tensioner on its body, and its wrench there; `kept` as in `pressure_of`."""
+    """The force of a tensioner on its body, and its moment there; `kept` as in `pressure_of`."""
     arm = touch_arm(body, tensioner)
     lever = leading(arm)
     push = no_push(tensioner)
     push.extension = extension(body.center, arm, tensioner)
-    push.rate = stroke_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
-    force, pressure = tensioner_force(push.extension, push.rate, kept, remembered, tensioner)
+    rate = stroke_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
+    force, pressure = tensioner_force(push.extension, rate, kept, remembered, tensioner)
     push.force = force
     push.pressure = pressure
-    push.wrench.force = force * leading(tensioner.direction)
-    push.wrench.moment = lever[0] * push.wrench.force[1] - lever[1] * push.wrench.force[0]
+    push.thrust = force * leading(tensioner.direction)
+    push.moment = lever[0] * push.thrust[1] - lever[1] * push.thrust[0]
     return push
 
 
@@ -600,7 +600,6 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     flows.leaked = h * leaked
     flows.relieved = h * relieved
     flows.vented = h * vented
-    flows.lift = valve_lift(tensioner.supply - pressure, tensioner.check)
     phi, slope = compression(z, tensioner)
     gain = per_volume * (supplied - (leaked + relieved + vented))
     state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))

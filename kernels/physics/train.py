@@ -153,10 +153,10 @@ def engaged_at(time: Any, first: Any, second: Any, before: Any, coupling: Any, t
 
 
 @wp.func
-def own_energy(energy: wp.float64, speed: wp.float64, tie: Any, motion: Any):
+def own_energy(energy: wp.float64, speed: wp.float64, motion: Any):
     """Energy [J] of a body of a train without that of the others, whose inertia it sees and `energy` has."""
     if motion.prescribed == 0:
-        others = wp.float64(tie.inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
+        others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others
     return energy
 

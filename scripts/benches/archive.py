@@ -13,7 +13,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from common.cases import Line, case, option
+from common.cases import Line, case, head, option
 from common.drives import example
 from common.timing import least
 
@@ -215,15 +215,7 @@ def archive(asked: argparse.Namespace) -> Iterator[Line]:
         messages = messages_of(write_archive(one, folder / "one.mcap"))
         size = sum(len(data) for _, _, data in messages) * variants / 1e6
         yield f"{variants} variants of {size / variants:.1f} MB, best of {rounds} rounds; files in {folder.parent}\n"
-        yield (
-            "on one core",
-            "compression",
-            "write MB/s",
-            "variants/s",
-            "of mcap.Writer",
-            "read MB/s",
-            "file / payload",
-        )
+        yield head("on one core | compression | write MB/s | variants/s | of mcap.Writer | read MB/s | file / payload")
         for compression in COMPRESSIONS:
             yield from table(run, messages, folder, compression, size, rounds)
         yield ""

@@ -1,15 +1,15 @@
 """Standard errors of means, held against how far means of windows are from the long-run mean."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from unittest.mock import patch
 
 import numpy as np
 from common.cases import Line, case, option
-from common.drives import Values, equal, example, pair
+from common.drives import Values, equal, example, pair, without_friction
 
-from benches.drives import SMOOTH, named
 from warpchain import Drive, Record, simulate
 from warpchain.engine.checkpoint import States
 from warpchain.kernels.statistics import BATCHES
@@ -32,27 +32,25 @@ CHATTERING: Values = equal(17, 50, 0.05) | {
 
 
 AUTO: Values = CHATTERING | {"run.step": "auto"}
-PULSED: Values = AUTO | {"sprockets.driven.load": {"torque": 300.0, "harmonics": [{"order": 1.5, "amplitude": 150.0}]}}
-SAGGING: Values = AUTO | {
-    "run.gravity": [0.0, -9.81],
-    "sprockets.driven.center": [0.822, 0.0],
-    "chain.damping": 500.0,
+TWO: dict[str, Values] = {
+    "two": CHATTERING,
+    "two, automatic step": AUTO,
+    "two, pulsing load": AUTO
+    | {"sprockets.driven.load": {"torque": 300.0, "harmonics": [{"order": 1.5, "amplitude": 150.0}]}},
+    "two, sagging": AUTO
+    | {"run.gravity": [0.0, -9.81], "sprockets.driven.center": [0.822, 0.0], "chain.damping": 500.0},
+    "two, fast": AUTO
+    | {"sprockets.driver.prescribed": {"speed": 50.0, "ramp_time": 0.1}, "sprockets.driven.load": {"torque": 600.0}},
+    "two, light load": AUTO | {"sprockets.driven.load": {"torque": 100.0}},
+    "two, light damping": AUTO | {"chain.damping": 300.0, "sprockets.driven.inertia": 5.0},
+    "two, taut": AUTO | equal(25, 70, 0.05),
+    "two, friction": AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1},
 }
-FAST: Values = AUTO | {
-    "sprockets.driver.prescribed": {"speed": 50.0, "ramp_time": 0.1},
-    "sprockets.driven.load": {"torque": 600.0},
-}
-LIGHT: Values = AUTO | {"sprockets.driven.load": {"torque": 100.0}}
-UNDAMPED: Values = AUTO | {"chain.damping": 300.0, "sprockets.driven.inertia": 5.0}
-TAUT: Values = AUTO | equal(25, 70, 0.05)
+"""The values of two equal sprockets."""
 LONG: Values = AUTO | equal(17, 150, 0.05)
-RUBBING: Values = AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1}
 
 MEMORIES = (0.025, 0.05, 0.1, 0.125, 0.2, 0.25, 0.5, 1.0, 2.0)
 """Over the window, of sequences whose correlation falls by e within one."""
-
-BARE = {key: value for key, value in SMOOTH.items() if "guide" not in key}
-"""The values that take friction from a drive without guide-bars."""
 
 
 @dataclass(frozen=True)
@@ -65,26 +63,20 @@ class Sample:
     copies: int = 8
 
 
-SAMPLES = {
-    "two": lambda: Sample(pair(CHATTERING), 10, copies=16),
-    "two, automatic step": lambda: Sample(pair(AUTO), 10, copies=16),
-    "two, pulsing load": lambda: Sample(pair(PULSED), 10, copies=16),
-    "two, sagging": lambda: Sample(pair(SAGGING), 10, copies=16),
-    "two, fast": lambda: Sample(pair(FAST), 10, copies=16),
-    "two, light load": lambda: Sample(pair(LIGHT), 10, copies=16),
-    "two, light damping": lambda: Sample(pair(UNDAMPED), 10, copies=16),
-    "two, taut": lambda: Sample(pair(TAUT), 10, copies=16),
+SAMPLES: dict[str, Callable[[], Sample]] = {
+    **{name: partial(lambda values: Sample(pair(values), 10, copies=16), values) for name, values in TWO.items()},
     "two, long": lambda: Sample(pair(LONG), 10, 8),
-    "two, friction": lambda: Sample(pair(RUBBING), 10, copies=16),
-    "motorcycle without friction": lambda: Sample(example("motorcycle", BARE)),
-    "marine without friction": lambda: Sample(example("marine", SMOOTH), 32, 8),  # whose waves take so long to grow
-    "industrial without friction": lambda: Sample(example("industrial", BARE), 10, 8),
-    "engine without friction": lambda: Sample(example("engine", SMOOTH), 10),
-    "car without friction": lambda: Sample(named("car").with_values(SMOOTH), 10),
+    "motorcycle without friction": lambda: Sample(without_friction(example("motorcycle"))),
+    "marine without friction": lambda: Sample(
+        without_friction(example("marine")), 32, 8
+    ),  # whose waves take so long to grow
+    "industrial without friction": lambda: Sample(without_friction(example("industrial")), 10, 8),
+    "engine without friction": lambda: Sample(without_friction(example("engine")), 10),
+    "car without friction": lambda: Sample(without_friction(example("car")), 10),
     "motorcycle": lambda: Sample(example("motorcycle")),
     "marine": lambda: Sample(example("marine"), windows=8),
     "engine": lambda: Sample(example("engine"), 10),
-    "car": lambda: Sample(named("car"), 10),
+    "car": lambda: Sample(example("car"), 10),
 }
 
 

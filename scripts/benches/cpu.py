@@ -4,6 +4,7 @@ import argparse
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,10 @@ from common.cases import Line, case, option
 from common.timing import best_but_one, in_turns
 
 from benches.drives import JOINT_FRICTION, STRIBECK, without_valves
-from benches.probe import launch, packed_of, schedule
+from benches.probe import packed_of, rate, schedule
 from benches.reference import c_program, run
 from warpchain import Drive
 from warpchain.engine.cpu import CpuEngine
-
-
-def engine_rate(
-    drive: Drive, steps: int, precision: str, metrics: bool = False, variants: int = 1, cores: int = 1
-) -> float:
-    """1e6 roller-steps a second, compilation and start apart; on one core, a second of CPU time."""
-    packed = packed_of(drive, variants, precision, schedule(drive, metrics))
-    return variants * drive.chain.links * steps / launch(packed, "cpu", steps, cores=cores)[0] / 1e6
 
 
 def c_rate(program: Path, drive: Drive, steps: int) -> float:
@@ -43,19 +36,20 @@ def difference(drive: Drive, program: Path, steps: int = 2000) -> float:
 
 def jobs_of(drive: Drive, programs: Mapping[str, Path], steps: int) -> dict[str, Callable[[], float]]:
     """Jobs that time a drive, by title: rates in 1e6 roller-steps a second."""
-    rate = partial(engine_rate, drive, steps)
     jobs: dict[str, Callable[[], float]] = {title: partial(c_rate, of, drive, steps) for title, of in programs.items()}
     jobs |= {
-        "float64": partial(rate, "float64"),
-        "float64, metrics": partial(rate, "float64", metrics=True),
-        "float32": partial(rate, "float32"),
-        "float64, 8 variants": partial(rate, "float64", variants=8),
-        "float64, 8 variants, 2 cores": partial(rate, "float64", variants=8, cores=2),
+        "float64": partial(rate, drive, steps, "float64", False, 1, "cpu"),
+        "float64, metrics": partial(rate, drive, steps, "float64", True, 1, "cpu"),
+        "float32": partial(rate, drive, steps, "float32", False, 1, "cpu"),
+        "float64, 8 variants": partial(rate, drive, steps, "float64", False, 8, "cpu"),
+        "float64, 8 variants, 2 cores": partial(rate, drive, steps, "float64", False, 8, "cpu", 2),
     }
     if drive.chain.joint is None:
-        for precision in ("float64", "float32"):
-            for word, values in {"joint friction": JOINT_FRICTION, "Stribeck": STRIBECK}.items():
-                jobs[f"{precision}, {word}"] = partial(engine_rate, drive.with_values(values), steps, precision)
+        for precision, (word, values) in product(
+            ("float64", "float32"), {"joint friction": JOINT_FRICTION, "Stribeck": STRIBECK}.items()
+        ):
+            rubbing = drive.with_values(values)
+            jobs[f"{precision}, {word}"] = partial(rate, rubbing, steps, precision, False, 1, "cpu")
     return jobs
 
 

@@ -1,6 +1,6 @@
 """The drives that speed is measured on, and ensembles of drives that differ."""
 
-from common.drives import Values, equal, example, pair
+from common.drives import Values, equal, example, pair, without_friction
 
 from warpchain import Drive
 
@@ -19,13 +19,6 @@ TWO = equal(30, 118, PITCH, SLACK) | {
     "run": {"duration": 1.0, "step": 5e-6, "sample_rate": 5000.0},
 }
 """The values of two equal sprockets."""
-SMOOTH: Values = {
-    "chain.joint": None,
-    "contact.sprocket.friction": None,
-    "contact.guide.friction": None,
-    "contact.guide.rolling": False,
-}
-"""The values that take friction from a drive."""
 JOINT_FRICTION: Values = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
 STRIBECK = JOINT_FRICTION | {"chain.joint.static_friction": 0.15, "chain.joint.stribeck_speed": 0.05}
 HARMONICS: Values = {
@@ -42,7 +35,7 @@ def named(name: str) -> Drive:
     """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example."""
     if name in ("two", "rk4"):
         return pair(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
-    return example("marine", SMOOTH) if name == "smooth" else example(name)
+    return without_friction(example("marine")) if name == "smooth" else example(name)
 
 
 def without_valves(name: str) -> Drive:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from common.cases import Line, case, option
+from common.cases import Line, case, head, option
 
 from benches import drives
 from benches.drives import JOINT_FRICTION, named, of_length, without_valves
@@ -64,11 +64,11 @@ LOOPS = ("table", "joints", "rollers", "car")
 """Parts that measure the time loop."""
 
 
-def part(head: str, words: Iterable[tuple[Any, ...]] = ((),)) -> Callable[[Callable[..., Row]], Callable[..., Row]]:
+def part(columns: str, words: Iterable[tuple[Any, ...]] = ((),)) -> Callable[[Callable[..., Row]], Callable[..., Row]]:
     """Makes a function a part, given the heads of its columns, a row of Markdown, and the words of its rows."""
 
     def noted(measure: Callable[..., Row]) -> Callable[..., Row]:
-        PARTS[measure.__name__] = Part(measure, list(words), tuple(head.split(" | ")))
+        PARTS[measure.__name__] = Part(measure, list(words), head(columns))
         return measure
 
     return noted

@@ -10,7 +10,7 @@ from common.timing import best_but_one, in_turns
 from matplotlib.figure import Figure
 
 from benches.drives import named, of_length
-from benches.probe import launch, packed_of, schedule
+from benches.probe import rate
 from warpchain.view.figures.style import grid
 
 LENGTHS = (50, 100, 200, 500, 1000, 2000)
@@ -20,12 +20,11 @@ WORK = 1_000_000
 FEWEST = 200
 
 
-def rate(links: int, variants: int, precision: str, device: str) -> float:
+def step_rate(links: int, variants: int, precision: str, device: str) -> float:
     """Steps a second of so many variants of two equal sprockets; on the CPU of one core."""
     drive = named("two") if links == named("two").chain.links else of_length(links)
     steps = max(FEWEST, WORK // (links * variants))
-    packed = packed_of(drive, variants, precision, schedule(drive, False))
-    return steps / launch(packed, device, steps)[0]
+    return 1e6 * rate(drive, steps, precision, False, variants, device) / (links * variants)
 
 
 def fitted(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
@@ -72,7 +71,7 @@ def growth(asked: argparse.Namespace) -> Iterator[Line]:
     }
     found: dict[str, tuple[Sequence[int], Sequence[float]]] = {}
     for title, cases in kinds.items():
-        jobs = {str(size): partial(rate, *of, asked.precision, asked.device) for size, of in cases.items()}
+        jobs = {str(size): partial(step_rate, *of, asked.precision, asked.device) for size, of in cases.items()}
         seconds = [1.0 / best_but_one(rates) for rates in in_turns(jobs, asked.rounds).values()]
         found[title] = list(cases), seconds
         yield (title, "us a step", "ns a roller-step")

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from common.cases import ROOT, Line, case, option
+from common.drives import SMOOTH
 from common.drives import TWO as TWO_FILE
 from common.timing import best_but_one
 
-from benches.drives import SMOOTH, TWO
+from benches.drives import TWO
 
 PRECISIONS = ("float64", "float32")
 LIMIT = 0.97

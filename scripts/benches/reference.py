@@ -15,41 +15,12 @@ from benches.probe import packed_of, schedule
 from warpchain import Drive
 from warpchain.engine.packed import Packed
 
-
-def cuda_input(packed: Packed) -> bytes:
-    """Variant 0 in the layout that the CUDA program reads."""
-    drive, chain = packed.drives[0], packed.chains[0]
-    n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
-    head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
-    values = [*head, *chain["gravity"], 0.0, 0.0]
-    law = ("stiffness", "exponent", "damping", "speed_floor", "most_damping")
-    of_teeth = ("half_pitch_tangent", "clearance", "cos_half_seat", "sin_half_seat", "tip_reach")
-    of_motion = ("prescribed", "sign", "inverse_inertia", "speed", "ramp_time", "start_angle")
-    for s in range(sprockets):
-        teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
-        values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
-        values += [*(teeth[name] for name in of_teeth), *(teeth["law"][name] for name in law)]
-        values += [*(motion[name] for name in of_motion), *motion["load"], motion["load_ramp_time"]]
-        rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
-        values += [rows["count"], teeth["teeth"]]
-        harmonics = np.zeros((8, 3))
-        harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
-        values += [*harmonics.ravel(), body["angle"], body["speed"]]
-    for g in range(guides):
-        bar = packed.guides[g]
-        values += [*bar["start"], *bar["direction"], bar["length"], bar["end_radius"], bar["roller_radius"]]
-        values += [bar["law"][name] for name in law]
-    values += [*packed.rollers[: 4 * n], *packed.seat[: sprockets * n]]
-    return np.array(values, dtype=np.float64).tobytes()
-
-
 LAW = "form stiffness exponent damping speed_floor lag yielding"
-FRICTION = "mu_dynamic mu_static stribeck_speed"
+FRICTION = "inertia mu_dynamic mu_static stribeck_speed"
 BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"
-TEETH = """
-    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach
-"""
+CUDA_TEETH = "pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach"
+TEETH = f"teeth {CUDA_TEETH}"
 GUIDE = """
     start direction length end_radius roller_radius deepest_entry body pieces first_piece low high
 """
@@ -69,10 +40,34 @@ def numbers(row: Any, names: str) -> list[float]:
     return [float(value) for name in names.split() for value in np.ravel(row[name])]
 
 
-def rubbing(partner: Any, names: str, sliding: Any) -> list[float]:
+def harmonics_of(packed: Packed, motion: Any) -> tuple[int, list[float]]:
+    """Number of a motion's harmonics, and their orders, amplitudes and phases with room for eight."""
+    rows, found = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"], np.zeros((8, 3))
+    found[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
+    return rows["count"], [*found.ravel()]
+
+
+def cuda_input(packed: Packed) -> bytes:
+    """Variant 0 in the layout that the CUDA program reads."""
+    drive, law = packed.drives[0], "stiffness exponent damping speed_floor most_damping"
+    n, sprockets, guides = (int(drive[name]) for name in ("rollers", "sprockets", "guides"))
+    values: list[float] = [n, sprockets, guides, drive["step"], packed.lengths[0]]
+    values += [*numbers(packed.chains[0], "stiffness damping mass gravity"), 0.0, 0.0]
+    for teeth, motion, body in zip(packed.sprockets[:sprockets], packed.motions, packed.bodies, strict=False):
+        count, harmonics = harmonics_of(packed, motion)
+        of_motion = "prescribed sign inverse_inertia speed ramp_time start_angle load load_ramp_time"
+        values += [*body["center"], *numbers(teeth, CUDA_TEETH), *numbers(teeth["law"], law)]
+        values += [*numbers(motion, of_motion), count, teeth["teeth"], *harmonics, body["angle"], body["speed"]]
+    for bar in packed.guides[:guides]:
+        values += [*numbers(bar, "start direction length end_radius roller_radius"), *numbers(bar["law"], law)]
+    values += [*packed.rollers[: 4 * n], *packed.seat[: sprockets * n]]
+    return np.array(values, dtype=np.float64).tobytes()
+
+
+def rubbing(partner: Any, names: str, friction: Any) -> list[float]:
     """Numbers of a sprocket or a guide, of its contact law and of its friction."""
-    law, friction = numbers(partner["law"], LAW), numbers(sliding["law"], FRICTION)
-    return [*numbers(partner, names), *law, *numbers(sliding, "rubs inertia"), *friction]
+    law = numbers(partner["law"], LAW)
+    return [*numbers(partner, names), *law, friction["inertia"] > 0.0, *numbers(friction, FRICTION)]
 
 
 def lacking(packed: Packed) -> list[str]:
@@ -83,7 +78,7 @@ def lacking(packed: Packed) -> list[str]:
         "shafts": drive["tied"] != 0,
         "hubs": drive["hubs"] != 0,
         "mounts": packed.mounts["active"].any() or packed.mounts["moves"].any(),
-        "links that differ": packed.links["varied_links"].any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
+        "links that differ": packed.varied_links.any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
         "tables": packed.motions["drive_table"]["cells"].any() or packed.motions["load_table"]["cells"].any(),
         "curved flanks": packed.sprockets["flank_curvature"].any(),
         "ratchets": packed.tensioners["ratchet_pitch"].any(),
@@ -99,22 +94,24 @@ def c_input(packed: Packed) -> bytes:
     """
     if unknown := lacking(packed):
         raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
-    drive, chain, joint = packed.drives[0], packed.chains[0], packed.joints[0]
+    drive, chain = packed.drives[0], packed.chains[0]
     n, sprockets, guides, bodies = (int(drive[name]) for name in ("rollers", "sprockets", "guides", "bodies"))
     tensioners = int(drive["tensioners"])
     pieces = len(packed.pieces) if packed.guides["pieces"].any() else 0
     values: list[float] = [n, sprockets, guides, pieces, bodies - sprockets, tensioners]
     values += [*numbers(drive, "light step"), packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
-    values += [*numbers(joint, "rubs pin_radius arm inertia"), *numbers(joint["law"], FRICTION)]
+    values += [
+        chain["joint"]["inertia"] > 0.0,
+        *numbers(chain, "pin_radius joint_arm"),
+        *numbers(chain["joint"], FRICTION),
+    ]
     for motion, body in zip(packed.motions[:bodies], packed.bodies, strict=False):
-        rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
-        harmonics = np.zeros((8, 3))
-        harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
-        values += [*numbers(motion, BODY), rows["count"], *harmonics.ravel(), *numbers(body, PLACED)]
-    for partner, sliding in zip(packed.sprockets[:sprockets], packed.tooth_sliding, strict=False):
-        values += rubbing(partner, TEETH, sliding)
-    for partner, sliding in zip(packed.guides[:guides], packed.guide_sliding, strict=False):
-        values += rubbing(partner, GUIDE, sliding)
+        count, harmonics = harmonics_of(packed, motion)
+        values += [*numbers(motion, BODY), count, *harmonics, *numbers(body, PLACED)]
+    for partner, friction in zip(packed.sprockets[:sprockets], packed.tooth_friction, strict=False):
+        values += rubbing(partner, TEETH, friction)
+    for partner, friction in zip(packed.guides[:guides], packed.guide_friction, strict=False):
+        values += rubbing(partner, GUIDE, friction)
     for piece in packed.pieces[:pieces]:
         values += numbers(piece, PIECE)
     for arm in packed.arms[: bodies - sprockets]:

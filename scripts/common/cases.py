@@ -67,6 +67,11 @@ def parser_of(words: str | None, cases: Mapping[str, Case]) -> argparse.Argument
     return made
 
 
+def head(words: str) -> tuple[str, ...]:
+    """A table's head, given as Markdown has it."""
+    return tuple(words.split(" | "))
+
+
 def cell(value: object) -> str:
     """A table's cell: four digits of a number that is not whole."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -74,7 +79,7 @@ def cell(value: object) -> str:
 
 def show(lines: Iterable[Line], folder: Path) -> None:
     """Prints a case's lines as they come, and saves its figures."""
-    head = True
+    first = True
     for line in lines:
         if isinstance(line, Mapping):
             from warpchain.view.figures.style import save_figures
@@ -83,9 +88,9 @@ def show(lines: Iterable[Line], folder: Path) -> None:
         elif isinstance(line, str):
             print(line, flush=True)
         else:
-            rule = "\n|" + "---|" * len(line) if head else ""
+            rule = "\n|" + "---|" * len(line) if first else ""
             print(f"| {' | '.join(map(cell, line))} |{rule}", flush=True)
-        head = not isinstance(line, tuple)
+        first = not isinstance(line, tuple)
 
 
 def run(words: str | None, cases: Mapping[str, Case], before: Callable[[], Iterable[Line]] = tuple) -> None:

@@ -12,11 +12,23 @@ from warpchain.study.results import Results, read_results
 
 Values = dict[str, Any]
 TWO = SCRIPTS / "common" / "two.toml"
+SMOOTH: Values = {
+    "chain.joint": None,
+    "contact.sprocket.friction": None,
+    "contact.guide.friction": None,
+    "contact.guide.rolling": False,
+}
+"""The values that take friction from a drive."""
 
 
 def example(name: str, values: Values | None = None) -> Drive:
     """One of the package's examples, with other values."""
     return load_drive(drive_path(name)).with_values(values or {})
+
+
+def without_friction(drive: Drive) -> Drive:
+    """A drive that is smooth."""
+    return drive.with_values({key: value for key, value in SMOOTH.items() if drive.guides or "guide" not in key})
 
 
 def study_of_example(name: str) -> Results:

@@ -10,6 +10,7 @@ from common.cases import Line, case
 from common.drives import Values, example
 from matplotlib.figure import Figure
 
+from drawings.closed_forms import Row
 from warpchain import Drive, Record, Run, simulate
 from warpchain.results.rotation import order_amplitudes, turns_of
 from warpchain.results.scene import passing_link
@@ -40,7 +41,7 @@ FACTORS = {
 """Keys that are changed together by a factor."""
 ORDERS, TIGHT = (2, 4, 6, 8), 2
 """Orders of the crankshaft beside the published ones, and the strand in which they are: exhaust cam to crankshaft."""
-Row = Mapping[str, Any]
+Metrics = Mapping[str, Any]
 
 
 def ripple(rpm: float) -> float:
@@ -72,7 +73,7 @@ def changed(drive: Drive, key: str, value: float) -> Drive:
     return drive.with_values({path: value * drive.get_value(path) for path in FACTORS.get(key, ())} or {key: value})
 
 
-def powers(row: Row) -> np.ndarray:
+def powers(row: Metrics) -> np.ndarray:
     """Friction power [W] of each group, over the window."""
     span = row["window_end"] - row["window_start"]
     return np.array([sum(row[f"{name}.friction"] for name in names) / span for names in PARTS.values()])
@@ -88,7 +89,7 @@ def crank_degrees(trajectory: Any, s: int) -> np.ndarray:
     return np.degrees(phase_error(trajectory, s))[later(trajectory)]
 
 
-def sweep_table(run: Run, rows: Sequence[Row]) -> Iterator[Line]:
+def sweep_table(run: Run, rows: Sequence[Metrics]) -> Iterator[Line]:
     """The table over speed."""
     tension = (f"{strand} mean / max [N]" for strand in ("slack", "tight"))
     force = ("stroke [mm]", "tensioner: least, mean, most [N]", "pressure [bar]")
@@ -120,7 +121,7 @@ def orders_of(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> n
     return np.asarray(order_amplitudes(turns_of(trajectory)[part], values[part].astype(float), list(orders)))
 
 
-def published_table(run: Run, rows: Sequence[Row], light: Run, soft: Run) -> Iterator[Line]:
+def published_table(run: Run, rows: Sequence[Metrics], light: Run, soft: Run) -> Iterator[Line]:
     """The tight span's largest link load, its torsion beside that of a softer chain, and orders of its tension beside
     those without valves' mass.
     """
@@ -135,7 +136,7 @@ def published_table(run: Run, rows: Sequence[Row], light: Run, soft: Run) -> Ite
         yield (rpm, f"{row[f'{ENDS[1]}.tension_max']:.0f}", *cells)
 
 
-def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
+def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     """Friction power by group, tensions, phase error, stroke, force and pressure over speed."""
     figure, (friction, share, tension, phase, stroke, pressure) = grid(6, 3, 4.0, 3.5)
     power = np.array([powers(row) for row in rows]).T
@@ -171,7 +172,7 @@ def sweep_figure(run: Run, rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def trends(rows: Iterator[Row], panels: Sequence[Any]) -> Iterator[Line]:
+def trends(rows: Iterator[Metrics], panels: Sequence[Any]) -> Iterator[Line]:
     """Rows and curves of friction over what was changed, a line a speed."""
     yield ("changed", "", "rpm", "friction [W]", "of it arm and guide")
     for axes, (label, (_, values, scale)) in zip(panels, CHANGES.items(), strict=True):
@@ -223,3 +224,19 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
     yield f"{len(rows)} runs, {int(run.ok.sum())} ok, largest energy residual {worst:.1e}"
     yield {"car-speed": sweep_figure(run, sweep), "car-trends": over}
+
+
+def engines() -> Row:
+    """Timing chains of engines: largest link load, and how far the camshafts lag, over speed."""
+    record = Record(rate=1e4, channels=("sprocket_angle",))
+    run = simulate([at_speed(rpm) for rpm in range(1000, 6001, 1000)], record=record)
+    largest = [row["tension_max"] for row in run.metrics.to_pylist()]
+    lags = [(part, np.degrees(phase_error(part, s))) for part in run.values() for s in (1, 2)]
+    torsion = [np.ptp(lag[later(part)]) for part, lag in lags]
+    sizes = np.max([orders_of(part, lag, ORDERS) for part, lag in lags], axis=0)
+    orders = ", ".join(f"{order}: {size:.3f}" for order, size in zip(ORDERS, sizes, strict=True))
+    return Row(
+        "timing chains of three engines",
+        gives=f"{min(largest):.0f} to {max(largest):.0f} N; camshafts swing by {min(torsion):.2f} to "
+        f"{max(torsion):.2f} degrees; largest amplitudes of orders {orders} degrees",
+    )

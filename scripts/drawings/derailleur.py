@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from common.cases import Line, case
+from common.cases import Line, case, head
 from common.drives import example
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
@@ -121,16 +121,8 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     modes = warpchain.modes(hit(drive))
     for k in range(2):
         yield f"mode {k + 1} at rest, linear, without friction: {modes.frequency[k]:.2f} Hz"
-    yield (
-        "friction",
-        "damper",
-        "before [deg]",
-        "largest [deg]",
-        "at [ms]",
-        "after [deg]",
-        "swing [Hz]",
-        "decay [1/s]",
-        "most [N]",
+    yield head(
+        "friction | damper | before [deg] | largest [deg] | at [ms] | after [deg] | swing [Hz] | decay [1/s] | most [N]"
     )
     for (mu, part), run in zip(CASES, runs, strict=True):
         time, height, level = swing_of(run)

@@ -62,17 +62,14 @@ def efficiency_over_tension(axes: Any) -> Row:
     slopes = sorted(line_of(values)[1] for values in whole)
     return Row(
         name="pin friction: tension, teeth",
-        source="Spicer et al. (2001), J. Mech. Des. 123, 598",
         states="efficiency is a line of 1/T and rises with T; small wheels lose more; 52 and 21 teeth, 100 W, "
         f"{CADENCES[0]} to {CADENCES[-1]} rpm: {MEASURED[0]} to {MEASURED[-1]} %, a line of {100.0 * source[0]:.1f} % "
         f"and {source[1]:+.1f} N, R^2 = {source[2]:.3f}",
-        drive="`derailleur`, cogs of 11, 16, 21 teeth, 75 to 300 N, friction 0.1; 16 teeth also 0.05 and 0.2",
         gives=f"lines: R^2 of the joints' part at least {of_joints:.5f}, of the whole {least:.3f}; at 300 N {at}; "
         f"friction 0.2 to 0.05: {100.0 * whole[4, -1]:.1f} to {100.0 * whole[3, -1]:.1f} %; slopes {slopes[0]:+.1f} to "
         f"{slopes[-1]:+.1f} N",
         differs=f"their lines pass 100 % where 1/T = 0, those here end at {100.0 * most:.1f} % at most; slopes are "
         f"{source[1] / slopes[0]:.0f} to {source[1] / slopes[-1]:.0f} times flatter",
-        verdict="trends agree; slopes do not, nor does the intercept, which no loss could give (below)",
     )
 
 
@@ -114,25 +111,17 @@ def gear_losses() -> Iterator[Row]:
     spread = losses_of(assumed)
     more = lost[39, 11] - lost[53, 15]
     good, other = (float(np.interp(watts, lost[53, 11], FRICTIONS)) for watts in (6.7, 9.2))
-    drive = "`scripts/drawings/bicycle.toml`, friction 0.05 to 0.3"
     yield Row(
         name="pin friction: 53/11",
-        source="CeramicSpeed, Chain efficiency vs. run time",
-        states="250 W, 95 rpm: 6.7 W with a good chain, 9.2 W with another",
-        drive=drive,
         gives=f"{lost[53, 11][0]:.1f} to {lost[53, 11][-1]:.1f} W",
         differs=f"6.7 W at friction {good:.2f}, 9.2 W at {other:.2f}; links of 7e6 to 7e7 N/m, sag of 2 to 8 mm, "
         f"friction 0.2: {spread.min():.1f} to {spread.max():.1f} W",
-        verdict="within the band; no test of the model, as friction is not stated",
     )
     own = float(np.interp(1.5, more, FRICTIONS))
     first, second = np.interp((good, other), FRICTIONS, more)
     costs = float(np.interp(own, FRICTIONS, lost[53, 11]))
     yield Row(
         name="pin friction: 39/11, 53/15",
-        source="the same laboratory (Friction Facts), in BikeRadar, 2015",
-        states="39/11 costs 1.5 W more than 53/15 at 250 W",
-        drive=drive,
         gives=f"{more[0]:.1f} to {more[-1]:.1f} W more; {first:.1f} and {second:.1f} W with the two chains above",
         differs=f"{first - 1.5:+.1f} and {second - 1.5:+.1f} W; none at friction {own:.2f}",
         verdict=f"sign agrees; size not with those two chains, but with one that costs {costs:.1f} W on 53/11 (below)",
@@ -150,14 +139,9 @@ def large_rings() -> Row:
     by_ring, by_cog = lost.mean(axis=1), lost.mean(axis=0)
     return Row(
         name="pin friction: rings of 58 to 62",
-        source="Proc. IMechE P (2026), doi 10.1177/17543371261416022, abstract",
-        states="450 W, 100 rpm, rings of 58, 60, 62, cogs of 13, 16, 24 teeth: larger cogs lose less, larger rings "
-        "slightly more, if anything",
-        drive="`scripts/drawings/bicycle.toml`, friction 0.2",
         gives=f"cogs, mean of the rings: {by_cog[0]:.1f}, {by_cog[1]:.1f}, {by_cog[2]:.1f} W; rings, mean of the cogs: "
         f"{by_ring[0]:.2f}, {by_ring[1]:.2f}, {by_ring[2]:.2f} W",
         differs=f"62 for 58 teeth: {by_ring[2] - by_ring[0]:+.2f} W, {100.0 * (by_ring[2] / by_ring[0] - 1.0):+.1f} %",
-        verdict="cogs agree; of rings the sign is not certain in the source",
     )
 
 
@@ -174,14 +158,8 @@ def solo() -> Row:
     own = float(np.interp(2.1, means, FRICTIONS))
     return Row(
         name="pin friction: race bicycle",
-        source="Smit et al. (2023), Sports Engineering 26, doi 10.1007/s12283-023-00439-z, abstract",
-        states="100 to 400 W on 53/11 and 53/13: 2.1 ± 1.5 %; with a tandem's second chain 4.0 ± 2.8 % on 53/11, "
-        "2.9 ± 1.7 % on 53/13",
-        drive="`scripts/drawings/bicycle.toml`, friction 0.05 to 0.3, 100, 250 and 400 W at 95 rpm",
         gives=f"{means[0]:.1f} to {means[-1]:.1f} %, 2.1 % at friction {own:.2f}; 53/13 loses {ratio.min():.2f} to "
         f"{ratio.max():.2f} of 53/11",
-        differs="within the band; the source's 2.9 of 4.0 % is 0.73",
-        verdict="agrees within the source's scatter, which is large",
     )
 
 
@@ -192,14 +170,8 @@ def worn_chain() -> Row:
     more = np.diff(np.reshape(losses_of(drives), (len(frictions), 2)))
     return Row(
         name="worn chain",
-        source="CeramicSpeed, Drivetrain efficiency test: old vs. new",
-        states="250 W, twelve chains: 6.26 W new to 10.27 W worn, +2.02 W for each 1 % of elongation; worn rings and "
-        "cogs +0.10 to +0.33 W",
-        drive=f"`scripts/drawings/bicycle.toml`, 53/11, elongation of 0 and 1 %, friction {frictions[0]:g} "
-        f"to {frictions[-1]:g}, which stays",
         gives=f"{more.max():+.2f} to {more.min():+.2f} W for 1 %",
         differs=f"{more.max() - 2.02:+.1f} to {more.min() - 2.02:+.1f} W",
-        verdict="does not agree: friction of worn joints rises, here it is given (below)",
     )
 
 
@@ -248,16 +220,9 @@ def teeth_and_pitch(axes: Any) -> Row:
     gain = 100.0 * (own[2] - own[0])
     return Row(
         name="pin friction: motorcycle",
-        source="Burgess and Lodge (2004), Sports Engineering 7, 65, abstract (a calculation)",
-        states="96 to 99 % below 75 mph, down to 85 % up to 150 mph by inertial tension; large sprockets better when "
-        "slow, small ones when fast; the smallest pitch is best",
-        drive="`motorcycle` with a 10B chain, 13 and 35, 16 and 43, 20 and 54 teeth, friction 0.05 to 0.2; drag "
-        "assumed; 08B and 12B on sprockets as large",
         gives=f"35 to 75 mph: {100.0 * bounds[1][:2].min():.1f} to {100.0 * bounds[0][:2].max():.1f} %; 150 mph: "
         f"{100.0 * bounds[1][2]:.1f} to {100.0 * bounds[0][2]:.1f} %; large for small sprockets {gain[0]:+.2f} % at "
         f"35 mph, {gain[2]:+.2f} % at 150; 75 mph: 08B {100.0 * fine:.2f} %, 12B {100.0 * coarse:.2f} %",
-        differs="at 150 mph the loss is far smaller than the source's; large sprockets stay better",
-        verdict="agrees up to 75 mph and in pitch; not at high speed (below)",
     )
 
 

@@ -2,12 +2,12 @@
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from common.cases import Line, case, option
-from common.drives import example
+from common.drives import example, without_friction
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly import assemble
@@ -56,37 +56,8 @@ def v6(_: argparse.Namespace) -> Iterator[Line]:
                 yield (name, chain.removesuffix("."), f"{speed * 30.0 / math.pi:.0f}", *tensions, *whole)
 
 
-NO_FRICTION: Mapping[str, Any] = {"chain.joint": None, "contact.sprocket.friction": 0.0}
-SMOOTH_BARS: Mapping[str, Any] = {"contact.guide.friction": 0.0, "contact.guide.rolling": False}
-OLD_TEETH: Mapping[str, Any] = {
-    "contact.sprocket.restitution": 0.3,
-    "contact.sprocket.restitution_means": "parameter",
-    "contact.sprocket.bush_stiffness": None,
-}
-BEFORE: Mapping[str, Mapping[str, Any]] = {
-    "marine": {
-        "chain.damping": 3.0e4,
-        "sprockets.tightener.center": [1.203057, 3.0],
-        "sprockets.crankshaft.prescribed.ramp_time": None,
-    },
-    "engine": {"sprockets.crankshaft.prescribed.ramp_time": None},
-    "industrial": {"sprockets.motor.prescribed.ramp_time": None},
-    "motorcycle": {"sprockets.gearbox.prescribed.ramp_time": None},
-}
-"""Values that the drives had before they became real ones, friction and teeth aside."""
-
-
-def versions(name: str) -> Mapping[str, Drive]:
-    """An example as it was and as it is, each without friction and with it; it was without."""
-    drive = example(name)
-    old = drive.with_values({**OLD_TEETH, **BEFORE[name]})
-    smooth = {**NO_FRICTION, **(SMOOTH_BARS if drive.guides else {})}
-    return {
-        "before": old.with_values(smooth),
-        "before, with friction": old,
-        "now, without friction": drive.with_values(smooth),
-        "now": drive,
-    }
+FRICTION = ("marine", "engine", "industrial", "motorcycle")
+"""Drives that run with and without friction."""
 
 
 def copies(drive: Drive, count: int) -> list[Drive]:
@@ -137,7 +108,7 @@ def scattered(drive: Drive, count: int) -> tuple[str, ...]:
     option("--nearby", action="store_true", help="mean tensions of marine drives with loads up to 1 %% apart instead"),
 )
 def example_table(asked: argparse.Namespace) -> Iterator[Line]:
-    """Each example drive as it was, as it is, and without friction: builds that scatter.
+    """Example drives with and without friction: builds that scatter.
 
     python scripts/figures.py example-table [--copies 8]
     python scripts/figures.py example-table --nearby
@@ -146,17 +117,17 @@ def example_table(asked: argparse.Namespace) -> Iterator[Line]:
     the error of a single run's number; where impacts make the motion chaotic they are draws from one distribution.
     """
     if asked.nearby:
-        path = "sprockets.camshaft.load.torque"
-        for name, drive in versions("marine").items():
-            torques = drive.get_value(path) * np.linspace(0.99, 1.01, asked.copies)
-            run = simulate([drive.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
-            yield (name, *(f"{tension:.0f} N" for tension in run.metrics["tension_mean"].to_pylist()))
+        path, drive = "sprockets.camshaft.load.torque", example("marine")
+        torques = drive.get_value(path) * np.linspace(0.99, 1.01, asked.copies)
+        for how, one in (("with friction", drive), ("without friction", without_friction(drive))):
+            run = simulate([one.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
+            yield (how, *(f"{tension:.0f} N" for tension in run.metrics["tension_mean"].to_pylist()))
         return
     tensions = ("tension [kN]", "scatter", "0.1 %", "50 %", "99.9 %", "least", "most", "scatter")
     yield ("drive", *tensions, "in contact", "efficiency", "residual")
-    for name in BEFORE:
-        for how, drive in versions(name).items():
-            yield (f"{name}, {how}", *scattered(drive, asked.copies))
+    for name, drive in ((name, example(name)) for name in FRICTION):
+        yield (f"{name}, without friction", *scattered(without_friction(drive), asked.copies))
+        yield (name, *scattered(drive, asked.copies))
 
 
 ENGINE_SCALE = 12.7 / 9.525

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import ROOT, Line, case
+from common.cases import ROOT, Line, case, head
 from common.drives import example
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from warpchain import Drive, Record, Run, load_drive, loads_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow
-from warpchain.drive.viscosity import viscosity_at
+from warpchain.drive.viscosity import by_slope
 from warpchain.engine.rig import Shake, shake
 from warpchain.results.run import need
 from warpchain.results.scene import Pose, parts_at, strand_displacement, teeth_at, turned
@@ -124,9 +124,11 @@ AMPLITUDE, CYCLES = 2e-4, 10
 FREQUENCIES = (50.0, 100.0, 200.0)
 MICRO, DEGREES, SQUARE_MM = "\N{MICRO SIGN}m", "\N{DEGREE SIGN}C", "mm\N{SUPERSCRIPT TWO}/s"
 SHAKEN = "\N{PLUS-MINUS SIGN}0.2 mm"
+OIL = by_slope(8e-5)
+"""Of the tensioner: 80 mm^2/s at 40 degrees C."""
 TRENDS = {
     f"gap [{MICRO}]": ("plunger.gap", np.linspace(20.0, 100.0, 17), lambda x: 1e-6 * x),
-    f"oil temperature [{DEGREES}]": ("oil.viscosity", np.linspace(20.0, 140.0, 13), lambda x: viscosity_at(8e-5, x)),
+    f"oil temperature [{DEGREES}]": ("oil.viscosity", np.linspace(20.0, 140.0, 13), OIL.viscosity),
     "air at ambient pressure [%]": ("oil.air", np.linspace(0.0, 10.0, 11), lambda x: 1e-2 * x),
 }
 """Label of each change, the key, its values, and the key's value."""
@@ -185,23 +187,12 @@ def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
     loops = {f"{frequency:g} Hz": frequency for frequency in (10.0, 100.0, 400.0)}
     done = shaken(drive, loops.values(), samples=True)
     yield "the last cycles"
-    yield (
-        "Hz",
-        "force [N]",
-        "",
-        "pressure [Pa]",
-        "",
-        "work [J]",
-        "leak [J]",
-        "valve [J]",
-        "supply [J]",
-        "leaked [m^3]",
-    )
+    yield head("Hz | force [N] |  | pressure [Pa] |  | work [J] | leak [J] | valve [J] | supply [J] | leaked [m^3]")
     columns = ("frequency", "force_min", "force_max", "pressure_min", "pressure_max", "work", "leak_loss")
     for row in done.rides.to_pylist():
         yield tuple(row[name] for name in (*columns, "valve_loss", "supply_work", "leaked"))
     x = np.geomspace(1.0, 500.0, 25).tolist()
-    oils = {t: viscosity_at(8e-5, t) for t in (40.0, 80.0, 120.0)}
+    oils = {t: OIL.viscosity(t) for t in (40.0, 80.0, 120.0)}
     rides = {
         f"{t:g} {DEGREES}: {1e6 * oil:.3g} {SQUARE_MM}": shaken(drive, x, oil=oil).rides for t, oil in oils.items()
     }

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from common.cases import Line, case
+from common.cases import Line, case, head
 from common.drives import example, study_of_example
 from matplotlib.figure import Figure
 
@@ -58,14 +58,8 @@ def marine_lever(asked: argparse.Namespace) -> Iterator[Line]:
     results = study_of_example("marine-lever")
     names = ("teeth", "stiffness", "tightener.force_max", "tightener.dissipated", "tension_max", "lever.angle_std")
     teeth, stiffness, force, lost, tension, angle = (results.values(name) for name in names)
-    yield (
-        "teeth",
-        "v sqrt(K m) [kN]",
-        "spring [N/m]",
-        "force [kN]",
-        "lost in its teeth [W]",
-        "tension [kN]",
-        "swing [mm]",
+    yield head(
+        "teeth | v sqrt(K m) [kN] | spring [N/m] | force [kN] | lost in its teeth [W] | tension [kN] | swing [mm]"
     )
     for z, k in sorted({*zip(teeth, stiffness, strict=True)}):
         mine = (teeth == z) & (stiffness == k)

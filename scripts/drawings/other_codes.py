@@ -243,9 +243,7 @@ def other_codes() -> Iterator[Line]:
             name=f"other codes: {name}",
             source=f"{name} {version(package)}, the drive built in `scripts/drawings/other_codes.py`",
             states=f"tight and slack link: {described(other)}",
-            drive="20 and 20 teeth, 61 links of 1e7 N/m, 150 N m + 15 N m s of load, 10 rad/s; 1 s, its latter half",
             gives=described(own),
             differs=f"{ours[0] - theirs[0]:+.0f} and {ours[1] - theirs[1]:+.0f} N, tight less slack "
             f"{100.0 * (pulls[0] / pulls[1] - 1.0):+.1f} %, ratio {own.ratio.mean() - other.ratio.mean():+.4f}",
-            verdict="agrees but for the preload, which follows from how deep rollers lie in other teeth (below)",
         )

@@ -1,15 +1,16 @@
 """Published results beside those of warpchain: the table of docs/validation.md."""
 
 import argparse
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any
 
 from common.cases import ROOT, Line, case, option
 
+from drawings.car import engines
 from drawings.closed_forms import EXACT, Row
 from drawings.efficiency import joints
-from drawings.engines import engines
 from drawings.guides import AMPLITUDE, CYCLES, text_of
 from drawings.marine import marine
 from drawings.other_codes import other_codes
@@ -34,58 +35,35 @@ def tensioner_work() -> Row:
     gains = [max(map(work, product((1.0 - part, 1.0 + part), repeat=3))) / base - 1.0 for part in ranges]
     return Row(
         name="hydraulic tensioner",
-        source="Song (2015), master's thesis, abstract",
-        states="orthogonal experiment over plunger diameter, gap and its length: damping energy +59.7 %",
-        drive="[tensioner of a passenger car](tensioners.md), 0.2 mm at 100 Hz; all three by 5, 10, 20 % up or down",
         gives=", ".join(f"{100.0 * gain:+.0f} %" for gain in gains),
-        differs="the source's ranges and base are not public",
-        verdict="the band covers it; no more can be said",
     )
 
 
-DETERMINISM = Row(
-    name="determinism",
-    source="promises of this project",
-    states="a variant has the same bits alone, in any crowd, after a kill, in shards",
-    drive="test drives, examples, studies",
-    gives="holds, with the exceptions that [devices](devices.md#reproducible-results) lists",
-    differs="none",
-    verdict="held by tests; more than Warp and Newton promise (below)",
-)
-
-
-def closed_forms() -> Iterator[Line]:
-    """Rows with exact results."""
-    for row in EXACT:
-        yield row()
-
-
 PARTS: dict[str, Callable[[], Iterable[Line]]] = {
-    "closed-forms": closed_forms,
+    "closed-forms": lambda: (row() for row in EXACT),
     "vibration": vibration,
     "joints": joints,
     "marine": marine,
     "tensioner": lambda: [tensioner_work()],
-    "engines": engines,
-    "determinism": lambda: [DETERMINISM],
+    "engines": lambda: [engines()],
     "codes": other_codes,
 }
 USUAL = [part for part in PARTS if part != "codes"]
 """Parts that need no other codes."""
-
-
 PAGE = ROOT / "docs" / "validation.md"
 
 
-def with_rows(page: str, rows: Iterable[Row]) -> str:
-    """The page with its rows of these names replaced; a new one goes below the row before it."""
-    lines = page.split("\n")
-    at = max(k for k, line in enumerate(lines) if line.startswith("| polygon action |"))
-    for row in rows:
-        found = [k for k, line in enumerate(lines) if line.startswith(f"| {row.name} |")]
-        at = found[0] if found else at + 1
-        lines[at : at + len(found)] = [f"| {' | '.join(row)} |"]
-    return "\n".join(lines)
+def whole(row: Row, page: str) -> tuple[str, str]:
+    """The line that a page has of a row, and the same with what is computed.
+
+    Raises:
+        SystemExit: a row that the page does not have.
+    """
+    found = re.search(rf"^\| ({re.escape(row.name)} \|.*) \|$", page, re.M)
+    if found is None:
+        raise SystemExit(f"{PAGE.name}: no row {row.name!r}; write its words there")
+    cells = (mine or stated for mine, stated in zip(row, found[1].split(" | "), strict=True))
+    return found[0], f"| {' | '.join(cells)} |"
 
 
 @case(
@@ -103,15 +81,15 @@ def validation(asked: argparse.Namespace) -> Iterator[Line]:
     unless it is named; it needs the extra `codes`.
     """
     figures: dict[str, Any] = {}
-    rows: list[Row] = []
-    yield ("", "source", "states", "drive here", "warpchain gives", "difference", "verdict")
+    page = PAGE.read_text()
     for part in asked.part:
         for line in PARTS[part]():
             if isinstance(line, Mapping):
                 figures |= line
-            else:
-                rows += [line] if isinstance(line, Row) else []
-                yield line
+            elif isinstance(line, Row):
+                stated, written = whole(line, page)
+                page = page.replace(stated, written)
+                yield written
     if asked.write:
-        PAGE.write_text(with_rows(PAGE.read_text(), rows))
+        PAGE.write_text(page)
     yield figures

@@ -21,7 +21,6 @@ from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import strand_tension
 
-SOURCE = "Sack (1954), Mahalingam (1957), Br. J. Appl. Phys. 8, 145"
 SEEN = Record(channels=("position", "tension", "sprocket_speed"))
 TAUT = {
     "chain.stiffness": 1e7,
@@ -182,15 +181,12 @@ def running_strand(axes: Any) -> Iterator[Line]:
         slow, fast, times = row[0], row[-2], mode if mode > 1 else ""
         yield Row(
             name=f"running strand, {names[mode]} mode",
-            source=SOURCE,
             states=f"f_{mode} = {times}(c^2 - v^2)/(2 L c); at v/c of 0 to {fast.share:.2f}: {slow.string:.3f} to "
             f"{fast.string:.3f} Hz; as a chain of masses (below) {slow.masses:.3f} to {fast.masses:.3f} Hz",
-            drive="40 and 40 teeth, strands of 40 links, seven speeds; the spectrum of mid-strand's displacement",
             gives=f"{slow.found[0]:.3f} to {fast.found[0]:.3f} Hz; `modes` {shown[0]:.3f} to {shown[-1]:.3f} Hz",
             differs=f"from the masses: up to v/c = {row[-3].share:.2f} {spread(off[0])}. At {fast.share:.2f} "
             f"{spread(off[1])}, second peaks {spread(late)}, with links damped more {spread(off[2])}. `modes` at their "
             f"own tension {spread(own[masses])}, from the string {spread(own[string])}",
-            verdict="agrees up to 0.72; at 0.78 lines split, as links ring (below)",
         )
 
 
@@ -243,12 +239,9 @@ def critical_speed(axis: Any) -> Row:
     axis.set(xlabel="speed of the driver [rad/s]", ylabel="amplitude at mid-strand [mm]", ylim=(0.0, None))
     return Row(
         name="critical speed",
-        source=SOURCE,
         states=f"largest where the tooth frequency is f_1: {exact:.3f} rad/s of the driver",
-        drive=f"20 and 20 teeth, strands of 20.5 links, 17 speeds, friction {listed(RUBBING, 'g')} in the joints",
         gives=f"largest at {listed(found, '.3f')} rad/s; `modes` {shown:.3f} rad/s",
         differs=f"{listed(off, '+.1f')} %; `modes` {100.0 * (shown / exact - 1.0):+.1f} %",
-        verdict="with little friction within the distance of the speeds, 1.4 %; friction shifts the peak (below)",
     )
 
 
@@ -274,14 +267,11 @@ def tension_of_waves() -> Row:
     stated = drive.chain.stiffness * size(drive)[0] * slope / drive.chain.links
     return Row(
         name="running strand, tension",
-        source="closed form",
         states="waves of rms slope s make strands longer by s^2/2 of their length L; between fixed centers all links "
         f"then pull k L s^2/N more: {listed(stated, '.0f')} N",
-        drive=f"the three fastest runs, mean of all links, less that with friction {CALMING:g} in the joints",
         gives=f"{listed(more, '.0f')} N",
         differs=f"{listed(more - stated, '+.0f')} N; strands pull {listed(wavy_over, '+.1f')} % more than in `modes`, "
         f"with the friction {listed(calm_over, '+.1f')} %",
-        verdict="agrees; the rest is rollers that lie farther out as links pull more (below)",
     )
 
 

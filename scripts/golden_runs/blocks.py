@@ -40,7 +40,7 @@ def fibers() -> Iterator[None]:
 
 def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     """The kind of the block kernel for an ensemble of like drives."""
-    varied, rubs = bool(packed.links["varied_links"].any()), bool(packed.joints["rubs"].any())
+    varied, rubs = bool(packed.varied_links.any()), bool(packed.rubbing.any())
     return BlockKind(
         packed.real,
         shape,

@@ -140,6 +140,7 @@ class Sparse(McapFile):
         return at
 
 
+@pytest.mark.long
 def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
     monkeypatch.setattr("warpchain.archive.file_set.McapFile", Sparse)
     variants, data = 2500, bytes(4 * 2**20)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from archives import assert_same, unlike
 from command import run as command
-from drives import two_sprockets
+from drives import of_long, two_sprockets
 from rerun_check import rerun_accepts
 from small_disk import small_disk
 from waiting import bytes_in, wait_for
@@ -352,7 +352,7 @@ simulate(two_sprockets(duration=5.0, settle="false"), record=Record(rate=1e5), a
 """
 
 
-@pytest.mark.parametrize("options", [{}, {"split_size": 300_000}], ids=["one", "split"])
+@pytest.mark.parametrize("options", [{}, *of_long({"split_size": 300_000})], ids=["one", "split"])
 def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     path = tmp_path / "killed.mcap"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

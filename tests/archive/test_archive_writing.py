@@ -10,6 +10,7 @@ import pytest
 from archives import assert_same, unlike
 from command import refused
 from command import run as command
+from drives import of_long
 from mcap.reader import make_reader
 from rerun_check import rerun_accepts
 from study_helpers import tiny_drive
@@ -172,8 +173,8 @@ def dying(path, run, options, operation):
     return os.waitpid(child, 0)[1] == signal.SIGKILL
 
 
-@pytest.mark.parametrize("before", [None, 1, 3])
-@pytest.mark.parametrize("after", [None, 1, 3])
+@pytest.mark.parametrize("before", [None, 3, *of_long(1)])
+@pytest.mark.parametrize("after", [None, 3, *of_long(1)])
 def test_an_archive_being_replaced_is_the_old_one_or_the_new_one(run, tmp_path, before, after):
     """Killed at any step of overwriting, in any form: the name stands for one of them, whole, and can be rewritten."""
     old = replace(run, info=replace(run.info, created="before"))

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from drives import example, with_bar
+from drives import LARGE, but, example, with_bar
 from hypothesis import given
 from layouts import Placed, drive_of, loops
 
@@ -19,7 +19,7 @@ DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 """Half the distance of the strands of `two_sprockets`: driver->driven is at y = -DROP, run to the right."""
 
 
-@pytest.mark.parametrize("name", example_names())
+@pytest.mark.parametrize("name", but(example_names(), LARGE))
 def test_no_example_is_told_anything(name):
     drive = example(name)
     assert all(findings(ring.drive) == () for ring in rings_of(drive))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from assemblies import differences
 from blocks import folded
 from drives import SPRUNG, example, jointed_blade, two_sprockets
 from scipy.linalg import eig
@@ -38,15 +39,8 @@ def test_derivatives_are_those_of_the_energy(changes):
     potential, assembly = Potential(drive, 1000.0, np.array([0.0, 0.0, 3.0, 4.0, 0.0])), assemble(drive)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
     x += np.random.default_rng(3).normal(size=len(x)) * 3e-4
-    terms, d = potential.terms(x), 1e-9
-    slope, curvature = np.empty(len(x)), np.empty((len(x), len(x)))
-    for i in range(len(x)):
-        up, down = x.copy(), x.copy()
-        up[i] += d
-        down[i] -= d
-        after, before = potential.terms(up), potential.terms(down)
-        slope[i] = (after.energy - before.energy) / (2 * d)
-        curvature[i] = (after.gradient - before.gradient) / (2 * d)
+    terms = potential.terms(x)
+    slope, curvature = map(np.array, zip(*(differences(potential, x, i) for i in range(len(x))), strict=True))
     assert np.abs(slope - terms.gradient).max() < 1e-4 * np.abs(terms.gradient).max()
     whole = terms.hessian([(np.arange(len(x)), np.ones(len(x)))], len(x)).toarray()
     assert np.abs(curvature - whole).max() < 1e-4 * np.abs(whole).max()

@@ -134,7 +134,7 @@ def test_run_export_round_trip(capsys, tmp_path):
         assert held["position"].shape == (5, 162, 2)
         assert held["tension"].dtype == np.float64
         assert "joint_friction_power" not in held
-    assert run(capsys, *words, "--overwrite", "--channels", "default", "joint_friction_power")[0] == 0
+    assert run(capsys, *words, "--overwrite", "--channels", "default", "joint_friction_power", "hub_force")[0] == 0
     assert read_archive(archive)[0].joint_friction_power.shape == (5, 162)
     assert read_archive(archive)[0].position.shape == (5, 162, 2)
 

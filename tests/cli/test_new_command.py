@@ -6,6 +6,7 @@ import tomllib
 import pytest
 from command import refused
 from command import run as command
+from drives import of_long
 
 from warpchain import load_drive, simulate
 from warpchain.assembly import assemble
@@ -35,7 +36,7 @@ def test_the_file_passes_check(capsys, tmp_path, words):
     assert math.dist(held[-2:], asked[-2:]) < drive.chain.pitch
 
 
-@pytest.mark.parametrize("size", ["05B", "72B", "48A", "16B-3", "04C", "520", "bush-7"])
+@pytest.mark.parametrize("size", ["05B", "16B-3", "bush-7", *of_long("72B", "48A", "04C", "520")])
 def test_sizes_of_every_kind_do(capsys, tmp_path, size):
     """Centers at thirty pitches."""
     path = tmp_path / "drive.toml"

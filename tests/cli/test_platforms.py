@@ -25,6 +25,7 @@ def without_links(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_link_that_is_a_text_file_is_told(without_links):
     def ran(*words):
         environment = os.environ | {"PYTHONPATH": str(without_links)}

@@ -17,7 +17,7 @@ import pytest
 import zstandard
 from command import refused as refusal
 from command import run as command
-from drives import BLADE, two_sprockets
+from drives import BLADE, of_long, two_sprockets
 from parts import part, shaft
 from pyarrow import parquet
 from small_disk import small_disk
@@ -273,7 +273,7 @@ with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=option
 """Writes half a gigabyte of one letter, in some 50 kB."""
 
 
-@pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
+@pytest.mark.parametrize("kind", ["zstd", *of_long("lz4", "dictionary")])
 def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
     """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
     subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
@@ -478,6 +478,7 @@ def test_a_drawing_with_an_open_contour(capsys, tmp_path):
     assert "the contour is open: LINE" in refused(capsys, "check", tmp_path / "d.toml")
 
 
+@pytest.mark.long
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
     text = dumps_drive(two_sprockets(duration=0.002, settle="false")).replace('"driver"', '"$x^{$"')
     (tmp_path / "d.toml").write_text(text)

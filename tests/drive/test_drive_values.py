@@ -4,7 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from drives import BLADE, ONE_CHAIN, POSITIVE, STEEL, example, numbers, put
+from drives import BLADE, LARGE, ONE_CHAIN, POSITIVE, STEEL, but, example, numbers, put
 
 from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, loads_drive
 from warpchain.drive.drive import NUMBER_RULES
@@ -183,7 +183,7 @@ def test_paths_of_optional_tables_are_listed(marine):
     assert {"sprockets.tightener.load.torque", "guides.tight strand.contact.width"} < set(marine.paths())
 
 
-@pytest.mark.parametrize("name", example_names())
+@pytest.mark.parametrize("name", but(example_names(), LARGE))
 @pytest.mark.filterwarnings("ignore")
 def test_copies_and_errors_are_those_of_with_values(name):
     """Each number of each example times factors of which some are not allowed: first alone, then two at a time."""

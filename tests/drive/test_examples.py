@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import STARTING, example
+from drives import LARGE, STARTING, but, example
 from loading import load_script
 
 from warpchain import Record, cli, simulate
@@ -57,7 +57,7 @@ def test_the_gallery_has_every_example():
         assert (docs / picture).exists() and (docs / file).exists()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", but(NAMES, LARGE))
 def test_loads_fits_and_is_checked_without_warnings(name, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

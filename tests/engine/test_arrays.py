@@ -34,10 +34,8 @@ KEPT = {
 def held(drives):
     """The structs of two marine drives on a device, by group."""
     packed = pack(drives, [Schedule(1e-5, 10, 2, 10, 0)] * len(drives))
-    ensemble = upload_ensemble(packed, "cpu")
     return packed, {
-        "ensemble": ensemble,
-        "curves": ensemble.curves,
+        "ensemble": upload_ensemble(packed, "cpu"),
         "state": upload_state(packed, "cpu", (1, 1)),
         "sums": empty_sums(packed, "cpu"),
         "tallies": empty_tallies(packed, "cpu"),
@@ -49,7 +47,6 @@ def test_each_array_has_its_row(real):
     kinds = structs.types(real)
     of_group = {
         "ensemble": kinds.Ensemble,
-        "curves": structs.Curves,
         "state": kinds.State,
         "sums": structs.Sums,
         "tallies": structs.Tallies,
@@ -58,7 +55,7 @@ def test_each_array_has_its_row(real):
     for group, struct in of_group.items():
         arrays = {name for name, var in struct.vars.items() if isinstance(var.type, type(wp.array[real]))}
         assert arrays == TABLE[group].keys()
-        assert struct.vars.keys() - arrays == ({"curves"} if group == "ensemble" else set())
+        assert struct.vars.keys() == arrays
 
 
 def test_arrays_are_as_the_table_says():

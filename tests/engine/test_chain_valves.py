@@ -51,6 +51,7 @@ def test_their_energy_is_in_the_balance(beside_each_other):
         assert abs(row["energy_change"]) > 1.0
 
 
+@pytest.mark.long
 def test_a_v6_with_valves(device):
     """Groups on cams of three chains; metrics have their names once, and all balances close."""
     car, v6 = (example(name) for name in ("car", "v6"))

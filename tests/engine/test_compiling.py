@@ -51,6 +51,7 @@ def compiled(jobs, cores=2, stop=None, report=lambda *_: None):
     return [job.path.exists() for job in jobs]
 
 
+@pytest.mark.long
 def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
     monkeypatch.setattr(wp.config, "use_precompiled_headers", True)  # the process does without
     jobs, seen = list(jobs_of(COLLECT, "cuda:0")), []

@@ -88,23 +88,14 @@ def test_what_has_to_be_compiled_first_counts(known, monkeypatch):
     assert chosen("cuda:0", "cpu").devices == ("cpu",) and looked == ["cuda:0", "cpu"]  # 9.5 s
 
 
-def test_a_kernel_is_known_to_be_compiled(monkeypatch, tmp_path):
-    drive = two_sprockets(duration=5e-4, settle="false")
-    simulate(drive, device="cpu", record=Record("none"))
+@pytest.mark.parametrize("on", [("cpu", "float64"), pytest.param(("cuda:0", "float32"), marks=pytest.mark.gpu)])
+def test_a_kernel_is_known_to_be_compiled(on, monkeypatch, tmp_path):
+    (device, precision), drive = on, two_sprockets(duration=5e-4, settle="false")
+    simulate(drive, device=device, precision=precision, step=1e-6, record=Record("none"))
     packed = pack([drive], [Schedule(1e-6, 500, 250, 500, 0)])
-    assert not device_choice.uncompiled("cpu", packed, "float64")
+    assert not device_choice.uncompiled(device, packed, precision)
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    assert device_choice.uncompiled("cpu", packed, "float64")
-
-
-@pytest.mark.gpu
-def test_a_kernel_of_a_gpu_is_known_to_be_compiled(monkeypatch, tmp_path):
-    drive = two_sprockets(duration=5e-4, settle="false")
-    packed = pack([drive], [Schedule(1e-6, 500, 250, 500, 0)])
-    simulate(drive, device="cuda:0", precision="float32", step=1e-6, record=Record("none"))
-    assert not device_choice.uncompiled("cuda:0", packed, "float32")
-    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    assert device_choice.uncompiled("cuda:0", packed, "float32")
+    assert device_choice.uncompiled(device, packed, precision)
 
 
 def test_it_is_measured_once_and_only_where_it_pays(known, monkeypatch):

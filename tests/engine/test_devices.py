@@ -330,13 +330,23 @@ from drives import STARTING, two_sprockets
 from raw import Frames
 from warpchain import simulate
 print(simulate(two_sprockets(duration=0.0005, settle="false"), limits=STARTING).metrics["status"].to_pylist())
+print([name for name in ("pandas", "scipy", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])
 """
 
 
-def test_a_script_prints_what_it_prints_and_nothing_of_warp():
-    assert said(SCRIPT) == ("['ok']\n", "")
+@pytest.fixture(scope="module")
+def script():
+    """What the script prints, line by line, and says."""
+    out, err = said(SCRIPT)
+    return out.splitlines(), err
 
 
+def test_a_script_prints_what_it_prints_and_nothing_of_warp(script):
+    (status, _), err = script
+    assert (status, err) == ("['ok']", "")
+
+
+@pytest.mark.long
 def test_warps_messages_come_where_they_are_asked_for():
     out, err = said("import warp\nwarp.config.log_level = warp.LOG_DEBUG\n" + SCRIPT)
     assert "Warp" in out + err
@@ -344,18 +354,7 @@ def test_warps_messages_come_where_they_are_asked_for():
     assert "Warp" in out + err and "load on device" in out + err
 
 
-LOADED = """
-import sys
-sys.path.insert(0, "tests")
-from drives import STARTING, two_sprockets
-from raw import Frames
-from warpchain import simulate
-simulate(two_sprockets(duration=0.0005, settle="false"), limits=STARTING)
-print([name for name in ("pandas", "scipy", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])
-"""
-
-
 @pytest.mark.skipif(wp.is_cuda_available(), reason="with a GPU its engine is asked whether it could run the drive")
-def test_a_run_loads_nothing_that_it_does_not_need():
+def test_a_run_loads_nothing_that_it_does_not_need(script):
     pytest.importorskip("pandas")  # which pyarrow loads wherever it is installed, unless it is given buffers
-    assert said(LOADED) == ("[]\n", "")
+    assert script[0][1] == "[]"

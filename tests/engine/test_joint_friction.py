@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from drives import errors_of, marine_values, put, row, two_sprockets
+from drives import errors_of, marine_values, of_long, put, row, two_sprockets
 
 from warpchain import Record, read_archive, simulate
 from warpchain.results.channels import NAMES
@@ -12,6 +12,8 @@ from warpchain.results.losses import losses
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
 JOINT = {"friction": 0.1, "pin_radius": 0.0075}
+BOTH = ["joint_friction_power", "hub_force"]
+"""The channels on request, which other tests have a kernel for."""
 
 
 def strands(found):
@@ -65,7 +67,10 @@ def test_the_pin_term_of_spicer():
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
 
 
-@pytest.mark.parametrize(("integrator", "channels"), [("leapfrog", ["joint_friction_power"]), ("rk4", NAMES)])
+@pytest.mark.parametrize(
+    ("integrator", "channels"),
+    [("leapfrog", BOTH), *of_long(("rk4", NAMES), ("leapfrog", BOTH[:1]))],
+)
 def test_powers_of_the_joints_add_up_to_their_loss(integrator, channels, tmp_path):
     # sampled at every step, the joints' powers under the window's trapezoids are the metric's sum in another order
     drive = two_sprockets(duration=0.01, integrator=integrator).with_values({"chain.joint": JOINT})
@@ -86,7 +91,7 @@ def test_a_drive_without_joint_friction_has_no_friction_power():
     # its scratch still holds the moments of the variant before it, which the same thread has run
     rubbing = two_sprockets(duration=0.002)
     rubbing, bare = rubbing.with_values({"chain.joint": JOINT}), rubbing
-    record = Record(channels=["joint_friction_power"])
+    record = Record(channels=BOTH)
     run = simulate([rubbing, bare], device="cpu", workers=1, record=record)
     assert run[0].joint_friction_power.max() > 0.0
     assert (run[1].joint_friction_power == 0.0).all()

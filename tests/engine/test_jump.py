@@ -77,6 +77,7 @@ def test_a_tooth_holds_the_ratio_at_which_its_force_balances_two_links():
     assert ratio_held(drive, 0) == pytest.approx(1.0 / behind, rel=1e-12)
 
 
+@pytest.mark.long
 def test_few_teeth_jump_at_the_ratio_that_they_hold(triangle):
     """Forward the slack strand has the tensioner's T, and M = R T (q^n - 1), n from the whole number of teeth below the
     wrap's to the one above; in reverse it is the tight one, M = R T (1 - q^-n), which n hardly changes.

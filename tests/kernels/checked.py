@@ -105,7 +105,7 @@ def settle_on_blocks() -> None:
     kind = BlockKind(wp.float64, shape, parts)
     order = wp.array([1, 0], dtype=wp.int32, device="cpu")
     inputs = [ensemble, state, empty_tallies(still, "cpu"), settling, order, STEPS]
-    wp.launch(block_relax_kernel(kind, 4), dim=64, inputs=inputs, block_dim=32, device="cpu")
+    wp.launch(blocks.on_fibers(block_relax_kernel(kind, 4)), dim=64, inputs=inputs, block_dim=32, device="cpu")
     assert (settling.numpy()["steps"] == STEPS).all()
 
 

@@ -1,4 +1,4 @@
-"""The block kernel against the CPU kernel on cooperative fibers: chains, contacts and friction on fixed centers."""
+"""The block kernel against the CPU kernel on cooperative fibers."""
 
 from dataclasses import replace
 from itertools import product
@@ -7,24 +7,29 @@ import numpy as np
 import pytest
 import warp as wp
 from blocks import (
+    EVERY,
+    LONG,
+    MOVING_TRAINS,
+    RUBBING,
+    TRAINS_RK4,
+    USUAL,
+    arms,
     assert_steps_of_the_cpu,
     bending,
     equal_sprockets,
     kind_of,
     led_elsewhere,
-    light_wheels,
     long_chains,
     marine,
+    moving_sprockets,
     pack_for,
-    rk4,
-    rubbing,
+    pushed_slider,
     run_blocks,
     shape_of,
     sharing,
     some_of,
     together,
-    uneven,
-    unusual_contacts,
+    trains_rk4,
     ways,
 )
 from layouts import winding
@@ -39,19 +44,20 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
-RUBBING = (rubbing, bending, uneven)
-SHARED = [(RUBBING, True, "float64"), ((light_wheels, unusual_contacts), True, "float32")]
-
-
-@pytest.mark.parametrize(**together(SHARED))
+@pytest.mark.parametrize(**together(USUAL, LONG))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision, family):
     assert_steps_of_the_cpu(drives, many, precision, family)
 
 
 ALONE = ways(
-    (marine, *RUBBING, equal_sprockets, light_wheels, long_chains, unusual_contacts),
+    EVERY,
     [(marine, False, "float64"), (equal_sprockets, True, "float32")],
-    [(long_chains, False, "float64")],
+    [
+        (long_chains, False, "float64"),
+        (moving_sprockets, False, "float64"),
+        (arms, False, "float64"),
+        (pushed_slider, True, "float32"),
+    ],
 )
 
 
@@ -63,22 +69,14 @@ def test_a_kernel_of_its_own_takes_the_steps_of_the_cpu_kernel(fibers, drives, m
 BARE = [
     (equal_sprockets, 1, "float32"),
     (equal_sprockets, 8, "float64"),
-    (equal_sprockets, 100, "float64"),
     (marine, 8, "float32"),
     (led_elsewhere, 1, "float64"),
 ]
 
 
 @pytest.mark.parametrize(
-    ("drives", "each", "precision"),  # alone, with others on its multiprocessor, and many
-    some_of(
-        [
-            *product([equal_sprockets], [1, 8, 100], ["float64", "float32"]),
-            *product([marine, led_elsewhere], [1, 8], ["float64", "float32"]),
-        ],
-        [],
-        BARE,
-    ),
+    ("drives", "each", "precision"),  # alone, and with others on its multiprocessor
+    some_of(list(product([equal_sprockets, marine, led_elsewhere], [1, 8], ["float64", "float32"])), [], BARE),
 )
 def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, each, precision):
     variants = drives()
@@ -131,12 +129,15 @@ def test_how_many_rollers_a_thread_might_have_does_not_matter(fibers):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("drives", "order"), [(equal_sprockets, [0]), (rk4, [0, 1])])
-def test_metrics_from_the_first_step(fibers, drives, order):
-    variants = drives()[: len(order)]
-    packed = pack(variants, [Schedule(drive.run.step, 64, 0, 64, 0) for drive in variants])
+@pytest.mark.parametrize(
+    ("drives", "many", "family"), [(moving_sprockets, True, MOVING_TRAINS), (trains_rk4, False, TRAINS_RK4)]
+)
+def test_metrics_from_the_first_step(fibers, drives, many, family):
+    of_family, kind, frame = sharing(family, many, "float64")
+    variants = of_family[drives]
+    packed = pack_for(variants, [Schedule(drive.run.step, 64, 0, 64, 0) for drive in variants], "float64")
     serial, none = stepped(packed, 65)
-    _, sums = run_blocks(packed, kind_of(packed, BlockShape(32, 2)), [65], order, none)
+    _, sums = run_blocks(replace(packed, frame=frame), kind, [65], [0, 1], none)
     for name in ("chain", "strand", "sprocket", "contact"):
         for field in (theirs := serial.sums()[name]).dtype.names:
             ours, scale = sums[name][field], np.abs(theirs[field]).max()

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import pytest
@@ -42,28 +43,19 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     assert all(bytes_ >= of.asked for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
 
 
+def measuring(resident, shape, parts, real, frame=FRAME, **more):
+    """A kernel that takes metrics."""
+    return block_kernel(BlockKind(real, shape, parts, measuring=True, **more), resident, frame)
+
+
+WARPS, FEW, BENDING = BlockShape(32, 4), BlockShape(160, 1), {"integrator": 1, "friction": Friction(joints=BY_SPEED)}
 FORMS = {
-    "many": lambda real: block_kernel(BlockKind(real, BlockShape(32, 4), Parts(2, 1), measuring=True), 16, FRAME),
-    "moving": lambda real: block_kernel(
-        BlockKind(real, BlockShape(160, 1), Parts(2, 1), moving=True, measuring=True), 4, FRAME
-    ),
-    "few": lambda real: block_kernel(BlockKind(real, BlockShape(160, 1), Parts(2, 1), measuring=True), 4, FRAME),
-    "rk4, bending": lambda real: block_kernel(
-        BlockKind(
-            real,
-            BlockShape(32, 4),
-            Parts(2, 1),
-            measuring=True,
-            integrator=1,
-            friction=Friction(joints=BY_SPEED),
-        ),
-        8,
-        frame_of(NAMES),
-    ),
-    "several chains": lambda real: block_kernel(
-        BlockKind(real, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, rings=2), measuring=True), 8, FRAME
-    ),
-    "relax": lambda real: block_relax_kernel(BlockKind(real, BlockShape(160, 1), Parts(2, 1)), 4),
+    "many": partial(measuring, 16, WARPS, Parts(2, 1)),
+    "moving": partial(measuring, 4, FEW, Parts(2, 1), moving=True),
+    "few": partial(measuring, 4, FEW, Parts(2, 1)),
+    "rk4, bending": partial(measuring, 8, WARPS, Parts(2, 1), frame=frame_of(NAMES), **BENDING),
+    "several chains": partial(measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, rings=2)),
+    "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
 USUAL = [

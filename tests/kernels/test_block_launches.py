@@ -9,6 +9,7 @@ import raw
 import warp as wp
 from blocks import (
     ARMS_RK4,
+    MOVING_TRAINS,
     OF_THREE_RK4,
     arms,
     arms_rk4,
@@ -19,6 +20,7 @@ from blocks import (
     large,
     marine,
     moving_sprockets,
+    on_fibers,
     pack_for,
     pushed_slider,
     rk4,
@@ -57,15 +59,19 @@ from warpchain.results.schedule import Schedule
     some_of(
         [
             *product([equal_sprockets, rk4, arms, pushed_slider], [True], ["float64", "float32"], [()]),
-            *product([arms_rk4], [True], ["float64", "float32"], [ARMS_RK4]),
-            *product([moving_sprockets], [False, True], ["float64", "float32"], [()]),
+            *product([arms_rk4], [True], ["float64", "float32"], [ARMS_RK4, OF_THREE_RK4]),
+            *product([moving_sprockets], [False, True], ["float64", "float32"], [(), MOVING_TRAINS]),
         ],
         [
             (equal_sprockets, True, "float32", ()),
+            (arms_rk4, True, "float32", OF_THREE_RK4),
+            (moving_sprockets, True, "float64", MOVING_TRAINS),
+        ],
+        [
             (arms_rk4, True, "float64", ARMS_RK4),
             (moving_sprockets, False, "float64", ()),
+            (pushed_slider, True, "float32", ()),
         ],
-        [(pushed_slider, True, "float32", ())],
     ),
 )
 def test_where_launches_end_does_not_matter(fibers, drives, many, precision, family):
@@ -105,70 +111,49 @@ def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, mea
     assert (rollers[first : first + n] != rollers[third : third + n]).any()
 
 
+def settled(drive, threads, parts, steps=(20_000,), **more):
+    """The ensemble of a drive, the CPU's engine, and the state of a block of fibers, at rest; to a tolerance of 1e-3.
+
+    Both take as many steps, until round-off has a peak of kinetic energy seen a look earlier or later.
+    """
+    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
+    if drive.arms:
+        cushion(packed)
+        quickened(packed, stacks_of([drive]))
+    serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=bool(drive.arms)), 1e-3, sum(steps))
+    ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
+    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    kernel = on_fibers(block_relax_kernel(BlockKind(wp.float64, BlockShape(threads, 1), parts, **more), 4))
+    for count in steps:
+        inputs = [ensemble, state, tallies, settling, order, count]
+        wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
+    ours, theirs = settling.numpy()[0], serial.settling()[0]
+    assert ours["settled"] == theirs["settled"] == 1 and ours["residual"] < 1e-3
+    assert abs(int(ours["steps"]) - int(theirs["steps"])) <= 0.2 * theirs["steps"]
+    return packed, serial, state
+
+
 @pytest.mark.long
 def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     drive = two_sprockets().with_values({"run.gravity": [0.0, -9.81]})
-    packed = pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)])
-    still = elastic(packed)
-    serial, start = raw.settling(still, 0.7 * step_limit(drive), 1e-3, 100_000)
-    settling = wp.array(start, dtype=Settling, device="cpu")
-    ensemble, state, tallies = (
-        upload_ensemble(still, "cpu", blocks=True),
-        upload_state(still, "cpu", (0, 0)),
-        empty_tallies(still, "cpu"),
-    )
-    order = wp.zeros(1, dtype=wp.int32, device="cpu")
-    threads = 32 * -(-drive.chain.links // 32)
-    kernel = block_relax_kernel(BlockKind(wp.float64, BlockShape(threads, 1), Parts(2, 0)), 4)
-    for _ in range(40):
-        inputs = [ensemble, state, tallies, settling, order, 1000]
-        wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
-    ours, theirs = settling.numpy(), serial.settling()
-    assert ours["settled"][0] == theirs["settled"][0] == 1
-    assert ours["residual"][0] < 1e-3
-    # the same steps until round-off has a peak of kinetic energy seen a look earlier or later
-    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
-    np.testing.assert_allclose(
-        state.rollers.numpy()[: 2 * drive.chain.links], serial.rollers()[: 2 * drive.chain.links], atol=1e-5
-    )
+    _, serial, state = settled(drive, 64, Parts(2, 0), [1000] * 40)
+    first = slice(2 * drive.chain.links)
+    np.testing.assert_allclose(state.rollers.numpy()[first], serial.rollers()[first], atol=1e-5)
 
 
 @pytest.mark.long
 def test_block_kernel_settles_an_arm(fibers):
-    # as the CPU does: rollers and the arm at rest, whose residual is below the tolerance
-    drive = timing()
-    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
-    cushion(packed)
-    quickened(packed, stacks_of([drive]))
-    serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=True), 1e-3, 20_000)
-    ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
-    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
-    order = wp.zeros(1, dtype=wp.int32, device="cpu")
-    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 2, arms=1, tensioners=1), profiles=True)
-    inputs = [ensemble, state, tallies, settling, order, 20_000]
-    wp.launch(block_relax_kernel(kind, 4), dim=160, inputs=inputs, block_dim=160, device="cpu")
-    ours, theirs = settling.numpy(), serial.settling()
-    assert ours["settled"][0] == theirs["settled"][0] == 1
-    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
-    # within what the tolerance leaves: micrometers
+    # as the CPU does: rollers and the arm at rest, within what the tolerance leaves: micrometers
+    _, serial, state = settled(timing(), 160, Parts(3, 2, arms=1, tensioners=1), profiles=True)
     np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
 
 
-@pytest.mark.parametrize("hubs", [1, 2], ids=["alone", "on another arm"])
+@pytest.mark.parametrize("hubs", [pytest.param(1, marks=pytest.mark.long), 2], ids=["alone", "on another arm"])
 def test_block_kernel_settles_an_arm_with_its_sprocket(fibers, hubs):
     # as above; the sprocket's center goes with the arm, to the tolerance of that, and the arm with one that carries it
     drive = load_drive(drive_path("swing_idler")) if hubs == 1 else folded()[0]
-    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
-    cushion(packed)
-    quickened(packed, stacks_of([drive]))
-    serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=True), 1e-3, 20_000)
-    ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
-    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
-    order = wp.zeros(1, dtype=wp.int32, device="cpu")
-    kind = BlockKind(wp.float64, BlockShape(160, 1), Parts(3, 0, arms=hubs, hubs=hubs), moving=True)
-    inputs = [ensemble, state, tallies, settling, order, 20_000]
-    wp.launch(block_relax_kernel(kind, 4), dim=160, inputs=inputs, block_dim=160, device="cpu")
-    assert settling.numpy()["settled"][0] == serial.settling()["settled"][0] == 1
+    packed, serial, state = settled(drive, 160, Parts(3, 0, arms=hubs, hubs=hubs), moving=True)
     ours, theirs, before = state.bodies.numpy(), serial.bodies(), packed.bodies
     np.testing.assert_allclose(ours["angle"], theirs["angle"], atol=1e-4)
     np.testing.assert_allclose(ours["center"], theirs["center"], atol=2e-5)
@@ -200,7 +185,7 @@ class Blocks:
         assign_rows(getattr(self.held()[group], name), values)
 
     def advance(self, steps):
-        kernel, threads = block_kernel(self.kind, 4, self.packed.frame), self.kind.shape.threads
+        kernel, threads = on_fibers(block_kernel(self.kind, 4, self.packed.frame)), self.kind.shape.threads
         none = wp.empty(1, dtype=self.packed.real, device="cpu")
         order = wp.array([0, 1], dtype=wp.int32, device="cpu")
         inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, steps, 0]

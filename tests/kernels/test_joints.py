@@ -21,14 +21,14 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     MOMENT = wp.constant(ROWS.index("moment") * 264)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def vibrate(w: wp.array[wp.float64], chain: kinds.Chain, joint: kinds.Joint, h: real, spacing: real, shape:
+    def vibrate(w: wp.array[wp.float64], chain: kinds.Chain, h: real, spacing: real, shape:
                 wp.array[wp.float64], out: wp.array[wp.float64]):  # fmt: skip
         count = shape.shape[0]
         memory = kinds.Memory()
         memory.stretched = real(1.0)
         for step in range(out.shape[0]):
-            joints.pull_links(w, count, chain, kinds.Links())
-            joints.rub_joints(w, count, joint, memory)
+            joints.pull_links(w, count, chain)
+            joints.rub_joints(w, count, chain, memory)
             w[MOMENT] = real(0.0)
             w[MOMENT + count - 1] = real(0.0)
             w[MOMENT + count] = real(0.0)
@@ -50,18 +50,19 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     rows = np.zeros((len(ROWS), 264))
     rows[ROWS.index("length")] = PITCH
     rows[0, : n + 2], rows[1, : n + 2] = spacing * np.arange(n + 2), amplitude * mode
-    law, joint = kinds.Chain(), kinds.Joint()
+    law = kinds.Chain()
     law.stiffness, law.mass, law.inverse_mass = STIFFNESS, MASS, 1.0 / MASS
+    law.outer_stiffness = STIFFNESS
     frequency = np.sqrt(tension / spacing / MASS) / np.pi * np.sin(np.pi / (2 * (n + 1)))
     per_cycle = round(10 / (frequency * np.sqrt(MASS / STIFFNESS)))
     h = 1 / (frequency * per_cycle)
-    joint.rubs, joint.pin_radius, joint.arm = 1, radius, WORN_IN * radius
-    joint.inertia = JOINT_INERTIA * MASS * PITCH**2 / (6 * h)
-    joint.law.mu_dynamic = joint.law.mu_static = mu
+    law.pin_radius, law.joint_arm = radius, WORN_IN * radius
+    law.joint.inertia = JOINT_INERTIA * MASS * PITCH**2 / (6 * h)
+    law.joint.mu_dynamic = law.joint.mu_static = mu
     out = wp.zeros(round((cycles + 0.3) * per_cycle), dtype=real, device="cpu")
     scratch = wp.array(rows.ravel(), dtype=real, device="cpu")
     shape = wp.array(mode * 2 / (n + 1), dtype=real, device="cpu")
-    wp.launch(vibrate, dim=1, inputs=[scratch, law, joint, h, spacing, shape, out], device="cpu")
+    wp.launch(vibrate, dim=1, inputs=[scratch, law, h, spacing, shape, out], device="cpu")
     found, window = out.numpy(), per_cycle // 4
     return np.array([amplitude] + [found[k * per_cycle - window : k * per_cycle + window].max()
                                    for k in range(1, cycles + 1)])  # fmt: skip

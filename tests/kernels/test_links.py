@@ -19,8 +19,8 @@ def pushed(amplitude, steps, sample_every=0, **links):
     position = np.array([[0.0, 0.0], [PITCH + PLAY + amplitude, 0.0]])
     packed = chain(position, np.zeros((2, 2)), mass=MASS, pitch=PITCH, stiffness=STIFFNESS, step=1e-6, steps=steps,
                    sample_every=sample_every)  # fmt: skip
-    row = packed.links[0]
-    row["varied_links"], row["play"] = 1, PLAY
+    row = packed.chains[0]
+    row["play"] = PLAY
     row["outer_stiffness"] = links.get("outer_stiffness", STIFFNESS)
     return run(packed)
 
@@ -52,8 +52,8 @@ def test_momentum_is_conserved_with_uneven_links():
     position = PITCH / (2 * np.sin(np.pi / n)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     velocity = np.random.default_rng(1).normal(size=(n, 2))
     packed = chain(position, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, damping=50.0, step=4e-6, steps=4000)
-    packed.links[0]["varied_links"], packed.links[0]["play"] = 1, PLAY
-    packed.links[0]["outer_stiffness"], packed.links[0]["outer_damping"] = 2e6, 200.0
+    row = packed.chains[0]
+    row["play"], row["outer_stiffness"], row["outer_damping"] = PLAY, 2e6, 200.0
     engine, _ = run(packed)
     # forces between two rollers are opposite to the last bit; what is left is the rounding of 4000 sums
     np.testing.assert_allclose(state(engine)[2:].sum(axis=1), velocity.sum(axis=0), atol=1e-11)

@@ -1,6 +1,7 @@
 """Pairs of float32 against float64: arithmetic, headings, tooth gaps and guide-bars; no float64 in the time loop."""
 
 from fractions import Fraction
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,7 +48,7 @@ from warpchain.kernels.physics.guide import in_frame, on_guide, on_profile, trac
 from warpchain.kernels.physics.motion import integral_at, load_moment, prescribed_at, value_at
 from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
 from warpchain.kernels.precision import as_float32
-from warpchain.kernels.structs import BodyState, Curves, Guide, Motion, Piece, Sprocket, Tabulated
+from warpchain.kernels.structs import BodyState, Ensemble, Guide, Motion, Piece, Sprocket, Tabulated
 from warpchain.kernels.sums import add_powers, gathered_powers
 from warpchain.results.channels import FRAME
 
@@ -325,8 +326,8 @@ def test_profiles_in_pairs_are_those_of_float64():
 def led(
     motions: wp.array[Motion],
     ours: wp.array[BLOCKS.Motion],
-    curves: Curves,
-    rows: BLOCKS.Curves,
+    curves: Ensemble,
+    rows: BLOCKS.Ensemble,
     h: wp.float64,
     every: int,
     out: wp.array2d[wp.float64],
@@ -350,7 +351,7 @@ def test_prescribed_angles_in_pairs(ramp):
     rows["prescribed"], rows["load"], rows["load_ramp_time"] = [1, 0], (9000.0, 50.0, 0.1), ramp
     rows["drive_harmonics"]["count"], rows["load_harmonics"]["first"], rows["load_harmonics"]["count"] = 2, 2, 2
     motions = both(Motion, 2, **{name: rows[name] for name in rows.dtype.names})
-    curves, ours = Curves(), BLOCKS.Curves()
+    curves, ours = Ensemble(), BLOCKS.Ensemble()
     curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
     ours.harmonics = given(harmonic_rows(SimpleNamespace(harmonics=harmonics), True), wp.vec4f)
     ours.tables = wp.zeros(1, dtype=Pair, device="cpu")
@@ -445,7 +446,7 @@ def spinning(speed: wp.float64, rate: wp.float64, lag: wp.float64, inertia: wp.f
     motion, mount = BLOCKS.Motion(), BLOCKS.Mount()
     motion.inverse_inertia = wp.float32(wp.float64(1.0) / inertia)
     rates, now = wp.vec3f(0.0, 0.0, wp.float32(rate)), number_of(float(0.0))
-    seen = body_at(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Curves())
+    seen = body_at(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Ensemble())
     out[0, 0] = body_energy(wp.vec2f(), seen, wp.vec2f(), motion, mount)
 
 
@@ -484,29 +485,21 @@ def each_of(kinds, usual, long):
     return some_of(*([(name,) for name in names] for names in (kinds, usual, long)))
 
 
+kind, WARPS, RUBS = partial(BlockKind, wp.float32), BlockShape(32, 4), Friction(BY_SPEED, BY_SPEED)
+ON_ARM = Parts(2, 1, arms=1, tensioners=1)
 LOOPS = {
-    "plain": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), linear_hysteretic=True),
-    "friction": BlockKind(
-        wp.float32,
-        BlockShape(32, 6),
-        Parts(2, 1),
-        friction=Friction(BY_SPEED, BY_SPEED),
-        links="varied",
-    ),
-    "few": BlockKind(wp.float32, BlockShape(160, 1), Parts(2, 1)),
-    "tables, profiles": BlockKind(
-        wp.float32, BlockShape(32, 4), Parts(2, 2), profiles=True, friction=Friction(BY_SPEED)
-    ),
-    "arm, moving": BlockKind(
-        wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), moving=True, profiles=True
-    ),
-    "pushed, rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0, tensioners=1), integrator=1, moving=True),
-    "shafts": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0, others=3, tied=1)),
+    "plain": kind(WARPS, Parts(2, 0), linear_hysteretic=True),
+    "friction": kind(BlockShape(32, 6), Parts(2, 1), friction=RUBS, links="varied"),
+    "few": kind(BlockShape(160, 1), Parts(2, 1)),
+    "tables, profiles": kind(WARPS, Parts(2, 2), profiles=True, friction=Friction(BY_SPEED)),
+    "arm, moving": kind(WARPS, ON_ARM, moving=True, profiles=True),
+    "pushed, rk4": kind(WARPS, Parts(2, 0, tensioners=1), integrator=1, moving=True),
+    "shafts": kind(WARPS, Parts(2, 0, others=3, tied=1)),
 }
 """Each has what others lack; together they have all that drives may have."""
 
 
-@pytest.mark.parametrize("name", each_of(LOOPS, ["few"], ["pushed, rk4"]))
+@pytest.mark.parametrize("name", each_of(LOOPS, [], ["few", "pushed, rk4"]))
 def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
     assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
@@ -518,16 +511,10 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
 
 
 MEASURING = {
-    "plain": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), measuring=True),
-    "friction": BlockKind(
-        wp.float32,
-        BlockShape(32, 6),
-        Parts(2, 1),
-        measuring=True,
-        friction=Friction(BY_SPEED, BY_SPEED),
-    ),
-    "arm": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 1, arms=1, tensioners=1), measuring=True, profiles=True),
-    "rk4": BlockKind(wp.float32, BlockShape(32, 4), Parts(2, 0), measuring=True, integrator=1),
+    "plain": kind(WARPS, Parts(2, 0), measuring=True),
+    "friction": kind(BlockShape(32, 6), Parts(2, 1), measuring=True, friction=RUBS),
+    "arm": kind(WARPS, ON_ARM, measuring=True, profiles=True),
+    "rk4": kind(WARPS, Parts(2, 0), measuring=True, integrator=1),
 }
 
 

@@ -1,9 +1,11 @@
-"""All recipes of CONTRIBUTING.md at once: block kernels then take the steps of the CPU's, at both precisions."""
+"""Recipes of CONTRIBUTING.md: a law, a moment in the joints, an integrator, and all at once on blocks."""
+
+import re
 
 import numpy as np
 import pytest
-from drives import example
-from grown import CONTRIBUTING, grown, recipe, run_in
+from drives import example, two_sprockets
+from grown import CONTRIBUTING, followed, grown, recipe, run_in
 
 from warpchain import dumps_drive
 
@@ -19,6 +21,74 @@ new = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_
 new |= {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
 assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in sys.argv[2:]], True, sys.argv[1])
 """
+
+
+DRIVE = """
+from drives import two_sprockets
+from warpchain import loads_drive, dumps_drive, simulate
+
+law = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound"}
+drive = loads_drive(dumps_drive(two_sprockets(duration=0.005).with_values(law)))
+print(drive.contact.sprocket.law, simulate(drive, device="cpu")[0].tension.max() > 0.0)
+"""
+
+
+SEALED = """
+import sys
+import numpy as np
+from warpchain import Record, load_drive, simulate
+from warpchain.results.channels import NAMES
+
+drive = load_drive(sys.argv[1]).with_values({"chain.joint": {"friction": 0.1, "pin_radius": 0.0075, "seal": 0.5}})
+run = simulate(drive, duration=0.005, device="cpu", window=(0.0, 0.005), record=Record(rate=20000.0, channels=NAMES))
+one = run[0]
+d, w = (np.roll(values, -1, axis=1) - values for values in (one.position, one.velocity))
+turning = (d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) / (d * d).sum(axis=2)
+rate = np.abs(turning - np.roll(turning, 1, axis=1))
+pressed = np.maximum(np.abs(one.tension), np.abs(np.roll(one.tension, 1, axis=1)))
+moment = 0.1 * 4 / np.pi * 0.0075 * pressed + 0.5
+power = one.joint_friction_power
+# whatever the bristle holds, its damper slides from twice the moment on; it is never more
+slides = 0.5 * 0.6 * 1.0 * 0.05**2 / 6 * rate / run.info.step > 2.0 * moment
+assert slides.any() and not slides.all()
+# rk4 has positions, velocities and forces of the frame's instant: round-off of differences of positions
+np.testing.assert_allclose(power[slides], (moment * rate)[slides], rtol=1e-8, atol=1e-9)
+assert (np.abs(power) <= moment * rate * (1.0 + 1e-8) + 1e-9).all()
+assert abs(run.metrics["energy_residual_relative"][0].as_py()) < 1e-5
+"""
+
+
+def passed(folder, *words):
+    """The number of tests that pass in a copy; none fails."""
+    printed = run_in(folder, "-m pytest -q -p no:cacheprovider --rootdir .", *words)
+    assert "failed" not in printed
+    return int(re.search(r"(\d+) passed", printed).group(1))
+
+
+@pytest.mark.long
+def test_the_recipe_of_a_law(tmp_path):
+    paths = ["kernels/physics/impact.py", "warpchain/drive/laws.py", "tests/drive/test_laws.py"]
+    folder = followed(tmp_path, "A new contact law", paths)
+    assert run_in(folder, DRIVE).split()[-2:] == ["anagnostopoulos", "True"]
+    # its rebound against the closed form, also as what it is asked for, and the energy balance of a drive
+    assert passed(folder, "-k", "anagnostopoulos and not cuda", "tests/drive/test_laws.py") == 10
+
+
+@pytest.mark.long
+def test_the_recipe_of_an_integrator(tmp_path):
+    """Its order of convergence."""
+    paths = ["kernels/integrate.py", "warpchain/drive/run_settings.py", "tests/kernels/test_chain_physics.py"]
+    folder = followed(tmp_path, "A new integrator", paths)
+    assert passed(folder, "-k", "order_of_convergence and heun3", "tests/kernels/test_chain_physics.py") == 1
+
+
+@pytest.mark.long
+def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
+    """Against its closed form, joint by joint."""
+    paths = ["kernels/physics/friction.py", "kernels/structs.py"]
+    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py"]
+    (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
+    run_in(followed(tmp_path, "A new moment in the joints", paths), SEALED, tmp_path / "drive.toml")
 
 
 @pytest.mark.long

@@ -46,7 +46,8 @@ def test_energy_lost_is_what_friction_took_where_speeds_change_fast():
     # before and after is exact for the chain, which loses and keeps kinetic energy only. Of the first, half step, the
     # mean is a quarter of a step off: (1/4) (0.02)^2 of 50 steps' work, 2e-6
     packed = on_bar(0.2, speed=0.2, steps=25, step=2e-3)
-    packed.chains["stiffness"], packed.guides["law"]["stiffness"] = 1e3, 1e3
+    for rows in (packed.chains["stiffness"], packed.chains["outer_stiffness"], packed.guides["law"]["stiffness"]):
+        rows[:] = 1e3
     packed.rows(0)[1] = RADIUS - MASS * WEIGHT / 1e3
     engine, _ = raw.run(packed)
     sums = engine.sums()

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from tensioner_rig import RELIEF, VENT, loaded, looked, moved, still, tensioner
 
 from warpchain.kernels.physics.body import faced
-from warpchain.kernels.physics.tensioner import extension, push_by, touch_arm
+from warpchain.kernels.physics.tensioner import push_by, stroke_of, touch_arm
 from warpchain.kernels.structs import Pose, Tensioner, TensionerState
 
 PRESSURES = np.geomspace(1e3, 1e8, 40)
@@ -388,9 +388,10 @@ def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
     body = faced(body, wp.cos(angle), wp.sin(angle))
     push = push_by(body, True, TensionerState(), t)
     out[0] = touch_arm(body, t)
-    out[1] = push.wrench.force
-    out[2] = wp.vec2d(push.wrench.moment, push.rate)
-    out[3] = wp.vec2d(push.extension, extension(body.center, touch_arm(body, t), t))
+    x, rate = stroke_of(body, t)
+    out[1] = push.thrust
+    out[2] = wp.vec2d(push.moment, rate)
+    out[3] = wp.vec2d(push.extension, x)
 
 
 def test_the_touched_point_moves_with_its_body_and_is_pushed():

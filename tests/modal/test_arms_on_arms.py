@@ -52,6 +52,7 @@ def on_levers(drive, length, far):
     return with_arms(drive, [upper, lower], mount={"kind": "arm", "arm": "lower"})
 
 
+@pytest.mark.long
 def test_two_long_levers_are_a_center_on_two_springs():
     """The spring of the short one feels the long one's turn, too: length / far of it; both fall to a third here."""
     drive = two_sprockets().with_values({"sprockets.driven.mass": 30.0})

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from command import refused
-from drives import example, two_sprockets
+from drives import example, of_long, two_sprockets
+from tensioner_rig import oil_modulus
 
-from warpchain.drive.oil import bulk_modulus, oil_stiffness, static_force, static_pressure
+from warpchain.drive.oil import static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import base_modes, campbell, mode_metrics
@@ -100,7 +101,7 @@ def cubic(drive, result):
     h, bent, weight = levers(drive, angle)
     r = complex(*np.subtract(tensioner.at, ARM["pivot"]))
     x = (complex(*tensioner.unit_direction) * (r * (np.exp(1j * angle) - 1.0)).conjugate()).real
-    oil = oil_stiffness(tensioner, static_pressure(tensioner), x)
+    oil = oil_modulus(tensioner, static_pressure(tensioner)) * AREA**2 / (1e-6 + AREA * x)
     gap = tensioner.area**2 / tensioner.leak_conductance
     spring = tensioner.spring_stiffness
     stiff = ARM["stiffness"] + spring * h**2 - static_force(tensioner, x) * bent + weight
@@ -136,7 +137,7 @@ def test_oil_shows_in_the_table():
     k = of(result, "lever")
     tensioner, pressure = drive.tensioners[0], static_pressure(drive.tensioners[0])
     volume = 1e-6 + AREA * found.parts[0].extension[0]
-    modulus, gap = bulk_modulus(tensioner, pressure), AREA**2 / tensioner.leak_conductance
+    modulus, gap = oil_modulus(tensioner, pressure), AREA**2 / tensioner.leak_conductance
     late = gap * result.eigenvalue[k] / (gap * result.eigenvalue[k] + modulus * AREA**2 / volume)
     expected = -modulus * AREA / volume * late * result.stroke[k, 0]
     assert abs(result.pressure[k, 0] - expected) < 0.01 * abs(expected)
@@ -265,6 +266,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     assert arrays["bodies"].shape == (26, 4, 3)
 
 
+@pytest.mark.long
 def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
     """A heavier arm's mode is lower, by its share of the kinetic energy: d omega / omega = -share dI / 2 I."""
     wanted = base_modes(car, 26)
@@ -282,7 +284,7 @@ def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--set", "sprockets.intake cam.load.torque=1e5"], "does not settle"),
+        *of_long((["--set", "sprockets.intake cam.load.torque=1e5"], "does not settle")),
         (["--speed", "50000"], "speed = 50000"),
     ],
 )
@@ -305,6 +307,7 @@ def test_a_valve_is_shut_or_open(car, capsys):
     assert "takes one speed" in refused(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
 
 
+@pytest.mark.long
 def test_what_does_not_settle_is_refused():
     with pytest.raises(SimulationError, match="does not settle") as caught:
         modes(apart([SPRING]).with_values({"sprockets.driven.load.torque": 1e6}))

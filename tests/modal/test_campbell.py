@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from command import refused, run
-from drives import example, two_sprockets
+from drives import example, of_long, two_sprockets
 
 from warpchain.assembly.frequencies import Order, orders
 from warpchain.errors import SimulationError
@@ -57,6 +57,7 @@ def test_unlike_links_excite_half_the_tooth_frequency():
     assert Order(10.0, "links of two kinds") in orders(unlike)
 
 
+@pytest.mark.long
 def test_means_over_a_pitch_lie_between_phases():
     """Roots of means of squares. Half a pitch later both strands of this drive are a link longer at one end and shorter
     at the other: a share of 1 / 19.5 of their length, and what that does to their tension, 1 % more."""
@@ -128,7 +129,7 @@ def test_the_command_prints_the_table_and_writes_arrays(tmp_path, capsys):
         (["--speed", "1", "2", "3"], "must be one or two speeds"),
         (["-o", "modes.pdf"], "must end in .html"),
         (["--phases", "4"], "takes a diagram over two speeds"),
-        (["--set", "sprockets.conveyor.load.torque=1e7"], "does not settle"),
+        *of_long((["--set", "sprockets.conveyor.load.torque=1e7"], "does not settle")),
     ],
 )
 def test_mistakes_are_said_in_one_line(words, line, capsys):

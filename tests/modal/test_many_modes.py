@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drives import example, two_sprockets
+from drives import example, of_long, two_sprockets
 
 from warpchain import modes
 from warpchain.assembly import assemble, statics
@@ -22,7 +22,7 @@ def taut(**options):
     return two_sprockets(**({"links": 58, "span": 19.03, "torque": 100.0} | options))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", of_long(1, 2))
 def test_each_of_many_is_as_alone(at_once, workers):
     """Drives of two kinds, running. Operations are the same; BLAS on another number of threads sums in another order,
     which moves an eigenvalue by rounding."""

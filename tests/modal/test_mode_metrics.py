@@ -2,7 +2,7 @@
 
 import pyarrow.parquet as pq
 import pytest
-from drives import two_sprockets
+from drives import of_long, two_sprockets
 
 from warpchain.drive import dumps_drive
 from warpchain.engine import processes
@@ -30,13 +30,14 @@ def test_a_sprocket_of_other_inertia_keeps_its_name(base):
     assert heavy[strand] == pytest.approx(light[strand], rel=0.05)
 
 
+@pytest.mark.long
 def test_other_links_are_told_by_name(base):
     wanted = base_modes(base, 3)
     longer = base.with_values({"chain.links": 60, "sprockets.driven.center": [20.03 * 0.05, 0.0]})
     assert set(mode_metrics(wanted, longer)) <= set(mode_metrics(wanted, base))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, *of_long(2)])
 def test_a_study_follows_modes(base, tmp_path, workers, monkeypatch):
     monkeypatch.setattr(processes, "FEWEST", 1)
     (tmp_path / "drive.toml").write_text(dumps_drive(base))

@@ -277,6 +277,7 @@ def grown(packed, found, result, k, halves=100):
     return np.array(size), np.array([np.polyfit(times, one, 1)[0] for one in late.T])
 
 
+@pytest.mark.long
 def test_a_damped_strand_runs_away_beyond_four_zeta():
     """The share e at which growth begins, between two that are measured, is 4 zeta for a mode that damps by 0.5 to 2 %
     (its other end gives way on a spring and a damper).

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from chains import CONTACT, chain, plus, run, side_by_side, span, sprocket, two_stages
-from drives import example
+from drives import example, of_long
 from parts import coupling, gears, shaft
 
 from warpchain import dumps_drive, loads_drive
@@ -105,6 +105,7 @@ def test_torsion_of_a_wheel_on_a_coupling_behind_two_chains():
     assert (turning[own] > 0.95).all()
 
 
+@pytest.mark.long
 def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     drive = two_stages(gravity=-9.81)
     found = campbell(drive, [5.0, 6.0], 4)
@@ -170,7 +171,7 @@ def test_names_of_slow_orders_lie_apart_in_the_diagram():
     assert len(boxes) > 3 and np.diff(boxes).min() > 0.018 * figure.axes[0].bbox.height
 
 
-@pytest.mark.parametrize("ending", [".html", ".png", ".npz", ".rrd"])
+@pytest.mark.parametrize("ending", [".html", ".png", ".npz", *of_long(".rrd")])
 def test_the_command_writes_modes_of_v6(ending, tmp_path, capsys):
     out = tmp_path / f"modes{ending}"
     assert main(["modes", "v6", "--count", "4", "-o", str(out)]) == 0

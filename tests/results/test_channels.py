@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from drives import two_sprockets
-from grown import ROOT, grown, recipe, run_in
+from grown import ROOT, followed, run_in
 
 from warpchain import Record, Trajectory, dumps_drive, simulate
 from warpchain.results.channels import (
@@ -55,11 +55,10 @@ np.savez("was.npz", **one.channels())
 
 @pytest.mark.long
 def test_the_recipe_of_a_channel(tmp_path):
-    changes = recipe("A new channel")
-    assert [path for path, _, _ in changes] == ["warpchain/results/channels.py", "kernels/frames.py"]
+    folder = followed(tmp_path, "A new channel", ["warpchain/results/channels.py", "kernels/frames.py"])
     drive = two_sprockets(integrator="rk4", settle="false")
     (tmp_path / "drive.toml").write_text(dumps_drive(drive))
-    run_in(grown(tmp_path, changes), USED, tmp_path / "drive.toml")
+    run_in(folder, USED, tmp_path / "drive.toml")
     mine = simulate(drive, duration=0.005, device="cpu", record=Record(rate=20000.0))[0]
     with np.load(tmp_path / "was.npz") as theirs:  # the others stay as they are
         for name, values in mine.channels().items():

@@ -5,11 +5,11 @@ import math
 import pytest
 
 from warpchain.results.metric_columns import COLUMNS
-from warpchain.results.units import DISPLAYED, display_unit, quantity, shown_unit
+from warpchain.results.units import DISPLAYED, quantity, shown, shown_unit
 
 
 @pytest.mark.parametrize(
-    "unit, largest, shown",
+    "unit, largest, expected",
     [
         ("m", 0.0075, ("mm", 1e3)),
         ("m", -0.0075, ("mm", 1e3)),
@@ -27,8 +27,8 @@ from warpchain.results.units import DISPLAYED, display_unit, quantity, shown_uni
         ("furlong", 1e9, ("furlong", 1.0)),
     ],
 )
-def test_units_fit_the_size_of_the_values(unit, largest, shown):
-    assert display_unit(unit, largest) == shown
+def test_units_fit_the_size_of_the_values(unit, largest, expected):
+    assert shown(unit, largest) == expected
 
 
 def test_shown_values_stay_readable():
@@ -39,7 +39,7 @@ def test_shown_values_stay_readable():
         least, most = max(steps[1][0] * 1e-1, 1e-12), steps[-1][0] * 900.0
         value = least
         while value < most:
-            word, factor = display_unit(unit, value)
+            word, factor = shown(unit, value)
             assert 0.099 <= value * factor < 1e4, (unit, value, word)
             value *= 1.3
 

@@ -85,6 +85,7 @@ def processes():
     return Emulated(u, numbers(u), ["a", "b", "c"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", [known, pytest.param(emulated, marks=pytest.mark.thorough)])
 def test_ranks_of_true_values_are_uniform_over_200_cases(model):
     """Simulation-based calibration (Talts et al. 2018): of the model itself, and of Gaussian processes of 60 runs.
@@ -94,6 +95,7 @@ def test_ranks_of_true_values_are_uniform_over_200_cases(model):
     assert uniform(ranks(model)) > 0.005
 
 
+@pytest.mark.long
 def test_errors_stated_too_small_show_in_the_ranks():
     """Posteriors that are far narrower than they should be leave true values outside: ranks pile up at both ends."""
     assert uniform(ranks(known, stated=0.3, cases=50)) < 1e-6

@@ -343,6 +343,7 @@ record = { rate = 1e5 }
 """
 
 
+@pytest.mark.long
 def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     pytest.importorskip("sklearn")
     path = write_study(tmp_path)

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command import refused, run
+from drives import of_long
 from stopping import interruptions
 from study_helpers import LIMITS, SAMPLED, write_study
 from waiting import wait_for
@@ -161,7 +162,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize("engine", ["bayes", "population"])
-@pytest.mark.parametrize("after", [3, 12])
+@pytest.mark.parametrize("after", [3, *of_long(12)])
 def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, after):
     class Stop(Exception):
         pass
@@ -182,6 +183,7 @@ def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, 
     assert contents(out) == contents(whole[engine][0])
 
 
+@pytest.mark.long
 def test_ctrl_c_at_any_moment_ends_a_search_as_asked(tmp_path, whole, capfd):
     path, ended = written(tmp_path), set()
     for out, status, told in interruptions(["optimize", str(path), "--quiet", "-o"], tmp_path, 6, capfd):
@@ -208,6 +210,7 @@ def test_ctrl_c_waits_for_the_fit_under_way(tmp_path, monkeypatch):
     assert len(fitted) == 1 and (tmp_path / "out/rounds/0000/rows.parquet").exists()
 
 
+@pytest.mark.long
 def test_a_killed_process_is_gone_on_with(tmp_path, whole):
     path, out = written(tmp_path), tmp_path / "out"
     command = [sys.executable, "-m", "warpchain", "optimize", str(path), "-o", str(out), "--quiet"]
@@ -219,6 +222,7 @@ def test_a_killed_process_is_gone_on_with(tmp_path, whole):
     assert contents(out) == contents(whole["bayes"][0])
 
 
+@pytest.mark.long
 def test_more_rows_are_a_longer_search(tmp_path, whole):
     path, out = written(tmp_path), tmp_path / "out"
     longer = path.read_text()
@@ -356,6 +360,7 @@ def test_python_of_the_documents_runs(tmp_path, monkeypatch):
     assert len(held["further"]) == 4 == len(held["mean"]) and len(held["found"].recommended) >= 1
 
 
+@pytest.mark.long
 def test_replicates_are_rows_with_their_standard_errors(tmp_path):
     path = written(tmp_path)
     more = path.read_text().replace("count = 4\n", "count = 4\nreplicates = 3\n")

@@ -260,6 +260,7 @@ def test_in_print_it_is_a_report_to_hand_on(page):
 LONG = [f"tensioner {part} of the upper blade" for part in ("preload", "stiffness", "indentation", "friction")]
 
 
+@pytest.mark.long
 def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
     """200 rows and 12 factors, 390 px wide: no word ends right of the screen, nor in a box that would scroll."""
     random = np.random.default_rng(5)

@@ -5,6 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from command import run
+from drives import of_long
 from pyarrow import parquet
 from stopping import Killed, killed_at_file_operation
 from study_helpers import STUDY, rows_of, write_study
@@ -43,7 +44,7 @@ def begun(folder, more="", *changes, part=None, kind=None, **settings):
 MORE, TWICE = ("count = 4", "count = 8"), ("replicates = 1", "replicates = 2")
 
 
-@pytest.mark.parametrize("kind", ["sobol", "halton"])
+@pytest.mark.parametrize("kind", ["sobol", *of_long("halton")])
 def test_more_points_and_more_replicates_give_the_table_of_a_new_study(tmp_path, kind):
     source, out = begun(tmp_path, RECORD, kind=kind, shard=3)
     before = {path: path.stat().st_mtime_ns for path in (out / "shards").glob("0*")}
@@ -111,6 +112,7 @@ def test_states_that_are_damaged_or_of_another_window_are_no_help(tmp_path):
     assert table_of(out) == table_of(tmp_path / "new")
 
 
+@pytest.mark.long
 def test_killed_at_any_file_operation_it_grows_on_to_the_same_table(tmp_path, monkeypatch):
     source = write_study(tmp_path, shard=4, text=SAMPLED.replace("KIND", "sobol"))
     for operation in (1, 3, 5, 6, 8, 10):

@@ -117,6 +117,7 @@ def test_what_is_unfinished_is_gone_on_with(tmp_path):
     assert rows_of(tmp_path / "e") == rows_of(a)
 
 
+@pytest.mark.long
 def test_copies_of_both_are_kept(tmp_path):
     _, a = studied(tmp_path / "a", ("seed = 1", "seed = 1\nreplicates = 2"))
     _, b = studied(tmp_path / "b", ("seed = 1", "seed = 2\nreplicates = 2"))
@@ -207,6 +208,7 @@ def test_on_the_command_line_and_what_follows(tmp_path, capsys):
     assert status == 2 and told[0].endswith(f"{c}: another drive than {tmp_path / 'a' / 'study.toml'} has")
 
 
+@pytest.mark.long
 def test_states_come_along_and_a_longer_window_goes_on_from_them(tmp_path):
     """Windows of 320 steps become 640; `b` has none of its states kept."""
     changes = [("duration = 0.0005", "duration = 0.0032"), ("step = 1e-5", "step = 1e-5\nwindow = [0.0, 0.0032]")]

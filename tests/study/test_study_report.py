@@ -254,6 +254,7 @@ def large(rows):
     return read_results(pa.table({"variant": np.arange(rows)} | columns | metrics), list(columns))
 
 
+@pytest.mark.long
 def test_ten_thousand_rows_make_a_small_page_soon():
     results = large(10_000)
     objectives = {"s0.force_max": "min", "s1.force_max": "min"}

@@ -12,6 +12,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
+from drives import of_long
 from stopping import Killed, interruptions, killed_at_file_operation
 from study_helpers import STUDY, write_study
 from waiting import wait_for
@@ -72,6 +73,7 @@ def command(source, out):
     return [sys.executable, "-m", "warpchain", "study", "run", str(source), "-o", str(out), "--quiet"]
 
 
+@pytest.mark.long
 def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
     source = write_study(tmp_path, SLOW, points=16, text=STUDY.replace("duration = 0.0005", "duration = 0.02"))
     out = tmp_path / "killed"
@@ -116,6 +118,7 @@ def test_ctrl_c_while_a_study_is_merged_ends_it_between_two_parts(tmp_path, monk
     assert went_on
 
 
+@pytest.mark.long
 def test_ctrl_c_at_any_moment_ends_a_study_as_asked(tmp_path, capfd):
     source, ended = write_study(tmp_path, RECORD, points=2), set()
     run_study(source, tmp_path / "whole")
@@ -139,7 +142,7 @@ def test_parts_of_a_job_array_come_to_the_same_bytes(tmp_path, uninterrupted):
     assert whole_files(tmp_path / "out") == wanted
 
 
-@pytest.mark.parametrize("kind", ["threads", "processes"])
+@pytest.mark.parametrize("kind", ["threads", *of_long("processes")])
 def test_any_executor_comes_to_the_same_bytes(tmp_path, uninterrupted, kind):
     source, wanted = uninterrupted
     pool = ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(1, mp_context=get_context("spawn"))
@@ -176,6 +179,7 @@ def test_a_lost_worker_is_one_line_and_loses_nothing(tmp_path, uninterrupted):
     assert whole_files(tmp_path / "out") == wanted
 
 
+@pytest.mark.long
 def test_a_dask_cluster_that_loses_a_worker_comes_to_the_same_bytes(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     root = Path(cli.__file__).parents[1]

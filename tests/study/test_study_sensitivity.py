@@ -119,6 +119,7 @@ def test_indices_of_a_process_are_of_the_study_s_distributions_and_of_words():
     assert "a distributed as in the study, the others uniform over their range" in words
 
 
+@pytest.mark.long
 def test_intervals_of_a_process_s_indices_hold():
     """y = 3 u + 2 v^2 + 2 u w on -1 .. 1 with a scatter of 0.3 deviations in each of 4 runs of 40 rows: variances 3,
     16/45 and 4/9. Lengths and noise are taken as fitted: so 95 % intervals hold in some 90 %, 66 of these 72; fewer

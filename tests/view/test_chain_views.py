@@ -57,6 +57,7 @@ def test_figures_are_of_each_chain_and_of_the_whole_drive(recorded, tmp_path):
     assert names == {"drive.png", "first link-tension.png", "second link-tension.png"}
 
 
+@pytest.mark.long
 def test_a_page_has_the_sections_of_each_chain(recorded, tmp_path):
     text = report(recorded[0], tmp_path / "two.html").read_text()
     for chain in ("first", "second"):

@@ -116,6 +116,7 @@ def test_draw_refuses_in_one_line(capsys, tmp_path):
     assert status == 2 and len(err) == 1 and (tmp_path / "long.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_watch_draws_at_every_save_and_outlives_mistakes(tmp_path):
     file, picture = tmp_path / "drive.toml", tmp_path / "drive.svg"
     text = drive_path("motorcycle").read_text()

@@ -72,6 +72,7 @@ def test_figures_are_returned(run):
     assert all(isinstance(figure, Figure) for figure in draw_sweep([speeds]).values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_it_showed(path):
     """Every cell ends well, and shows as many things of the same kinds as those that are stored."""

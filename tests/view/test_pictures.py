@@ -104,6 +104,7 @@ def test_long_recordings_are_drawn_within_the_frame_budget(run):
     assert (shown.time[0], shown.time[-1]) == (0.0, run[0].time[-1])
 
 
+@pytest.mark.long
 def test_a_sweep_over_speed_shows_the_tooth_passing_frequency(tmp_path):
     # chains settled on their sprockets run with the tooth-passing ripple of the polygon action
     drives = [two_sprockets(duration=0.2, speed=speed, span=19.5, links=59) for speed in (30.0, 20.0, 40.0)]

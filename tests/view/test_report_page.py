@@ -54,6 +54,7 @@ def test_the_page_needs_nothing_else(page):
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_cycle_of_turns_is_of_drives_where_something_repeats(run):
     """A drive without harmonics has none; where the load swings with the turns, the section and its link are there."""
     swinging = run.drives[0].with_values({"sprockets.driven.load.harmonics": [{"order": 1.0, "amplitude": 50.0}]})

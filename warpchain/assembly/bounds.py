@@ -5,15 +5,27 @@ Both are rather too large than too small.
 
 from __future__ import annotations
 
+from fractions import Fraction
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import power
-from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
-from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
+from warpchain.drive.batch_math import largest, power, where
+from warpchain.drive.sprocket import ElasticMount, Load, Prescribed, SliderMount
+from warpchain.drive.trains import (
+    Ratios,
+    driving_body,
+    loads_of,
+    nearest_sprocket,
+    own_inertia,
+    speed_ratio,
+    ties,
+    turned_part,
+)
 
 ESCAPE_PITCHES = 10.0
 """A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
@@ -46,19 +58,8 @@ def _moment(load: Load, speed: float) -> float:
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
-def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
-
-    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
-
-    Args:
-        drive: one, or a stack, and
-        assembly: its states, (V, ...) of a stack.
-    """
-    chain = drive.chain
-    speed = drive.chain_speed
-    stretched = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
-    tension = stretched + chain.mass / chain.pitch * power(speed, 2)
+def _pulled(drive: Drive, tension: Any, speed: Any) -> Any:
+    """A tension and what loads, at a speed of the chain, and preloads of mounts pull with beside it [N]."""
     for s, sprocket in enumerate(drive.sprockets):
         radius = drive.pitch_radius(s)
         if sprocket.load is not None:
@@ -70,4 +71,58 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
             preload = sprocket.mount.preload
             tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))
-    return SHARE * np.maximum(tension, LEAST * chain.stiffness * chain.pitch)
+    return tension
+
+
+def _stretched(drive: Drive, assembly: Assembly) -> Any:
+    """Tension of the chain as it is assembled [N]."""
+    return np.maximum(0.0, drive.chain.stiffness * assembly.path.pitch * assembly.strain)
+
+
+def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
+
+    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
+
+    Args:
+        drive: one, or a stack, and
+        assembly: its states, (V, ...) of a stack.
+    """
+    chain, speed = drive.chain, drive.chain_speed
+    tension = _stretched(drive, assembly) + chain.mass / chain.pitch * power(speed, 2)
+    return SHARE * np.maximum(_pulled(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)
+
+
+def starting_tension(drive: Drive, assembly: Assembly) -> Any:
+    """The same sum, not a tenth of it, while a drive starts [N]: at rest, with what speeds up all that the chain turns.
+
+    Arguments as of `tension_scale`.
+    """
+    return _pulled(drive, _stretched(drive, assembly) + _run_up(drive), 0.0)
+
+
+def _run_up(drive: Drive) -> Any:
+    """Tension by which a chain gives what it turns the largest acceleration of its driver [N]."""
+    driver, count = driving_body(drive), len(drive.sprockets)
+    groups = Ratios(count + len(drive.shafts))
+    for tie in ties(drive):
+        groups.tie(tie.a, tie.b, Fraction(1))
+    sides = [[b for b, root in enumerate(groups.root) if root == side] for side in sorted(set(groups.root[:count]))]
+    inertias = [sum(power(speed_ratio(drive, b, driver), 2) * own_inertia(drive, b) for b in side) for side in sides]
+    beyond = sum(inertia for side, inertia in zip(sides, inertias, strict=True) if driver not in side)
+    growth = _growth(turned_part(drive, driver).prescribed)
+    for b in (b for side in sides if driver in side for b in side if b >= count):
+        motor = drive.shafts[b - count].motor
+        if motor is not None:
+            growth = growth + motor.largest * speed_ratio(drive, b, driver) / sum(inertias)
+    return growth * beyond / (drive.pitch_radius(drive.driver) * speed_ratio(drive, drive.driver, driver))
+
+
+def _growth(motion: Prescribed | None) -> Any:
+    """Largest acceleration of a motion, harmonics aside [rad/s^2]: of its ramp, or between a table's rows over time."""
+    if motion is None or (motion.table is not None and motion.table.time is None):
+        return 0.0
+    if motion.table is not None:
+        return np.abs(np.diff(motion.table.values) / np.diff(motion.table.over)).max()
+    ramp = motion.ramp_time
+    return where(np.greater(ramp, 0.0), 1.5 * motion.top_speed / largest(ramp, LEAST), 0.0)  # of u^2 (3 - 2 u)

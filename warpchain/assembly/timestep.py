@@ -247,13 +247,13 @@ def _stiffest_of_several(drive: Drive) -> str:
     return f'{stiffest_part(ring)}, chain "{ring.chain.name}"'
 
 
-def step_limit(drive: Drive, damped_links: bool = True, held: bool = False) -> float:
+def step_limit(drive: Drive, held: bool = False) -> float:
     """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability; `held` as `moving_bodies`.
 
     Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """
     bodies = moving_bodies(drive, held)
-    omega = _highest_frequency(drive, damped_links, bodies)
+    omega = _highest_frequency(drive, True, bodies)
     rate = largest(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 

@@ -5,61 +5,43 @@ from __future__ import annotations
 import argparse
 import json
 from math import isfinite
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.commands import DONE, UNFINISHED, interrupted
-from warpchain.cli.shared_options import (
-    add_command,
-    add_run_options,
-    number,
-    run_options,
-    say_unless_quiet,
-    whole_number,
-)
+from warpchain.cli.commands import DONE, UNFINISHED, resumable
+from warpchain.cli.search_commands import add_search
+from warpchain.cli.shared_options import Options, number, run_options, say_unless_quiet, whole_number
 
 if TYPE_CHECKING:
     from warpchain.study.optimize.better import Better
 
 
+OPTIONS: Options = {
+    "drives": {"metavar": "DRIVE", "nargs": 2, "help": "A and B: drive files, or names of example drives"},
+    "--metric": {"metavar": "NAME", "help": "what is compared; default the study's only objective"},
+    "--sense": {"choices": ["min", "max"], "help": "which is better; default the objective's, or min"},
+    "--level": {"type": number, "default": 0.95, "metavar": "P", "help": "how sure (default 0.95)"},
+    "--budget": {"type": whole_number, "default": 200, "metavar": "RUNS", "help": "runs of both at most (default 200)"},
+    "--batch": {"type": whole_number, "default": 8, "metavar": "PAIRS", "help": "run at once (default 8)"},
+    "--json": {"action": "store_true", "help": "as JSON, in SI units"},
+}
+
+
 def add_better(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     text = "which of two drives is better over noise, by pairs of runs until it is sure"
-    line = "warpchain better STUDY.toml today.toml proposed.toml --metric tension_q999 -o DIR"
-    parser = add_command(commands, "better", text, line)
-    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with noise factors")
-    parser.add_argument("drives", metavar="DRIVE", nargs=2, help="A and B: drive files, or names of example drives")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
-    parser.add_argument("--metric", metavar="NAME", help="what is compared; default the study's only objective")
-    parser.add_argument("--sense", choices=["min", "max"], help="which is better; default the objective's, or min")
-    parser.add_argument("--level", type=number, default=0.95, metavar="P", help="how sure (default 0.95)")
-    parser.add_argument(
-        "--budget", type=whole_number, default=200, metavar="RUNS", help="runs of both at most (default 200)"
-    )
-    parser.add_argument("--batch", type=whole_number, default=8, metavar="PAIRS", help="run at once (default 8)")
-    parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
-    add_run_options(parser)
-    parser.set_defaults(run=_better)
+    words = "STUDY.toml today.toml proposed.toml --metric tension_q999"
+    add_search(commands, _better, text, "noise factors", words, OPTIONS)
 
 
+@resumable("what is done is")
 def _better(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.optimize.better import Comparison, find_better
 
     by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch")))
-    start_warp(precompiled=False)
     say = say_unless_quiet(arguments)
-    try:
-        found = find_better(
-            arguments.study,
-            tuple(arguments.drives),
-            arguments.output,
-            by,
-            report=None if say is None else lambda now: say(_status(now)),
-            **run_options(arguments),
-        )
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
+    report = None if say is None else lambda now: say(_status(now))
+    drives = tuple(arguments.drives)
+    found = find_better(arguments.study, drives, arguments.output, by, report=report, **run_options(arguments))
     lines = [json.dumps(_values(found), indent=2)] if arguments.json else _lines(found, arguments.drives)
     print(*lines, sep="\n")
     return UNFINISHED if found.better is None else DONE

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
+from warpchain.cli.shared_options import Command
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
@@ -17,10 +19,28 @@ DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
 
 
-def interrupted(done: str) -> int:
-    """Says that a command goes on where Ctrl-C has stopped it; `done` is what is kept, with its verb. The status."""
-    print(f"warpchain: interrupted; {done} kept: run again to go on", file=sys.stderr)
-    return UNFINISHED
+def resumable(kept: str) -> Callable[[Command], Command]:
+    """Makes a command start Warp first, and say that it goes on where Ctrl-C has stopped it.
+
+    Args:
+        kept: what is kept then, with its verb.
+    """
+
+    def wrap(run: Command) -> Command:
+        @wraps(run)
+        def command(arguments: argparse.Namespace) -> int:
+            from warpchain.engine import start_warp
+
+            start_warp(precompiled=False)
+            try:
+                return run(arguments)
+            except KeyboardInterrupt:
+                print(f"warpchain: interrupted; {kept} kept: run again to go on", file=sys.stderr)
+                return UNFINISHED
+
+        return command
+
+    return wrap
 
 
 def _said(lines: Iterable[str]) -> int:
@@ -380,7 +400,3 @@ def recover(arguments: argparse.Namespace) -> int:
     recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
     print(recovered)
     return DONE if recovered.complete else UNFINISHED
-
-
-def study(arguments: argparse.Namespace) -> int:
-    return int(arguments.study_run(arguments))

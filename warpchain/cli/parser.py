@@ -12,7 +12,7 @@ import faulthandler
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +21,7 @@ from warpchain.cli.better_command import add_better
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
 from warpchain.cli.shared_options import (
+    Command,
     add_command,
     add_options,
     angular_speed,
@@ -57,11 +58,9 @@ class _Parser(argparse.ArgumentParser):
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
-def _add(commands: Any, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
+def _add(commands: Any, run: Command, text: str, example: str) -> Any:
     """Adds the command that a function does, whose name begins with the command's; returns its parser."""
-    parser = add_command(commands, run.__name__.partition("_")[0], text, example)
-    parser.set_defaults(run=run)
-    return parser
+    return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
 def _new(commands: Any) -> None:
@@ -406,9 +405,8 @@ def _recover(commands: Any) -> None:
 
 
 def _study(commands: Any) -> None:
-    parser = _add(
-        commands, do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
-    )
+    text = "run and analyze a design of experiments"
+    parser = add_command(commands, "study", None, text, "warpchain study run STUDY.toml -o DIR")
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
     add_commands(studies)
     add_report_commands(studies)

@@ -6,67 +6,59 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from warpchain.cli.commands import DONE, interrupted
-from warpchain.cli.shared_options import add_command, add_run_options, run_options, say_unless_quiet
+from warpchain.cli.commands import DONE, resumable
+from warpchain.cli.shared_options import Command, Options, add_command, add_run_options, run_options, say_unless_quiet
+
+
+def add_search(
+    commands: Any, run: Command, text: str, needs: str, words: str = "STUDY.toml", own: Options | None = None
+) -> None:
+    """Adds a command that runs a study in rounds, of a function's name, to subparsers.
+
+    Args:
+        text: what it does.
+        needs: what its study file has.
+        words: its arguments before the folder.
+        own: its further arguments, as `add_argument` takes them.
+    """
+    name = run.__name__.strip("_")
+    parser = add_command(commands, name, run, text, f"warpchain {name} {words} -o DIR")
+    parser.add_argument("study", metavar=words.split()[0], type=Path, help=f"study file with {needs}")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
+    for option, settings in (own or {}).items():
+        parser.add_argument(option, **settings)
+    add_run_options(parser)
 
 
 def add_optimize(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     text = "look for the designs that a study's objectives and limits want"
-    parser = add_command(commands, "optimize", text, "warpchain optimize STUDY.toml -o DIR")
-    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with [[objectives]]")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its rounds")
-    parser.add_argument(
-        "--known",
-        metavar="DIR",
-        type=Path,
-        action="append",
-        default=[],
-        help="a study's folder whose rows are not run again where they are asked for (repeatable)",
-    )
-    add_run_options(parser)
-    parser.set_defaults(run=_optimize)
+    known = {"metavar": "DIR", "type": Path, "action": "append", "default": []}
+    known["help"] = "a study's folder whose rows are not run again where they are asked for (repeatable)"
+    add_search(commands, _optimize, text, "[[objectives]]", own={"--known": known})
 
 
+@resumable("what is done is")
 def _optimize(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.optimize import optimize
 
-    start_warp(precompiled=False)
-    try:
-        found = optimize(
-            arguments.study,
-            arguments.output,
-            known=arguments.known,
-            report=say_unless_quiet(arguments),
-            **run_options(arguments),
-        )
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
-    _print_found(found)
+    say = say_unless_quiet(arguments)
+    known = arguments.known
+    _print_found(optimize(arguments.study, arguments.output, known=known, report=say, **run_options(arguments)))
     return DONE
 
 
 def add_risk(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
-    parser = add_command(commands, "risk", text, "warpchain risk STUDY.toml -o DIR")
-    parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with noise factors and [[limits]]")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
-    add_run_options(parser)
-    parser.set_defaults(run=_risk)
+    add_search(commands, _risk, text, "noise factors and [[limits]]")
 
 
+@resumable("what is done is")
 def _risk(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.optimize.risk import estimate_risk
 
-    start_warp(precompiled=False)
-    try:
-        found = estimate_risk(arguments.study, arguments.output, **run_options(arguments))
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
-    _print_risk(found)
+    _print_risk(estimate_risk(arguments.study, arguments.output, **run_options(arguments)))
     return DONE
 
 
@@ -145,27 +137,18 @@ def _print_found(found: Any) -> None:
 
 def add_calibrate(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
+    needs = "[[measured]], whose noise factors are the unknowns"
     text = "what measured values and signals tell of a drive's unknowns"
-    parser = add_command(commands, "calibrate", text, "warpchain calibrate CALIBRATION.toml -o DIR")
-    words = "study file with [[measured]], whose noise factors are the unknowns"
-    parser.add_argument("study", metavar="CALIBRATION.toml", type=Path, help=words)
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
-    add_run_options(parser)
-    parser.set_defaults(run=_calibrate)
+    add_search(commands, _calibrate, text, needs, "CALIBRATION.toml")
 
 
+@resumable("what is done is")
 def _calibrate(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.optimize.calibrate import calibrate
     from warpchain.study.report.calibration_page import calibration_lines, write_calibration
 
-    start_warp(precompiled=False)
-    try:
-        found = calibrate(
-            arguments.study, arguments.output, report=say_unless_quiet(arguments), **run_options(arguments)
-        )
-    except KeyboardInterrupt:
-        return interrupted("what is done is")
+    say = say_unless_quiet(arguments)
+    found = calibrate(arguments.study, arguments.output, report=say, **run_options(arguments))
     print(*calibration_lines(found), sep="\n")
     print(f"drive: {found.drive}\nsamples: {found.folder / 'posterior.csv'}\npage: {write_calibration(found)}")
     return DONE

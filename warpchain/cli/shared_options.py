@@ -5,27 +5,33 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from warpchain.arguments import MOST_WORKERS
 
+Command = Callable[[argparse.Namespace], int]
+"""The body of a command: takes the parsed arguments and returns the exit status."""
 
-def add_command(commands: Any, name: str, text: str, example: str) -> Any:
+
+def add_command(commands: Any, name: str, run: Command | None, text: str, example: str) -> Any:
     """Adds a command to subparsers; returns its parser.
 
     Args:
+        run: its body; None where commands below it have theirs.
         text: what it does, without a capital and a full stop.
         example: a line to try.
     """
-    return commands.add_parser(
+    parser = commands.add_parser(
         name,
         help=text,
         description=text[0].upper() + text[1:] + ".",
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.set_defaults(run=run)
+    return parser
 
 
 def number(word: str) -> float:
@@ -121,7 +127,8 @@ def woehler_curve(word: str) -> tuple[float, ...]:
     return values
 
 
-OPTIONS: dict[str, dict[str, Any]] = {
+Options = Mapping[str, Mapping[str, Any]]
+OPTIONS: Options = {
     "drive": {"metavar": "DRIVE", "help": "drive file (TOML), or the name of an example drive such as marine"},
     "archive": {"metavar": "OUT.mcap", "type": Path},
     "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},

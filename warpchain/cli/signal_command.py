@@ -50,10 +50,10 @@ def _offset(word: str) -> float | None:
 
 
 def _lines(found: Comparison) -> list[str]:
-    from warpchain.results.units import display_unit
+    from warpchain.results.units import shown
 
     measured = found.measured
-    unit, factor = display_unit(measured.unit, max(map(abs, found.statistics.get("largest", (0.0,)))))
+    unit, factor = shown(measured.unit, max(map(abs, found.statistics.get("largest", (0.0,)))))
     span = f"{measured.time[0]:.4g} to {measured.time[-1]:.4g} s"
     lines = [f"{measured.name} [{unit}]: measured {span}, simulated in the latter half of the run"]
     rows = [(name, *pair) for name, pair in found.statistics.items()]

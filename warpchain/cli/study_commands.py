@@ -6,13 +6,14 @@ import argparse
 import shlex
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.commands import DONE, UNFINISHED, interrupted
+from warpchain.cli.commands import DONE, UNFINISHED, resumable
 from warpchain.cli.shared_options import (
+    Command,
     add_command,
     add_options,
     add_run_options,
@@ -37,8 +38,9 @@ TABLES = ("results.parquet", "results.csv")
 
 
 def add_commands(commands: Any) -> None:
-    """Adds the commands to a parser's subparsers; each sets `study_run`, the function that does it."""
-    run = commands.add_parser("run", help="run a study, or go on with it", description="Run a study, or go on with it.")
+    """Adds the commands to a parser's subparsers."""
+    text, line = "run a study, or go on with it", "warpchain study run STUDY.toml -o DIR"
+    run = add_command(commands, "run", _run, text, line)
     run.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
     run.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the study's folder")
     run.add_argument("--shard", metavar="I/N", type=part, help="only every N-th shard from the I-th, I from 0")
@@ -49,10 +51,9 @@ def add_commands(commands: Any) -> None:
         help="add to a folder of the same study more points, replicates or another window",
     )
     add_run_options(run)
-    run.set_defaults(study_run=_run)
 
     text = "forecast a study's rows, cost and precision, without running it"
-    plan = commands.add_parser("plan", help=text, description=text[0].upper() + text[1:] + ".")
+    plan = add_command(commands, "plan", _plan, text, "warpchain study plan STUDY.toml")
     plan.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
     plan.add_argument(
         "--like", metavar="DIR", type=Path, help="an earlier study with replicates, or its table: how runs scatter"
@@ -75,10 +76,9 @@ def add_commands(commands: Any) -> None:
     plan.add_argument(
         "--stored", action="store_true", help="take stored rates, without the short runs that measure them"
     )
-    plan.set_defaults(study_run=_plan)
 
     text = "double a study until its main effects are known well enough"
-    grow = add_command(commands, "grow", text, "warpchain study grow DIR --until 'se(main effects) < 1 %%'")
+    grow = add_command(commands, "grow", _grow, text, "warpchain study grow DIR --until 'se(main effects) < 1 %%'")
     grow.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     grow.add_argument(
         "--until",
@@ -88,40 +88,33 @@ def add_commands(commands: Any) -> None:
     )
     grow.add_argument("--most", metavar="ROWS", type=whole_number, default=10_000, help="rows at most (default 10000)")
     add_run_options(grow)
-    grow.set_defaults(study_run=_grow)
 
-    status = commands.add_parser("status", help="how far a study is", description="Print how far a study is.")
+    status = add_command(commands, "status", _status, "print how far a study is", "warpchain study status DIR")
     status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
-    status.set_defaults(study_run=_status)
 
     text = "make the whole table of a study whose shards are done, or one study of several"
-    merge = commands.add_parser("merge", help=text, description=text[0].upper() + text[1:] + ".")
+    merge = add_command(commands, "merge", _merge, text, "warpchain study merge DIR")
     merge.add_argument("folder", metavar="DIR", type=Path, nargs="+", help="the study's folder, or several")
     merge.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder to make of several, which stay")
-    merge.set_defaults(study_run=_merge)
 
     for parser in (plan, merge):
         add_options(parser, "--workers", "--memory")
 
 
+@resumable("the shards that are done are")
 def _run(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.run import run_study
 
-    start_warp(precompiled=False)
-    try:
-        with _executor(arguments.scheduler) as (executor, parts):
-            outcome = run_study(
-                arguments.study,
-                arguments.output,
-                executor=executor,
-                part=arguments.shard,
-                parts=parts,
-                grow=arguments.grow,
-                **run_options(arguments) | {"progress": not arguments.quiet},
-            )
-    except KeyboardInterrupt:
-        return interrupted("the shards that are done are")
+    with _executor(arguments.scheduler) as (executor, parts):
+        outcome = run_study(
+            arguments.study,
+            arguments.output,
+            executor=executor,
+            part=arguments.shard,
+            parts=parts,
+            grow=arguments.grow,
+            **run_options(arguments) | {"progress": not arguments.quiet},
+        )
     status = _print_status(outcome)
     return status if outcome.left or outcome.counts["ok"] else UNFINISHED
 
@@ -160,28 +153,18 @@ def _plan(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+@resumable("the shards that are done are")
 def _grow(arguments: argparse.Namespace) -> int:
-    from warpchain.engine import start_warp
     from warpchain.study.grow_until import Reached, Until, grow_until
 
     until = Until.of(arguments.until)
-    start_warp(precompiled=False)
 
     def say(now: Reached) -> None:
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.words(now.error)}{of}")
 
-    try:
-        found = grow_until(
-            arguments.folder,
-            until,
-            most=arguments.most,
-            report=say,
-            **run_options(arguments),
-        )
-    except KeyboardInterrupt:
-        return interrupted("the shards that are done are")
+    found = grow_until(arguments.folder, until, most=arguments.most, report=say, **run_options(arguments))
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")
     print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
@@ -235,7 +218,7 @@ def _print_status(outcome: Any) -> int:
 
 
 def add_report_commands(commands: Any) -> None:
-    """Adds the commands to the subparsers of `warpchain study`; each sets `study_run`, the function that does it."""
+    """Adds the commands to the subparsers of `warpchain study`."""
     page = _add_report(commands, "report", report, "write a study's report as one HTML page", "DIR -o report.html")
     page.add_argument("-o", "--output", metavar="report.html", type=page_path, required=True, help="the page to write")
     page.add_argument("--title", help="heading of the page")
@@ -255,9 +238,9 @@ def add_report_commands(commands: Any) -> None:
     scatter.add_argument("--variant", metavar="I", type=int, action="append", help="a recorded variant (repeatable)")
 
 
-def _add_report(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
+def _add_report(commands: Any, name: str, run: Command, text: str, example: str) -> Any:
     line = f"warpchain study {name} {example} --minimize tension_max --minimize tension_std"
-    parser = add_command(commands, name, text, line)
+    parser = add_command(commands, name, run, text, line)
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
     for option, words in (
         ("--factor", "a column that was varied; default those that the table marks"),
@@ -266,7 +249,6 @@ def _add_report(commands: Any, name: str, run: Callable[[argparse.Namespace], in
         ("--maximize", "an objective of the Pareto front, high is good"),
     ):
         parser.add_argument(option, metavar="NAME", action="append", default=[], help=f"{words} (repeatable)")
-    parser.set_defaults(study_run=run)
     return parser
 
 
@@ -394,7 +376,7 @@ def about(folder: Path) -> dict[str, str]:
 def add_play_command(commands: Any) -> None:
     """Adds the command to the subparsers of `warpchain study`."""
     text = "play one variant, which is run again if it was not recorded, by a command that is printed"
-    parser = add_command(commands, "play", text, "warpchain study play DIR 12")
+    parser = add_command(commands, "play", _play, text, "warpchain study play DIR 12")
     parser.add_argument("folder", metavar="DIR", type=Path, help="a study's folder, or a search's")
     parser.add_argument("variant", metavar="VARIANT", type=int, help="its number in the table")
     parser.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
@@ -402,7 +384,6 @@ def add_play_command(commands: Any) -> None:
         "--print", dest="print_only", action="store_true", help="print the command that does it, no more"
     )
     add_options(parser, "--workers", "--quiet")
-    parser.set_defaults(study_run=_play)
 
 
 def _play(arguments: argparse.Namespace) -> int:

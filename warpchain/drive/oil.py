@@ -25,31 +25,13 @@ BOTTOM = 0.95
 """Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
 
 
-def bulk_modulus(tensioner: Tensioner, pressure: float) -> float:
-    """E(P) [Pa] of the oil with its air at an absolute pressure [Pa].
-
-    E = E_0 (1 + a) / (1 + a (E_0/n) P_0^(1/n) P^(-1 - 1/n)).
-    """
-    oil = tensioner.oil
-    assert oil is not None
-    n = EXPONENT
-    soft = oil.air * oil.bulk_modulus / (n * oil.ambient) * (oil.ambient / pressure) ** (1.0 + 1.0 / n)
-    return oil.bulk_modulus * (1.0 + oil.air) / (1.0 + soft)
-
-
-def oil_stiffness(tensioner: Tensioner, pressure: float | None = None, x: float = 0.0) -> float:
-    """E A^2 / V [N/m] of the closed chamber; 0 without oil.
-
-    Args:
-        pressure: absolute [Pa]; None is any, at most E_0 (1 + a).
-        x: extension [m].
-    """
+def oil_stiffness(tensioner: Tensioner) -> float:
+    """E A^2 / V [N/m] of the closed chamber as drawn, with E at most E_0 (1 + a); 0 without oil."""
     if not tensioner.hydraulic:
         return 0.0
     oil, chamber = tensioner.oil, tensioner.chamber
     assert oil is not None and chamber is not None
-    modulus = oil.bulk_modulus * (1.0 + oil.air) if pressure is None else bulk_modulus(tensioner, pressure)
-    return modulus * power(tensioner.area, 2) / (chamber.volume + tensioner.area * x)
+    return oil.bulk_modulus * (1.0 + oil.air) * power(tensioner.area, 2) / chamber.volume
 
 
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:

@@ -80,6 +80,11 @@ class Motor(Part):
         return torque
 
     @property
+    def largest(self) -> Any:
+        """Largest moment, either way [N m]."""
+        return self.torque if self.table is None else max(map(abs, self.table.values))
+
+    @property
     def steepest(self) -> float:
         """Steepest fall of the moment with the speed [N m s]."""
         fall = 0.0

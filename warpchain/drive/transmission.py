@@ -116,7 +116,7 @@ def transmission_of(sprockets: Sequence[Any]) -> Transmission:
             end, ratio = shaft_of(sprocket), Fraction(teeth, get(sprocket, "teeth"))
             if end in speeds and speeds[end] != speeds[begin] * ratio and end not in moved:
                 known = speeds[end] / speeds[begin]
-                pair = {shaft_of(s) for s in sprockets if get(s, "chain") == chain} & {begin, end}
+                pair = _shafts(sprockets, chain) & {begin, end}
                 before = [c for c in leaders if c != chain and pair <= _shafts(sprockets, c)]
                 names = (*before[:1], chain)
                 wrong.append(Contradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))

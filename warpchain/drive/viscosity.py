@@ -54,8 +54,3 @@ def by_two_points(at_40: float, at_100: float) -> Walther:
 def by_slope(viscosity: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> Walther:
     """(a) of an oil that has a viscosity [m^2/s] at a temperature [degrees C], with B given."""
     return Walther(_twice_log(viscosity) + slope * math.log10(at + KELVIN), slope)
-
-
-def viscosity_at(viscosity: float, temperature: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> float:
-    """Kinematic viscosity [m^2/s] at a temperature [degrees C], of an oil that has `viscosity` at another one."""
-    return by_slope(viscosity, at, slope).viscosity(temperature)

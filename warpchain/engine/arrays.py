@@ -121,34 +121,29 @@ TABLE = {
     "ensemble": {
         "drives": Array("variant", packed="drives"),
         "chains": Array("variant", packed="chains"),
-        "joints": Array("variant", packed="joints"),
-        "links": Array("variant", packed="links"),
         "lengths": Array("roller", packed="lengths", made=with_lengths_beyond),
         "sprockets": Array("sprocket", packed="sprockets"),
-        "tooth_sliding": Array("sprocket", packed="tooth_sliding"),
+        "tooth_friction": Array("sprocket", packed="tooth_friction"),
         "motions": Array("body", packed="motions"),
         "mounts": Array("body", packed="mounts"),
         "hubs": Array("sprocket", packed="hubs"),
         "guides": Array("guide", packed="guides"),
-        "guide_sliding": Array("guide", packed="guide_sliding"),
+        "guide_friction": Array("guide", packed="guide_friction"),
         "pieces": Array("piece", packed="pieces"),
         "arms": Array("arm", packed="arms"),
         "tensioners": Array("tensioner", packed="tensioners"),
-        "ties": Array("body", packed="ties"),
         "motors": Array("shaft", packed="motors"),
         "couplings": Array("coupling", packed="couplings"),
         "gears": Array("gear", packed="gears"),
         "valves": Array("valve", packed="valves"),
         "seats": Array("", packed="seats", made=seat_directions),
-    },
-    "curves": {
         "harmonics": Array("", packed="harmonics", made=harmonic_rows),
         "tables": Array("", packed="tables"),
     },
     "state": {
         "rollers": Array("roller", STATE_ROWS, packed="rollers", kept=True),
         "bodies": Array("body", packed="bodies", kept=True),
-        "body_stages": Array("body", kept=True),
+        "body_stages": Array("body", 2, kept=True),
         "wrenches": Array("body", kept=True),
         "tensioners": Array("tensioner", packed="oil", kept=True),
         "pushes": Array("tensioner", kept=True),
@@ -203,7 +198,7 @@ TABLE = {
         "body": Array("body", kept=True),
     },
 }
-"""The arrays of `kernels.structs` (Ensemble, its Curves, State, Sums, Tallies), by name."""
+"""The arrays of `kernels.structs` (Ensemble, State, Sums, Tallies), by name."""
 
 PACKED = {row.packed: (group, name) for group, rows in TABLE.items() for name, row in rows.items() if row.packed}
 """The arrays of `Packed`: group and name of each in the table."""
@@ -214,7 +209,6 @@ def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
-        "curves": kinds.Curves,
         "state": kinds.State,
         "sums": kinds.Sums,
         "tallies": structs.Tallies,
@@ -262,9 +256,8 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
     """The data that does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
     kinds = structs.types(packed.real, blocks)
     ensemble = kinds.Ensemble()
-    for group, of in (("ensemble", ensemble), ("curves", ensemble.curves)):
-        for name in TABLE[group]:
-            setattr(of, name, _uploaded(packed, group, name, device, blocks))
+    for name in TABLE["ensemble"]:
+        setattr(ensemble, name, _uploaded(packed, "ensemble", name, device, blocks))
     return ensemble
 
 

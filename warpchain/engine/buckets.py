@@ -84,8 +84,8 @@ def resident(kind: BlockKind) -> int:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
     if shape.threads == WARP:
         if not is_simple(kind):
-            long = kind.moving or (kind.profiles and not kind.paired)  # registers for 8 variants, or they spill
-            return 12 if per <= 6 and not long else 8
+            long = kind.moving or (not kind.paired and (kind.profiles or kind.parts.rings > 1))
+            return 8 if per > 6 or long else 12 if kind.paired else 10  # or registers spill
         if kind.paired:
             return 20 if per <= 4 else 16 if per <= 6 else 8 if kind.measuring else 12
         return 14 if per <= (4 if kind.measuring else 6) else 12 if per <= 6 else 8
@@ -167,7 +167,6 @@ def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
 def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
     """The same of each chain by itself, (rows,): of kernels that settle it, or that take on a variant with no other."""
     drives = packed.drives
-    varied = packed.links["varied_links"] > 0
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
     cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
     return {
@@ -190,7 +189,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "profiles": packed.carried_guides,
         "contacts": packed.sliding,
         "joints": packed.rubbing,
-        "links": np.where(varied, 2, 1 - packed.uniform_links),
+        "links": np.where(packed.varied_links, 2, 1 - packed.uniform_links),
         "linear_hysteretic": packed.linear_hysteretic,
     }
 

@@ -1,7 +1,7 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
 A chain is packed, settled and looked at as a drive of its own (`warpchain.drive.rings`). What couples the chains of a
-variant while they are stepped is in `structs.Tie`: bodies of one shaft or train, of which each has the inertia of all.
+variant while they are stepped is in `structs.Motion`: bodies of one shaft or train, which each have the inertia of all.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from warpchain.drive.geared import joined
 from warpchain.drive.rings import loaded_rings, rings_of
 from warpchain.drive.trains import own_inertia
 from warpchain.drive.transmission import is_geared, shafts_given
+from warpchain.engine.light import braking, wanted
+from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
 from warpchain.results.metrics import Ended
@@ -106,11 +108,10 @@ class Rows:
                 except DriveError as error:
                     raise first_of([(v, error)], first) from None
                 self._couple(packed, v, a, b)
+        fill_steps(packed)
 
     def _couple(self, packed: Packed, v: int, a: int, b: int) -> None:
         """Ties the bodies of variant v, whose rows are `a` to `b` - 1."""
-        from warpchain.engine.fill import LIGHT
-
         geared = is_geared(self.variants[v])
         drive, rows = self.variants[v] if geared else shafts_given(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
@@ -121,22 +122,25 @@ class Rows:
             for k, s in enumerate(self.rings[r].places["sprockets"]):
                 member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
                 members_of.append((member, drive.sprockets[s]))
-                packed.ties["inertia"][member[1]] = own_inertia(drive, s)
+                packed.motions["own_inertia"][member[1]] = own_inertia(drive, s)
         if geared:
             for (one, shaft), (other, k) in joined(drive, self.rings[a:b]):
                 _turn_as(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
         groups: dict[str, list[Member]] = {}
         for member, sprocket in members_of:
-            key = str(packed.ties["train"][member[1]]) if geared else shaft_of(sprocket)
+            key = str(packed.motions["train"][member[1]]) if geared else shaft_of(sprocket)
             groups.setdefault(key, []).append(member)
         for members in groups.values():
             if len({row for row, *_ in members}) > 1:
                 if not geared:
                     _tie(packed, members, begin)
                 _share_contacts(packed, members)
+        strength = []
         for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
-        rows["light"][a:b] = (packed.motions["following"][begin:end] < LIGHT).any()
+            strength += braking(packed, np.array([r]), ring.drive, packed.assemblies[r])[0].tolist()
+        trains = packed.motions["train"][begin:end]
+        rows["light"][a:b] = wanted(packed.motions["following"][begin:end], (trains[:, None] == trains) @ strength)
 
 
 Member = tuple[int, int, int]
@@ -147,24 +151,23 @@ def _number_trains(packed: Packed, rows: range, begin: int) -> None:
     """Numbers the trains of a variant's rows among its bodies, which begin at `begin`; an arm has a negative number."""
     for row in packed.drives[rows.start : rows.stop]:
         bodies = int(row["first_body"]) + np.arange(int(row["bodies"]))
-        own, ties = bodies - begin, packed.ties
+        own, motions = bodies - begin, packed.motions
         if row["tied"]:
-            trains = ties["train"][bodies]
-            ties["train"][bodies] = np.where(trains < 0, -1 - own, trains + own[0])
-            ties["ratio"][bodies[trains < 0]] = 1.0
+            trains = motions["train"][bodies]
+            motions["train"][bodies] = np.where(trains < 0, -1 - own, trains + own[0])
+            motions["ratio"][bodies[trains < 0]] = 1.0
         else:
-            ties["train"][bodies], ties["ratio"][bodies] = own, 1.0
+            motions["train"][bodies], motions["ratio"][bodies] = own, 1.0
 
 
-OF_A_TRAIN = ("prescribed", "inverse_inertia", "speed", "ramp_time", "drive_harmonics", "drive_table")
+OF_A_TRAIN = ("train", "ratio", "prescribed", "inverse_inertia", "speed", "ramp_time", "drive_harmonics", "drive_table")
 """What bodies of a train have in common of `structs.Motion`, the sign apart."""
 
 
 def _turn_as(packed: Packed, home: int, body: int) -> None:
     """Makes a body turn as another chain's, a shaft that stands for it there (`warpchain.drive.geared`)."""
-    ties, motions = packed.ties, packed.motions
-    ties["train"][body], ties["ratio"][body] = ties["train"][home], ties["ratio"][home]
-    ties["apart"][body], ties["inertia"][home] = home - body, 0.0
+    motions = packed.motions
+    motions["apart"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in OF_A_TRAIN:
         motions[name][body] = motions[name][home]
     if motions["prescribed"][home]:
@@ -175,8 +178,8 @@ def _turn_as(packed: Packed, home: int, body: int) -> None:
 def _tie(packed: Packed, members: Sequence[Member], begin: int) -> None:
     """Makes bodies one shaft: rows, bodies and sprockets of all; the variant's bodies begin at `begin`."""
     bodies = np.array([body for _, body, _ in members])
-    packed.ties["train"][bodies] = bodies[0] - begin
-    packed.ties["apart"][bodies] = bodies[0] - bodies
+    packed.motions["train"][bodies] = bodies[0] - begin
+    packed.motions["apart"][bodies] = bodies[0] - bodies
     packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
 
 
@@ -190,4 +193,4 @@ def _share_contacts(packed: Packed, members: Sequence[Member]) -> None:
     yields = ((1.0 / alone - 1.0) / mass).sum()
     together = 1.0 / (1.0 + mass * yields)
     packed.motions["following"][bodies] = together.min()
-    packed.tooth_sliding["inertia"][sprockets] *= together / alone
+    packed.tooth_friction["inertia"][sprockets] *= together / alone

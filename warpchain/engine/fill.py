@@ -14,7 +14,7 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
-from warpchain.drive.batch_math import along, joined, largest, power, where
+from warpchain.drive.batch_math import along, joined, largest, power
 from warpchain.drive.friction_coefficients import Rubbing, rubbing_of
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
@@ -40,9 +40,6 @@ from warpchain.kernels.structs import GROUND
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
 """Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
-
-LIGHT = 0.2
-"""Where `Motion.following` is less, z m R^2 / J above 4, contacts want the accelerations of bodies before forces."""
 
 DEEPEST_ENTRY = 0.5
 """A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
@@ -165,19 +162,17 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
-def fill_sliding(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
-    """Fills a `kernels.structs.Sliding`, or the same of a `Joint`, its `inertia` for a step of 1 s; it stays zero
-    without friction.
+def fill_friction(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
+    """Fills a `kernels.structs.Friction`, its `inertia` for a step of 1 s; it stays zero without friction.
 
     `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
     (`tooth_effective_mass`).
     """
     if not rubbing.rubs:
         return
-    row["rubs"] = 1
     row["inertia"] = effective_mass
-    row["law"]["mu_dynamic"], row["law"]["mu_static"] = rubbing.dynamic, rubbing.static
-    row["law"]["stribeck_speed"] = rubbing.stribeck_speed
+    row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
+    row["stribeck_speed"] = rubbing.stribeck_speed
 
 
 def tooth_effective_mass(drive: Drive, s: int) -> float:
@@ -319,27 +314,16 @@ def _diagonal(values: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def fill_chain(row: Any, drive: Drive) -> None:
-    row["stiffness"] = drive.chain.stiffness
-    row["damping"] = drive.chain.link_damping
-    row["mass"] = drive.chain.mass
-    row["inverse_mass"] = 1.0 / drive.chain.mass
-    row["gravity"] = joined(drive.run.gravity)
-
-
-def fill_joint(row: Any, drive: Drive) -> None:
-    """Fills the chain's `kernels.structs.Joint`, its `inertia` for a step of 1 s; it stays zero without friction."""
+    """Fills a `kernels.structs.Chain`, the inertia of its joints' friction for a step of 1 s."""
     chain = drive.chain
-    if chain.joint is None or not chain.rubs:
-        return
-    pin_radius = chain.pin_radius
-    assert pin_radius is not None  # the chain's own rule
-    row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
-    fill_sliding(row, rubbing_of(chain.joint), JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0)
-
-
-def fill_links(row: Any, drive: Drive) -> None:
-    """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
-    chain, varied_links = drive.chain, drive.chain.varied_links
-    row["varied_links"], row["play"] = where(varied_links, 1, 0), where(varied_links, chain.link_play, 0.0)
-    row["outer_stiffness"] = where(varied_links, chain.outer_stiffness, 0.0)
-    row["outer_damping"] = where(varied_links, chain.outer_damping, 0.0)
+    row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
+    row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
+    row["play"] = chain.link_play
+    row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
+    row["gravity"] = joined(drive.run.gravity)
+    if chain.joint is not None and chain.rubs:
+        pin_radius = chain.pin_radius
+        assert pin_radius is not None  # the chain's own rule
+        row["pin_radius"], row["joint_arm"] = pin_radius, chain.joint.factor * pin_radius
+        inertia = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
+        fill_friction(row["joint"], rubbing_of(chain.joint), inertia)

@@ -257,13 +257,13 @@ def is_tied(drive: Drive) -> bool:
     return has_trains(drive) or bool(drive.valves)
 
 
-def fill_tie(row: Any, drive: Drive, b: int) -> None:
-    """Fills how body b turns in its train; an arm is in none."""
+def fill_train(row: Any, drive: Drive, b: int) -> None:
+    """Fills how body b turns in its train, in its `kernels.structs.Motion`; an arm is in none."""
     if b >= drive.first_arm_body:
         row["train"] = -1
         return
     bodies, ratios = train_of(drive, b)
-    row["train"], row["ratio"], row["inertia"] = bodies[0], 1.0 / ratios[0], own_inertia(drive, b)
+    row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], own_inertia(drive, b)
 
 
 def fill_shaft(row: Any, h: int, assembly: Assembly) -> None:

@@ -25,19 +25,16 @@ from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
-    LIGHT,
     RowList,
     fill_bar,
     fill_body,
     fill_chain,
     fill_drive,
+    fill_friction,
     fill_guide,
     fill_hub,
-    fill_joint,
-    fill_links,
     fill_motion,
     fill_mount,
-    fill_sliding,
     fill_sprocket,
     fill_strand,
     tooth_effective_mass,
@@ -52,13 +49,14 @@ from warpchain.engine.fill_bodies import (
     fill_profile,
     fill_shaft,
     fill_tensioner,
-    fill_tie,
+    fill_train,
     fill_valve,
     guide_effective_mass,
     is_tied,
     piece_count,
     profiled,
 )
+from warpchain.engine.light import fill_light
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
@@ -97,15 +95,14 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
+        fill_light(packed, part.members, part.drive, assembly)
     fill_steps(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
-    for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
+    for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
-        sliding["inertia"][: len(steps)] /= steps
+        friction["inertia"][: len(steps)] /= steps
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
-    lightest = np.minimum.reduceat(packed.motions["following"], packed.drives["first_body"])
-    packed.drives["light"] = lightest < LIGHT
-    packed.joints["inertia"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
+    packed.chains["joint"]["inertia"] /= packed.drives["step"]
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
@@ -113,14 +110,23 @@ def pack(
 
 
 def fill_steps(packed: Packed) -> None:
-    """Fills what of contact laws hangs on the steps of their drives."""
+    """Fills what of contact laws hangs on the steps of their drives, and with stages on how bodies give way."""
     for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
         owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
         row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
         staged = packed.drives["integrator"][owner] > 0
         row["lag"] = np.where(staged, 0.0, 0.5 * step)
         row["yielding"] = row["lag"] / mass
-        row["most_damping"] = np.where(staged, 2.0 * mass / step, 0.0)
+        row["most_damping"] = np.where(staged, 2.0 * mass / step * _held(packed, counts, owner), 0.0)
+
+
+def _held(packed: Packed, counts: str, owner: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Part of 2 m / h that dampers of contacts with sprockets or guides may have: of light drives 1 / (1 + g)."""
+    drives, place = packed.drives[owner], packed.guides["body"][: len(owner)]
+    if counts == "sprockets":
+        place = np.arange(len(owner)) - drives["first_sprocket"]
+    following = packed.motions["following"][drives["first_body"] + np.maximum(place, 0)]
+    return np.where((drives["light"] == 0) | (place == structs.GROUND), 1.0, following)
 
 
 @dataclass
@@ -159,12 +165,11 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
     drive, v = part.drive, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
-    for array, fill in ((packed.chains, fill_chain), (packed.joints, fill_joint), (packed.links, fill_links)):
-        _fill(array, v, fill, drive)
+    _fill(packed.chains, v, fill_chain, drive)
     links = drive.chain.links
     store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
-    states = state_rows(assembly.position, assembly.velocity, "float64").reshape(len(v), -1)
+    states = state_rows(assembly.position, assembly.velocity).reshape(len(v), -1)
     store(packed.rollers, STATE_ROWS * at["first_roller"], states)
     for s in range(len(drive.sprockets)):
         _pack_sprocket(packed, drive, s, at, assembly, gathered)
@@ -191,13 +196,15 @@ def _pack_trains(
     """Fills the rows of shafts, gears, couplings and valves, where a stack has any."""
     if not is_tied(drive):
         return
-    for b in range(drive.first_arm_body + len(drive.arms)):
-        _fill(packed.ties, at["first_body"] + b, fill_tie, drive, b)
     for h in range(len(drive.shafts)):
         b = len(drive.sprockets) + h
         _fill(packed.motions, at["first_body"] + b, fill_motion, drive, b, 0.0, gathered.harmonics, gathered.tables)
         _fill(packed.bodies, at["first_body"] + b, fill_shaft, h, assembly)
         _fill(packed.motors, at["first_shaft"] + h, fill_motor, drive, h, gathered.tables)
+    for b in range(drive.first_arm_body + len(drive.arms)):
+        row = packed.motions[at["first_body"] + b]
+        fill_train(row, drive, b)
+        packed.motions[at["first_body"] + b] = row
     for c in range(len(drive.couplings)):
         _fill(packed.couplings, at["first_coupling"] + c, fill_coupling, drive, c, gathered.tables)
         _fill(packed.engaged, at["first_coupling"] + c, fill_engaged, drive, c, assembly)
@@ -213,7 +220,7 @@ def _pack_sprocket(
     """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
     _fill(packed.sprockets, mine, fill_sprocket, drive, s, gathered.seats)
-    _fill(packed.tooth_sliding, mine, fill_sliding, tooth_rubbing(drive), tooth_effective_mass(drive, s))
+    _fill(packed.tooth_friction, mine, fill_friction, tooth_rubbing(drive), tooth_effective_mass(drive, s))
     _fill(packed.strands, mine, fill_strand, assembly, s, drive.chain.links)
     _fill(
         packed.motions, body, fill_motion, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables
@@ -235,7 +242,7 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 else:
                     fill_bar(row, drive, g)
                 fill_guide(row, drive, g)
-            _fill(packed.guide_sliding, mine, fill_sliding, guide_rubbing(drive, g), effective_mass)
+            _fill(packed.guide_friction, mine, fill_friction, guide_rubbing(drive, g), effective_mass)
 
 
 def extensions(packed: Packed) -> NDArray[np.float64]:

@@ -31,16 +31,11 @@ def real_of(precision: str) -> type:
     return REAL[precision]
 
 
-def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
-    """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (..., 6, N)."""
-    if precision == position.dtype:
-        rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
-        rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
-        return rows
-    high = position.astype(precision)
-    return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
-        precision
-    )
+def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows x, y, vx, vy and the low parts of x, y, which are 0 in float64, (..., 6, N)."""
+    rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
+    rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
+    return rows
 
 
 def spread(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
@@ -85,8 +80,8 @@ Arrays: Any = make_dataclass("Arrays", PACKED)
 
 
 def by_speed(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Of rows of what rubs, whether the coefficient of friction depends on the speed."""
-    return np.asarray(rows["law"]["mu_static"] != rows["law"]["mu_dynamic"])
+    """Of rows of friction, whether its coefficient depends on the speed."""
+    return np.asarray(rows["mu_static"] != rows["mu_dynamic"])
 
 
 @dataclass
@@ -154,14 +149,22 @@ class Packed(Arrays):
     @property
     def sliding(self) -> NDArray[np.int64]:
         """(variants,) how rollers rub on teeth or guide-bars: 0 (not at all), 1 or, by the speed, 2."""
-        both = (self.tooth_sliding, self.guide_sliding)
-        rubs = self.having(*(sliding["rubs"] != 0 for sliding in both))
-        return rubs * (1 + self.having(*(by_speed(sliding) for sliding in both)))
+        both = (self.tooth_friction, self.guide_friction)
+        rubs = self.having(*(friction["inertia"] > 0.0 for friction in both))
+        return rubs * (1 + self.having(*(by_speed(friction) for friction in both)))
 
     @property
     def rubbing(self) -> NDArray[np.int64]:
         """(variants,) the same of a chain's joints."""
-        return np.asarray((self.joints["rubs"] != 0) * (1 + by_speed(self.joints)))
+        joint = self.chains["joint"]
+        return np.asarray((joint["inertia"] > 0.0) * (1 + by_speed(joint)))
+
+    @property
+    def varied_links(self) -> NDArray[np.bool_]:
+        """(variants,) whether links of a chain differ in more than their length, or have play."""
+        of = self.chains
+        unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
+        return np.asarray(unlike | (of["play"] != 0.0))
 
     @property
     def linear_hysteretic(self) -> NDArray[np.bool_]:

@@ -148,20 +148,20 @@ class Probe:
         """Inertia of valves that turns with body `b`, as it sees it where the drive stands [kg m^2]."""
         if not self.base.drives["valves"][0]:
             return 0.0
-        ties, cams = self.base.ties[: self.body_count], self._cams
-        train = ties["train"] == ties["train"][b]
-        if ties["train"][b] < 0:  # turns alone
+        motions, cams = self.base.motions[: self.body_count], self._cams
+        train = motions["train"] == motions["train"][b]
+        if motions["train"][b] < 0:  # turns alone
             return float(cams["inertia"][b])
-        return float(((ties["ratio"][train] / ties["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
+        return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train(self, b: int) -> Array:
         """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
-        ties = self.base.ties[: self.body_count]
-        if not self.base.drives["tied"][0] or ties["train"][b] < 0:
+        motions = self.base.motions[: self.body_count]
+        if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)
-        if ties["train"][b] != b:
+        if motions["train"][b] != b:
             return np.ones(0)
-        ratios = np.where(ties["train"] == b, ties["ratio"], 0.0)
+        ratios = np.where(motions["train"] == b, motions["ratio"], 0.0)
         return np.ones(1) if np.count_nonzero(ratios) == 1 else np.asarray(ratios / np.linalg.norm(ratios))
 
     def __call__(self, states: States) -> tuple[Array, Array, Array]:

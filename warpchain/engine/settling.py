@@ -45,11 +45,13 @@ def elastic(packed: Packed) -> Packed:
     push with what they push with at rest.
     """
     still = packed.copy()
-    still.tooth_sliding, still.guide_sliding = np.zeros_like(still.tooth_sliding), np.zeros_like(still.guide_sliding)
+    for name in ("tooth_friction", "guide_friction"):
+        setattr(still, name, np.zeros_like(getattr(still, name)))
     still.hubs["bearing"] = 0.0
     still.tensioners = springs(packed.tensioners)
-    still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
-    still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
+    for of in ("", "outer_"):
+        stiffness = still.chains[f"{of}stiffness"]
+        still.chains[f"{of}damping"] = SETTLE_DAMPING * np.sqrt(stiffness * still.chains["mass"])
     for law in (still.sprockets["law"], still.guides["law"]):
         law["damping"] = 0.0
     still.without_lag()

@@ -218,8 +218,8 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     drive = potential.drive
     sprockets = len(drive.sprockets)
     position, centers, _ = potential.split(x)
-    for name in ("joints", "tooth_sliding", "guide_sliding"):
-        setattr(still, name, np.zeros_like(getattr(still, name)))
+    for friction in (still.chains["joint"], still.tooth_friction, still.guide_friction):
+        friction["inertia"] = 0.0
     still.hubs["bearing"] = 0.0
     still.rows(0)[:] = 0.0
     still.rows(0)[0:2] = position.T
@@ -230,9 +230,9 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     for a, _ in potential.hung:
         still.bodies["center"][drive.first_arm_body + a] = potential.pivots(x)[a]
     still.lengths = potential.natural
-    still.links["play"] = potential.play[0]
-    still.chains["stiffness"] -= potential.push
-    still.links["outer_stiffness"] -= np.where(still.links["varied_links"] == 1, potential.push, 0.0)
+    still.chains["play"] = potential.play[0]
+    for name in ("stiffness", "outer_stiffness"):
+        still.chains[name] -= potential.push
     still.guides["deepest_entry"] = np.inf
     still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
     still.mounts["x_table"]["cells"] = still.mounts["y_table"]["cells"] = 0

@@ -126,17 +126,13 @@ def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array
     return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
-def friction_power(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> dict[str, Array]:
-    """Friction power (F,) [W] of "joints" and, by name, of the guides and sprockets; of what rubs only.
-
-    Args:
-        contacts: of `guide_contacts`, if known.
-    """
+def friction_power(trajectory: Trajectory) -> dict[str, Array]:
+    """Friction power (F,) [W] of "joints" and, by name, of the guides and sprockets; of what rubs only."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.rubs:
         found["joints"] = joint_power(trajectory)
-    touching = guide_contacts(trajectory) if contacts is None and drive.guides else contacts or []
+    touching = guide_contacts(trajectory) if drive.guides else []
     for g, guide in enumerate(drive.guides):
         if guide_rubbing(drive, g).rubs:
             found[guide.name] = guide_power(trajectory, g, touching[g])

@@ -26,6 +26,8 @@ CYCLE = 2.0
 """Revolutions of the driver in the working cycle of a four-stroke engine."""
 SAMPLES = 256
 """Least samples of a revolution after resampling."""
+POINTS = 720
+"""Of a working cycle, at which cycles are averaged."""
 BLOCK = 8.0
 """Revolutions of a block of a run-up; orders half an order apart are then resolved (Hann)."""
 
@@ -58,20 +60,19 @@ def _rate(turns: Array) -> int:
     return max(SAMPLES, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
-def order_amplitudes(turns: Array, values: Array, orders: Sequence[float], cycle: float = CYCLE) -> Array | None:
+def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
     """Amplitudes of orders over the last whole number of cycles (a), (O,); None where there is not one.
 
     Args:
         turns: (F,) revolutions, ascending.
         values: (F,) the signal.
-        orders: whose period is the cycle: multiples of 1 / cycle.
-        cycle: revolutions after which all is as before.
+        orders: whose period is the cycle: multiples of a half.
     """
-    cycles = int((turns[-1] - turns[0]) / cycle * (1.0 + 1e-9))
+    cycles = int((turns[-1] - turns[0]) / CYCLE * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
-    count = int(np.ceil(cycles * cycle * _rate(turns)))
-    at = turns[-1] - cycles * cycle * (1.0 - np.arange(count) / count)
+    count = int(np.ceil(cycles * CYCLE * _rate(turns)))
+    at = turns[-1] - cycles * CYCLE * (1.0 - np.arange(count) / count)
     x = resampled(turns, values, at)
     return np.abs(np.exp(-2j * np.pi * np.outer(orders, at)) @ x) * 2.0 / count
 
@@ -92,24 +93,20 @@ class Cuts(NamedTuple):
     amplitude: Array
 
 
-def order_cuts(
-    time: Array, turns: Array, values: Array, orders: Sequence[float], block: float = BLOCK, overlap: float = 0.75
-) -> Cuts:
-    """Amplitudes of orders block by block of revolutions.
+def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> Cuts:
+    """Amplitudes of orders by blocks of `BLOCK` revolutions, each with three quarters of the one before.
 
     Args:
         time, turns: (F,) of the samples [s], revolutions ascending.
         values: (F,) the signal.
         orders: those to be cut; of any value.
-        block: revolutions of a block.
-        overlap: share of a block that the next one has, too.
     """
     wanted = np.asarray(orders, dtype=float)
     rate = _rate(turns)
-    count = int(block * rate)
+    count = int(BLOCK * rate)
     at = turns[0] + np.arange(int((turns[-1] - turns[0]) * rate) + 1) / rate
     x, t = resampled(turns, values, at), np.interp(at, turns, time)
-    step = max(1, int(count * (1.0 - overlap)))
+    step = max(1, count // 4)
     firsts = range(0, max(len(at) - count, 0) + 1, step) if len(at) >= count else range(0)
     window = np.hanning(count + 1)[:-1]
     weights = window * 2.0 / window.sum()
@@ -140,19 +137,19 @@ class Cycle(NamedTuple):
     cycles: int
 
 
-def cycle_average(turns: Array, values: Array, cycle: float = CYCLE, points: int = 720) -> Cycle | None:
+def cycle_average(turns: Array, values: Array) -> Cycle | None:
     """Mean and envelope of a signal (F,) over the last whole cycles; None where there is not one.
 
     Samples are joined by straight lines, so that the envelope goes no further than they do. Angles count from where
     `turns` is 0, so that those of several signals, and of several slices, agree.
     """
-    first = int(np.ceil(turns[0] / cycle * points - 1e-9))
-    last = int(np.floor(turns[-1] / cycle * points + 1e-9))
-    count = (last - first + 1) // points
+    first = int(np.ceil(turns[0] / CYCLE * POINTS - 1e-9))
+    last = int(np.floor(turns[-1] / CYCLE * POINTS + 1e-9))
+    count = (last - first + 1) // POINTS
     if count < 1:
         return None
-    steps = last + 1 - count * points + np.arange(count * points)
-    x = np.interp(steps * (cycle / points), turns, values)
-    x = np.roll(x.reshape(count, points), steps[0] % points, axis=1)
-    angle = 2.0 * np.pi * cycle * np.arange(points) / points
+    steps = last + 1 - count * POINTS + np.arange(count * POINTS)
+    x = np.interp(steps * (CYCLE / POINTS), turns, values)
+    x = np.roll(x.reshape(count, POINTS), steps[0] % POINTS, axis=1)
+    angle = 2.0 * np.pi * CYCLE * np.arange(POINTS) / POINTS
     return Cycle(angle, x.mean(axis=0), x.min(axis=0), x.max(axis=0), count)

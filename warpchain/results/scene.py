@@ -156,15 +156,15 @@ def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
     return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
-def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
+def guide_outline(drive: Drive, g: int) -> Array:
     """Outline of guide g (P, 2) [m] as drawn: its face and both rounded ends."""
     if not drive.guides[g].straight:
-        return drive.profile(g).points(drive.chain.pitch / points)
+        return drive.profile(g).points(drive.chain.pitch / 12)
     bar = drive.guides[g].bar
     start, end = np.asarray(bar.start, dtype=float), np.asarray(bar.end, dtype=float)
     t = (end - start) / np.hypot(*(end - start))
     n = np.array([-t[1], t[0]])
-    angle = np.linspace(0.0, 0.5 * math.pi, points)[:, None]
+    angle = np.linspace(0.0, 0.5 * math.pi, 12)[:, None]
     radius = bar.end_radius
     before = start - radius * n + radius * (np.cos(angle) * n - np.sin(angle) * t)
     after = end - radius * n + radius * (np.cos(angle) * n + np.sin(angle) * t)

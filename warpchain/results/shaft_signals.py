@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.rotation import CYCLE, order_amplitudes, rising, turns_of
+from warpchain.results.rotation import order_amplitudes, rising, turns_of
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
 from warpchain.results.signals import ahead_of_driver
@@ -86,5 +86,5 @@ def phase_of(
     """
     error, turns = phase_error(trajectory, s)[window], turns_of(trajectory)[window]
     part = rising(turns)
-    found = order_amplitudes(turns[part], error[part], orders, CYCLE) if len(turns[part]) > 8 else None
+    found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None
     return Phase(float(error.mean()), float(error.min()), float(error.max()), found, tuple(orders))

@@ -27,29 +27,15 @@ DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
 """For an SI unit the units that values are shown in: from which largest value on, the unit, and its factor."""
 
 
-def display_unit(unit: str, largest: float) -> tuple[str, float]:
-    """The unit to show values in.
-
-    Args:
-        unit: their SI unit, as columns of results have it.
-        largest: the largest magnitude among them; 0, or what is not finite, keeps the unit.
-
-    Returns:
-        Unit and factor to multiply the values by; (unit, 1) for units that have no other.
-    """
-    found = (unit, 1.0)
-    if largest != 0.0 and math.isfinite(largest):
-        for least, word, factor in DISPLAYED.get(unit, ()):
-            if abs(largest) >= least:
-                found = word, factor
-    return found
-
-
 def shown(unit: str, *values: Any) -> tuple[str, float]:
-    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it."""
+    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it.
+
+    Units that have no other stay as they are, and so does any where all values are 0 or not finite.
+    """
     whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
-    finite = np.abs(whole[np.isfinite(whole)])
-    return display_unit(unit, float(finite.max()) if finite.size else 0.0)
+    largest = float(np.abs(whole[np.isfinite(whole)]).max(initial=0.0))
+    held = [(word, factor) for least, word, factor in DISPLAYED.get(unit, ()) if largest >= least]
+    return held[-1] if held and largest > 0.0 else (unit, 1.0)
 
 
 def shown_unit(unit: str, *values: float) -> tuple[str, float]:

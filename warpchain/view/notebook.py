@@ -14,7 +14,7 @@ from warpchain.results.channels import CHANNEL
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
 from warpchain.results.metric_columns import title_of, unit_of
 from warpchain.results.run import Run, Trajectory
-from warpchain.results.units import display_unit
+from warpchain.results.units import quantity
 from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.html import picture
 
@@ -67,12 +67,8 @@ def value_text(value: Any, unit: str) -> str:
     """A value with a unit that fits its size: 42.2 kN."""
     if value is None:
         return "-"
-    if isinstance(value, bool | str):
-        return str(value)
-    if not math.isfinite(value):
-        return str(value)
-    shown, factor = display_unit(unit, value)
-    return f"{factor * value:.4g}" + ("" if shown in ("", "1") else f" {shown}")
+    bare = isinstance(value, bool | str) or not math.isfinite(value)
+    return str(value) if bare else quantity(value, unit)
 
 
 def _beside(left: str, right: str) -> str:

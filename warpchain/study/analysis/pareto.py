@@ -45,7 +45,7 @@ def non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
     return front
 
 
-def front_chances(results: Results, objectives: Mapping[str, str], seed: int = 0) -> NDArray[np.float64]:
+def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
     """Probability that each row of the table is on the Pareto front (R,), from the scatter between equal runs.
 
     Metrics are drawn about their means, normally with the pooled scatter of one run over the root of the row's runs;
@@ -54,7 +54,6 @@ def front_chances(results: Results, objectives: Mapping[str, str], seed: int = 0
     Args:
         results: of a study with replicates.
         objectives: see `pareto_front`.
-        seed: of the draws.
 
     Raises:
         StudyError: see `pareto_front`.
@@ -67,7 +66,7 @@ def front_chances(results: Results, objectives: Mapping[str, str], seed: int = 0
     best, worst = costs - BEYOND * errors, costs + BEYOND * errors
     edge = worst[non_dominated(worst)]
     near = np.array([not ((edge < row).all(axis=1)).any() for row in best])
-    random, hits = np.random.default_rng(seed), np.zeros(len(rows))
+    random, hits = np.random.default_rng(0), np.zeros(len(rows))
     for _ in range(DRAWS):
         drawn = costs[near] + errors[near] * random.standard_normal((int(near.sum()), costs.shape[1]))
         hits[near] += non_dominated(drawn)

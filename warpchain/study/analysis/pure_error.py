@@ -180,10 +180,10 @@ def _rows(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Arr
     return means, counts, freedom, square / freedom if freedom else 0.0
 
 
-def pure_errors(results: Results, metrics: tuple[str, ...] | None = None) -> list[PureError]:
+def pure_errors(results: Results) -> list[PureError]:
     """Scatter of every metric that scatters, the noisiest first."""
     found = []
-    for metric in metrics or results.metrics:
+    for metric in results.metrics:
         try:
             found.append(pure_error(results, metric))
         except StudyError:

@@ -82,9 +82,9 @@ def _salib() -> None:
         raise StudyError("Sobol' indices need the package SALib: pip install 'warpchain[salib]'") from None
 
 
-def problem_of(results: Results, factors: Sequence[str] | None = None) -> Problem:
+def problem_of(results: Results) -> Problem:
     """SALib's problem dictionary of a study's numeric factors, uniform over the range that was run."""
-    names = list(factors or results.independent_factors())
+    names = list(results.independent_factors())
     columns = [results.values(name) for name in names]
     bounds = [[float(np.nanmin(x)), float(np.nanmax(x))] for x in columns]
     return {"num_vars": len(names), "names": names, "bounds": bounds}
@@ -209,9 +209,7 @@ def saltelli_block(results: Results, factors: Sequence[str]) -> int:
     return 0
 
 
-def sobol_indices(
-    results: Results, metric: str, problem: Mapping[str, Any] | None = None, resamples: int = 200, seed: int = 1
-) -> Indices:
+def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> Indices:
     """Sobol' indices from a study that ran a Saltelli design, by SALib.
 
     A variant that did not end well takes its whole block out, so that the estimators stay what they are.
@@ -220,8 +218,6 @@ def sobol_indices(
         results: the study's results, of all rows of the design.
         metric: the metric.
         problem: SALib's problem dictionary; None takes all independent factors.
-        resamples: bootstrap resamples of the confidence intervals.
-        seed: of the bootstrap, at least 1.
 
     Raises:
         StudyError: no SALib, another design, or fewer than two whole blocks.
@@ -245,7 +241,7 @@ def sobol_indices(
     if not np.ptp(y) > 0.0:
         raise StudyError(f"Sobol' indices of {metric!r}: it does not vary")
     second = block == 2 * len(names) + 2
-    found = sobol.analyze(chosen, y, calc_second_order=second, num_resamples=resamples, seed=seed)
+    found = sobol.analyze(chosen, y, calc_second_order=second, num_resamples=200, seed=1)
     first, total, first_error, total_error = (
         np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")
     )
@@ -267,20 +263,19 @@ RESAMPLES = 400
 """Surfaces that the errors of indices are drawn from."""
 
 
-def surface_indices(surface: Surface, results: Results | None = None, seed: int = 0) -> Indices:
+def surface_indices(surface: Surface, results: Results | None = None) -> Indices:
     """Sobol' indices of a response surface for independent factors, eq. (a).
 
     Args:
         surface: the surface.
         results: whose table has the factors' distributions; None, and factors without one, are uniform over the
             surface's range.
-        seed: of the draws for the errors.
     """
     moments = np.array([_moments(surface, a, results) for a in range(len(surface.factors))])
     first, total = _shares(surface, surface.coefficients[None], moments)
     errors = np.zeros((2, len(surface.factors)))
     if surface.covariance is not None and surface.freedom and np.isfinite(surface.covariance).all():
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(0)
         size, axes = np.linalg.eigh(surface.covariance)
         drawn = random.standard_normal((RESAMPLES, len(size))) * np.sqrt(np.maximum(size, 0.0)) @ axes.T
         drawn += surface.coefficients

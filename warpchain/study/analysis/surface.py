@@ -108,14 +108,6 @@ class Surface:
         values[:, a] = np.linspace(self.low[a], self.high[a], points)
         return values[:, a], self.predict(values)
 
-    def plane(self, first: str, second: str, points: int = 41) -> tuple[Array, Array, Array]:
-        """The metric over two factors: their values (P,), (P,) and the metric (P, P), [second, first]."""
-        a, b = self.factors.index(first), self.factors.index(second)
-        x, y = (np.linspace(self.low[k], self.high[k], points) for k in (a, b))
-        values = np.tile(0.5 * (self.low + self.high), (points, points, 1))
-        values[..., a], values[..., b] = np.meshgrid(x, y)
-        return x, y, self.predict(values)
-
 
 def _scaled(values: Array, low: Array, high: Array) -> Array:
     return (2.0 * values - low - high) / (high - low)

@@ -141,12 +141,10 @@ def over_noise(designs: Designs, chosen: Sequence[int], letters: str) -> list[Pa
     return panels
 
 
-def effects(
-    results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], most: int = 8
-) -> list[Panel]:
+def effects(results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect]) -> list[Panel]:
     """Mean of a metric in each group of each factor, with two standard errors, and its median; one axis for all."""
     axis = Axis(results, metric)
-    shown = list(found)[:most]
+    shown = list(found)[:8]
     bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
     of_medians = {effect.factor: effect for effect in medians}
     low = min(float((e.means - b).min()) for e, b in zip(shown, bars, strict=True))
@@ -189,21 +187,20 @@ def effects(
 
 
 def interactions(
-    results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction], most: int = 3
+    results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
     """Means of a metric over one factor, apart for low, middle and high values of another, with two standard errors.
 
     Args:
-        found: main effects, of whose first factors all pairs are drawn.
+        found: main effects, of whose first three factors all pairs are drawn.
         together: pairs that are drawn before these.
-        most: panels, and factors whose pairs are drawn.
     """
     axis, panels = Axis(results, metric), []
     factors = [effect.factor for effect in found if results.numeric(effect.factor)]
     pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]
-    pairs += [pair for pair in combinations(factors[:most], 2) if pair not in pairs and pair[::-1] not in pairs]
+    pairs += [pair for pair in combinations(factors[:3], 2) if pair not in pairs and pair[::-1] not in pairs]
     y = results.values(metric)
-    for a, b in pairs[:most]:
+    for a, b in pairs[:3]:
         rows = results.rows_for(metric, [a, b])
         if rows.sum() < 24:
             continue
@@ -295,7 +292,7 @@ def _dots(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
     return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), DOTS)).astype(int))] if len(held) else held
 
 
-def surrogate(results: Results, found: Surrogate, checked: CrossValidation, most: int = 4) -> list[Panel]:
+def surrogate(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
     """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation.
 
     Variants that are not ok, which no fit takes, are dots of another color, as far as they are not far away.
@@ -328,7 +325,7 @@ def surrogate(results: Results, found: Surrogate, checked: CrossValidation, most
             )
         panel = {"x": {"label": across.name}, "y": {"label": ""}, "series": series, "width": 280, "height": 230}
         cuts.append((-float(np.ptp(mean)), panel))
-    panels = [panel for _, panel in sorted(cuts, key=lambda cut: cut[0])[:most]]
+    panels = [panel for _, panel in sorted(cuts, key=lambda cut: cut[0])[:4]]
     if panels:
         panels[0]["y"]["label"] = axis.name
         beyond = f", {far} more beyond the picture" if far else ""

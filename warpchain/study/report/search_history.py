@@ -79,7 +79,9 @@ def _progress(results: Results, wanted: Wanted, measured: Measured, starts: np.n
     steps = np.repeat(np.flatnonzero(reached), 2)
     x, y = count[steps[1:]], sign * best[steps[:-1]]
     named = k == 0
-    series: list[dict[str, Any]] = [_upright(start) for start in starts.tolist()]
+    series: list[dict[str, Any]] = [
+        {"kind": "upright", "x": [start + 0.5], "color": PALE, "dash": "2 3"} for start in starts.tolist()
+    ]
     for rows, color, label in ((~measured.kept, PALE, "beyond a limit"), (measured.kept, ACCENT, "keeps the limits")):
         label = label if wanted.bounds else "variants"
         if rows.any() and (wanted.bounds or color == ACCENT):
@@ -119,7 +121,3 @@ def _dots(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[
     return {"kind": "points", "x": x.tolist(), "y": y, "color": color, "size": size} | (
         {"label": label} if label else {}
     )
-
-
-def _upright(start: int) -> dict[str, Any]:
-    return {"kind": "upright", "x": [start + 0.5], "color": PALE, "dash": "2 3"}

@@ -333,12 +333,16 @@ def _error_line(results: Results, metric: str, chance: float | None) -> str:
     return f"{error}{rows}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
 
 
-def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> html.Section | None:
+CORRELATED = 40
+"""Metrics of the correlations, at most."""
+
+
+def _correlation(results: Results, first: tuple[str, ...]) -> html.Section | None:
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.rows_for(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
         return None
-    both = correlation(results, usable[:most])
+    both = correlation(results, usable[:CORRELATED])
     return html.section(
         "correlation",
         "Correlation",
@@ -348,7 +352,7 @@ def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> ht
             muted=True,
         ),
         panels.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
-        html.text(f"The first {most} of {len(usable)} metrics are shown.") if len(usable) > most else "",
+        html.text(f"The first {CORRELATED} of {len(usable)} metrics are shown.") if len(usable) > CORRELATED else "",
     )
 
 

@@ -149,11 +149,11 @@ class Process:
             mean = self.z - self.weights / inverse
         return self.center + self.scale * mean, self.scale / np.sqrt(inverse)
 
-    def with_row(self, x: Array, y: float, error: float = 0.0) -> Process:
+    def with_row(self, x: Array, y: float) -> Process:
         """The process with one further row (D,), its lengths and noise kept."""
         rows = np.vstack([self.x, x[None]])
         z = np.append(self.z, (y - self.center) / self.scale)
-        return _process(rows, z, self.kernel, self.noise, np.append(self.errors, error), (self.center, self.scale))
+        return _process(rows, z, self.kernel, self.noise, np.append(self.errors, 0.0), (self.center, self.scale))
 
 
 def _some(rows: int, most: int) -> NDArray[np.intp]:

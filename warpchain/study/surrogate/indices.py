@@ -104,13 +104,12 @@ def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> t
     return surrogate_indices(model, results), words
 
 
-def surrogate_indices(surrogate: Surrogate, results: Results, seed: int = 0) -> Indices:
+def surrogate_indices(surrogate: Surrogate, results: Results) -> Indices:
     """Sobol' indices of a Gaussian process for independent factors, words among them, eq. (a).
 
     Args:
         surrogate: a Gaussian process.
         results: whose table has the factors' distributions; factors without one are uniform over what was run.
-        seed: of the draws.
     """
     from scipy.stats import qmc
 
@@ -120,13 +119,13 @@ def surrogate_indices(surrogate: Surrogate, results: Results, seed: int = 0) -> 
     count = len(axes)
     found = []
     for number in range(SETS):
-        units = qmc.Sobol(2 * count, seed=seed + number).random(ROWS)
+        units = qmc.Sobol(2 * count, seed=number).random(ROWS)
         first, second = (
             {axis.name: _drawn(results, axis, part[:, k]) for k, axis in enumerate(axes)}
             for part in (units[:, :count], units[:, count:])
         )
         mixed = (first | {axis.name: second[axis.name]} for axis in axes)
-        drawn = process.draws(DRAWS, seed + number)
+        drawn = process.draws(DRAWS, number)
         values = [drawn(features.of(rows)) for rows in (first, second, *mixed)]  # (R, 1 + DRAWS) each
         if surrogate.logarithm:
             values = [np.exp(value) for value in values]

@@ -116,19 +116,15 @@ def columns_of(rows: Rows, names: Iterable[str]) -> dict[str, list[Any]]:
     return found
 
 
-def features_of(results: Results, factors: Sequence[str] | None = None) -> Features:
+def features_of(results: Results) -> Features:
     """The coordinates of a study's results: of all factors that vary, tied ones once.
-
-    Args:
-        results: the study's results.
-        factors: which; None takes all.
 
     Raises:
         StudyError: none varies.
     """
     tied = results.ties()
     axes = []
-    for name in factors or [factor for factor in results.factors if factor not in tied]:
+    for name in (factor for factor in results.factors if factor not in tied):
         if results.numeric(name):
             values = results.values(name)
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
@@ -309,7 +305,6 @@ def fit_surrogate(
     results: Results,
     metric: str,
     kind: str = "gaussian",
-    factors: Sequence[str] | None = None,
     logarithm: bool = False,
 ) -> Surrogate:
     """Fits a surrogate to the variants that are ok.
@@ -318,7 +313,6 @@ def fit_surrogate(
         results: the study's results; a column `METRIC_se` has the standard error of each value.
         metric: the metric.
         kind: "gaussian", of words and numbers, or "quadratic", of numbers.
-        factors: of a Gaussian process; None takes all that vary.
         logarithm: fit the metric's logarithm, as errors that grow with the value ask for.
 
     Raises:
@@ -335,7 +329,7 @@ def fit_surrogate(
 
         taken = transformed(results, metric, "log") if logarithm else results
         return Surrogate(metric, kind, fit_quadratic(taken, metric), None, logarithm)
-    features = features_of(results, factors)
+    features = features_of(results)
     rows &= results.rows_for(metric, features.factors)
     y = values[rows]
     known = None if errors is None else errors[rows]

@@ -18,7 +18,7 @@ from warpchain.results.signals import (
     order_spectra,
     peaks_over_time,
 )
-from warpchain.results.units import display_unit, shown
+from warpchain.results.units import shown
 from warpchain.view.figures.style import LINES, PARTS, arrowed, curve, key, mark_teeth, panels
 from warpchain.view.palette import scale_top, tension_colormap
 
@@ -136,7 +136,7 @@ def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure
     figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
     _, rows = peaks_over_time(tension, ROWS)
     top = scale_top([trajectory]) if top is None else top
-    unit, factor = display_unit("N", top)
+    unit, factor = shown("N", top)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
     image = axis.imshow(factor * rows, aspect="auto", extent=extent, interpolation="nearest", **colors)
@@ -178,7 +178,7 @@ def angle_figure(trajectory: Trajectory) -> Figure:
     title = "Contact force against angle on the sprocket, latter half of the run"
     figure, axes = panels(count, 2.5 * count + 0.9, title, drive, share=False)
     every = [contact_angles(trajectory, s) for s in range(count)]
-    unit, factor = display_unit("N", max(float(found.force.max(initial=0.0)) for found in every))
+    unit, factor = shown("N", max(float(found.force.max(initial=0.0)) for found in every))
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
         found = every[s]
         angle, force = np.degrees(found.angle), factor * found.force

@@ -27,7 +27,7 @@ from warpchain.results.scene import (
     teeth_at,
     turned,
 )
-from warpchain.results.units import display_unit, shown
+from warpchain.results.units import shown
 from warpchain.view.figures.labels import spread
 from warpchain.view.figures.style import about
 from warpchain.view.palette import scale_top, tension_colormap
@@ -101,7 +101,7 @@ def drive_figure(
             axis.plot(*factor * np.vstack([loop, loop[:1]]).T, color=CHAIN, lw=2, zorder=3)
     if arrows:
         draw_arrows(axis, line, arrows, reach, factor)
-        word, share = display_unit("N", largest)
+        word, share = shown("N", largest)
         axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
         title = title.replace("At", "Forces on the chain at")
         figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
@@ -160,7 +160,7 @@ def color_chain(axis: Any, chains: list[Array], tension: Array, top: float, fact
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    newton, scale = display_unit("N", top)
+    newton, scale = shown("N", top)
     links = [link for line in chains for link in factor * np.stack([line, np.roll(line, -1, axis=0)], axis=1)]
     chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension)
@@ -284,5 +284,5 @@ def _strands(drive: Drive, pitches: Any) -> list[str]:
 
 def _length(meters: float) -> str:
     """A length with its unit, to four figures."""
-    unit, factor = display_unit("m", meters)
+    unit, factor = shown("m", meters)
     return f"{factor * meters:.4g} {unit}"

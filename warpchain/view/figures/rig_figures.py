@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.results.measured import Comparison
 from warpchain.results.signals import SPECTRUM_FLOOR, TOOTH_PASSINGS
-from warpchain.results.units import display_unit
+from warpchain.results.units import shown
 from warpchain.view.figures.style import LINES, arrowed, curve, key, mark_teeth, panels
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ def measured_figure(drive: Drive, found: Comparison) -> Figure:
     first, last = max(time[0] for time, _ in signals), min(time[-1] for time, _ in signals)
     if last > first:
         signals = [(t[(t >= first) & (t <= last)], values[(t >= first) & (t <= last)]) for t, values in signals]
-    finite = [values[np.isfinite(values)] for _, values in signals]
-    unit, factor = display_unit(measured.unit, max(float(np.abs(values).max(initial=0.0)) for values in finite))
+    unit, factor = shown(measured.unit, *(values for _, values in signals))
     spectra = any(spectrum is not None for spectrum in found.spectra)
     title = f"{arrowed(measured.name)}: simulated and measured"
     figure, axes = panels(1 + spectra, 3.6 + 3.4 * spectra, title, drive, share=False)

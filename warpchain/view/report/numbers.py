@@ -14,7 +14,7 @@ from warpchain.results.engineering_report import HandedIn
 from warpchain.results.formulas import THINGS
 from warpchain.results.metric_columns import COLUMNS, column_of
 from warpchain.results.signals import events, stroke
-from warpchain.results.units import display_unit
+from warpchain.results.units import shown, shown_unit
 from warpchain.view.html import number, table
 
 DIGITS = 4
@@ -27,8 +27,8 @@ def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str
     Args:
         largest: picks the unit, so that the values of a row or table share it; the value itself if None.
     """
-    word, factor = display_unit(unit, value if largest is None else largest)
-    return number(factor * value, DIGITS), "" if word == "1" else word
+    word, factor = shown_unit(unit, value if largest is None else largest)
+    return number(factor * value, DIGITS), word
 
 
 def written(value: float, unit: str) -> str:
@@ -75,7 +75,7 @@ def metric_tables(drive: Drive, row: Mapping[str, Any]) -> dict[str, str]:
 
 def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     """Mean and largest force on each shaft: from the sums over every step where there are any, or else from frames."""
-    unit, factor = display_unit("N", float(np.hypot(*np.moveaxis(found.hubs, -1, 0)).max()))
+    unit, factor = shown("N", float(np.hypot(*np.moveaxis(found.hubs, -1, 0)).max()))
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
         frames = found.hubs[:, s]
@@ -168,7 +168,7 @@ def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     whole = {name: row.get(f"{name}.friction") for name in means}
     steps = {name: means[name] if work is None else float(work) / seconds for name, work in whole.items()}
     total = sum(steps.values())
-    unit, factor = display_unit("W", max([total, *means.values()], default=0.0))
+    unit, factor = shown("W", max([total, *means.values()], default=0.0))
     rows: list[list[Any]] = [
         [name, rounded(factor * steps[name]), rounded(factor * means[name]), round(100.0 * steps[name] / total, 1)]
         for name in means

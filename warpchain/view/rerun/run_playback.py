@@ -191,7 +191,6 @@ def view(
     source: Run | str | Path,
     variant: int | None = None,
     save: str | Path | None = None,
-    spawn: bool = True,
     compare: Sequence[str | int | Run | Path] = (),
     frames: int = FRAMES,
     web: bool = False,
@@ -206,7 +205,6 @@ def view(
         source: a run, or an archive's path.
         variant: which variant; None is the first recorded.
         save: file (.rrd) to write instead of opening a viewer; it appears under this name only when whole.
-        spawn: open the viewer on this machine; False only builds the recording.
         compare: further variants to lay beside it and over it: numbers in `source`, other runs or archives (their
             first recorded variant), or "ARCHIVE:NUMBER".
         frames: budget of frames to draw; longer recordings are thinned out without losing peaks (docs/playback.md).
@@ -229,7 +227,7 @@ def view(
         stream = _stream()
         with saved(stream, Path(save), ArchiveError):
             stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
-    elif spawn:
+    else:
         from warpchain.view.rerun.viewer import Viewer
 
         with Viewer(bind, "web" if web else "native") as viewer:
@@ -238,8 +236,6 @@ def view(
             stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
             stream.flush()
             stream.disconnect()
-    else:
-        log_recording(_stream(), shown, frames, tab, scale, measured)
 
 
 def log_recording(
