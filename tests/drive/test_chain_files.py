@@ -139,6 +139,8 @@ GEARED = {
     "a coupling needs two that turn alike": '[[couplings]]\nname = "c"\nbetween = ["A", "B"]\nstiffness = 9.0\n',
     'sprockets.a1.prescribed: not together with shafts."A".motor; give one of the two':
         SHAFT + "motor = { torque = 1.0 }\n",
+    'sprockets.a2.prescribed.speed = 3.0: must fit that of "a1", which is prescribed, too, and turns it: 5':
+        SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n' + PAIR.format(teeth="9, 18", more="").replace('"B"', '"C"'),
     'shafts.A.initial_speed = 1.0: not where "a1" is prescribed, with which it turns': SHAFT + "initial_speed = 1.0\n",
     "shafts.C: nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed":
         SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n',
@@ -153,6 +155,7 @@ GEARED = {
 def test_contradictions_of_gears_and_chains_are_refused_in_a_line(line):
     text, more = text_of(more="").replace("41", "40"), GEARED[line]
     loads_drive(text)
+    text = text.replace("inertia = 1.0", "prescribed = { speed = 3.0 }", 1) if "too, and turns" in line else text
     assert error(text.replace(SHAFT, more) if SHAFT in more else text + more) == line
 
 

@@ -298,7 +298,8 @@ def test_stacks_of_trains_have_the_bits_of_each():
 
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
     drive = example("swing_idler")
-    led = {"shafts": [{"name": "S", "prescribed": {"speed": 10.0}}], "sprockets.idler.shaft": "S"}
+    speed = drive.driver_speed * drive.sprockets[drive.driver].teeth / drive.get_value("sprockets.idler.teeth")
+    led = {"shafts": [{"name": "S", "prescribed": {"speed": speed}}], "sprockets.idler.shaft": "S"}
     line = (
         r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'
     )

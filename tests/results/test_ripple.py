@@ -53,6 +53,13 @@ def test_periods_of_the_slowest_ripple(changes, periods):
     assert slowest_ripple(drive, np.array([4.0, 3.0]), 0.5) == pytest.approx(periods)
 
 
+def test_a_drive_whose_ripple_was_asked_for_can_still_be_changed():
+    load = {"sprockets.driven.load.table": {"angle": ANGLES, "torque": [*FOUR[:-1], FOUR[0]]}, "valves": (VALVES,)}
+    drive = two_sprockets().with_values(load)
+    assert slowest_ripple(drive, np.array([4.0, 3.0]), 0.5) > 0.0
+    assert drive.with_values({"run.phase": 0.1, "valves.valves.phase": 1.0}).valves[0].slowest_order == 4.0
+
+
 def test_shafts_and_their_motors_count():
     drive = example("conveyor").with_values({"shafts.drum.load.harmonics": ({"order": 1.0, "amplitude": 5.0},)})
     ratio = drive.sprockets[0].teeth / drive.sprockets[1].teeth

@@ -11,7 +11,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -69,6 +69,15 @@ def slowest_part(spectrum: NDArray[np.complexfloating]) -> int:
     return 1 + int((size >= NOTABLE * size.max()).argmax())
 
 
+@lru_cache(maxsize=64)
+def _slowest_of(angle: tuple[float, ...], column: tuple[float, ...], revolutions: int) -> int:
+    """`slowest_part` of a column over angles that span so many revolutions."""
+    import numpy as np  # here, since drives are read without it
+
+    over = np.linspace(angle[0], angle[-1], SAMPLES * revolutions, endpoint=False)
+    return slowest_part(np.fft.rfft(np.interp(over, angle, column)))
+
+
 class Table(Part):
     """A quantity over time or over angle, row by row.
 
@@ -105,15 +114,13 @@ class Table(Part):
         """Revolutions that the angles span."""
         return round((self.over[-1] - self.over[0]) / (2.0 * math.pi))
 
-    @cached_property
+    @property
     def slowest_order(self) -> float | None:
         """Periods per revolution of its slowest ripple (`slowest_part`); None over time, or where it is constant."""
-        import numpy as np  # here, since drives are read without it
-
-        if self.angle is None or min(getattr(self, self._quantity)) == max(getattr(self, self._quantity)):
+        column = getattr(self, self._quantity)
+        if self.angle is None or min(column) == max(column):
             return None
-        over = np.linspace(self.over[0], self.over[-1], SAMPLES * self.revolutions, endpoint=False)
-        return slowest_part(np.fft.rfft(np.interp(over, self.over, self.values))) / self.revolutions
+        return _slowest_of(self.angle, column, self.revolutions) / self.revolutions
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -10,7 +10,7 @@ from warpchain.drive.geared import DRIVING
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import Tie, has_trains, names_of, rigid, ties, with_chain
+from warpchain.drive.trains import Ratios, Tie, has_trains, names_of, rigid, ties, with_chain
 from warpchain.drive.transmission import is_geared
 
 MOST_BODIES = 60
@@ -216,6 +216,22 @@ def _whole(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> bool:
     return all(get(of, "shaft") in [None, *names] and get(of, "chain") in chains for of in parts)
 
 
+def _led_alike(parts: Sequence[Any], names: Sequence[str], tied: Ratios, count: int) -> Iterator[Problem]:
+    """Constant speeds that are prescribed at two places fit each other by gears, shafts and chains."""
+    first: dict[int, int] = {}
+    for b, part in enumerate(parts):
+        speed = get(get(part, "prescribed"), "speed")
+        if not numbers(speed):
+            continue
+        other = first.setdefault(tied.root[b], b)
+        known = get(get(parts[other], "prescribed"), "speed")
+        fits = float(known) * float(abs(tied.ratio[b] / tied.ratio[other]))
+        if abs(speed - fits) > SAME * max(abs(speed), abs(fits)):
+            place = ("sprockets", b) if b < count else ("shafts", b - count)
+            text = f'must fit that of "{names[other]}", which is prescribed, too, and turns it: {fits:.9g}'
+            yield Problem((*place, "prescribed", "speed"), speed, text)
+
+
 def _driven(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
     """Something turns every shaft, where all that ties bodies is known, and speeds at the start fit each other."""
     count = len(elements(drive, "sprockets"))
@@ -238,6 +254,7 @@ def _driven(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
             text = "nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed"
             yield Problem(("shafts", b - count), None, text, BARE)
     tied, _ = with_chain(drive, couplings=False)
+    yield from _led_alike(parts, names, tied, count)
     begun: dict[int, int] = {}
     for key in ("prescribed", "initial_speed"):
         for b, part in enumerate(parts):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
@@ -231,6 +231,15 @@ class ValveSpring(Part):
     stiffness: NonNegative = 0.0
 
 
+@lru_cache(maxsize=64)
+def _slowest_of(curve: LiftCurve, phases: tuple[float, ...]) -> int:
+    """`slowest_part` of the slopes of lifts that begin at these phases [degrees]."""
+    import numpy as np  # here, since drives are read without it
+
+    shifts = np.exp(-1j * np.outer(np.arange(ROWS // 2 + 1), np.radians(phases))).sum(axis=1)
+    return slowest_part(np.fft.rfft(curve.around()[1]) * shifts)
+
+
 class Valves(Part):
     """A group of like valves on a sprocket or a shaft.
 
@@ -284,14 +293,10 @@ class Valves(Part):
         over = thrown > 0.0
         return math.sqrt(max(0.0, float((pressed[over] / thrown[over]).min(initial=math.inf))))
 
-    @cached_property
+    @property
     def slowest_order(self) -> float:
         """Periods per revolution of the slowest ripple of its torque (`slowest_part`), by the slopes of all lifts."""
-        import numpy as np  # here, since drives are read without it
-
-        orders = np.arange(ROWS // 2 + 1)
-        shifts = np.exp(-1j * np.outer(orders, np.radians(self.phases))).sum(axis=1)
-        return float(slowest_part(np.fft.rfft(self.curve.around()[1]) * shifts))
+        return float(_slowest_of(self.curve, tuple(self.phases)))
 
     @property
     def torsional_stiffness(self) -> Any:
