@@ -258,7 +258,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         """Value k that arm `a` shares where arms carry arms."""
         return load_row(shared.joints, a * wp.static(OF_AN_ARM) + k)
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def start_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
         drive = ensemble.drives[mine.variant]
@@ -283,7 +283,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
                     shared.mount_sums[b] = sums.mount[at]
         of.put_pose(shared, b, pose)
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def end_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine):
         """Puts the thread's body and its sums back into the state."""
         drive = ensemble.drives[mine.variant]

@@ -113,7 +113,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         else:
             keep(state, now, at, before, Real(UNTOUCHED))
 
-    @wp.func
+    @wp.func(inline=True)  # as `stepping.advance_body`
     def at_bars(ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, near: Bits):
         """Adds the forces of the guides that they are near to those of the thread's rollers."""
         by_bar = of_bars(near)

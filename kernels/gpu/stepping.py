@@ -61,7 +61,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
 
-    @wp.func(inline=threads == WARP)  # as `advance_body`
+    @wp.func(inline=True)  # as `advance_body`
     def predict_all(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
     ):
@@ -102,7 +102,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
 
-    @wp.func(inline=threads == WARP)  # as `advance_body`
+    @wp.func(inline=True)  # as `advance_body`
     def prepare(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """Shares the lifts of valves and, where bodies are light, predicts their accelerations; before the contacts."""
         if wp.static(kind.parts.valves > 0):
