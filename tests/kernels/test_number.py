@@ -526,9 +526,10 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     # contacts' sums, forces and all of the motion are in what goes around without float64
     assert len(free) > 0.7 * len(loop)
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
-    if not MEASURING[name].staged:  # of the two steps in the code the one that nearly all are has none at all
+    if not MEASURING[name].staged and not MEASURING[name].profiles:
+        # of the two steps in the code the one that nearly all are has none at all
         common = largest_part_without_float64(ptx)
-        assert len(common) > 0.25 * len(loop)
+        assert len(common) > 0.2 * len(loop)  # whose other step and looks are drawn in, too
         assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
     # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
     # tensioners, and what these have metered
