@@ -79,7 +79,7 @@ def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, prec
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["marine", "car"])
+@pytest.mark.parametrize("name", ["marine", pytest.param("car", marks=pytest.mark.thorough)])
 def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name):
     # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
     # twice (docs/notes/gpu-parts.md)
