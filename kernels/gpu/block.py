@@ -21,7 +21,7 @@ from .bodies import body_access, prescribed_motion
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import END, ENDS, block_sampling
-from .kind import WARP, BlockKind, Mine, mine_of
+from .kind import WARP, BlockKind, Mine, inlined, mine_of
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import block_observing, block_strands
@@ -103,7 +103,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
             now.step = now.step + 1
         return now
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def begin(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares bodies and sums, from the state."""
         if mine.body >= 0:
@@ -112,7 +112,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
             observe.start_extremes(ensemble, sums, shared, mine)
             find_strands(ensemble, state, shared, mine)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def finish(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Everything back into the state."""
         if wp.static(measuring):
@@ -155,7 +155,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ahead = threads > WARP
     early = kind.early
     # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
-    # frames want: on several warps the contacts, on one all of it
+    # frames want: on several warps the contacts, on one all of it, unless it is long or has its contacts twice already
     twice = not staged and not kind.profiles and not kind.parts.light
     # rollers and bodies go ways of their own between events
     splitting = not measuring and kind.handing and early and not staged

@@ -43,7 +43,7 @@ from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
 from ..sums import add_bearing, add_energy, add_flows, add_meter, add_tensioner, gathered_powers
 from .geometry import contact_geometry
-from .kind import END, ENDS, START, WARP, BlockKind, Mine
+from .kind import END, ENDS, START, WARP, BlockKind, Mine, inlined
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import ANGULAR, COURSE, OF_AN_ARM
@@ -258,7 +258,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
         """Value k that arm `a` shares where arms carry arms."""
         return load_row(shared.joints, a * wp.static(OF_AN_ARM) + k)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def start_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine, step: int):
         """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
         drive = ensemble.drives[mine.variant]
@@ -283,7 +283,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
                     shared.mount_sums[b] = sums.mount[at]
         of.put_pose(shared, b, pose)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def end_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine):
         """Puts the thread's body and its sums back into the state."""
         drive = ensemble.drives[mine.variant]
@@ -498,7 +498,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             wrench.load = wrench.load + wrench.bearing
         return wrench
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant, and
         `wrench` with its load.
@@ -552,7 +552,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def advance(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body, now at `pose`, on by a step, or a stage.
 

@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..structs import DIVERGENCE_CHECK, Drive, Tallies
 from ..sums import MERGE_EVERY, add_energy, gathered_powers, is_look
 from .bodies import body_access, prescribed_motion
-from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine
+from .kind import CHECK, END, ENDS, EVENT, EXTRA, FRAME, LAST, START, BlockKind, Mine, inlined
 from .links import block_joints, link_forces
 from .observe import block_observing, block_strands
 from .rings import block_rings
@@ -119,7 +119,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             gone = wp.max(gone, body_gone(shared, mine))
         return gone
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def on_event(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Does what is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]

@@ -1,7 +1,7 @@
 """Kinds of block kernels, and the place of a thread among rollers and bodies."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import warp as wp
@@ -14,6 +14,10 @@ DECLARED = 47_000
 
 WARP = 32
 """Threads of a warp on a GPU."""
+
+inlined = partial(wp.func, inline=True)
+"""As `wp.func`, for a function that takes a kernel's structs: a call hands them on in memory, where the whole kernel
+then keeps them."""
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""

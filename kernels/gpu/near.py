@@ -8,7 +8,7 @@ import warp as wp
 from ..native import inside
 from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
-from .kind import BlockKind, Mine
+from .kind import BlockKind, Mine, inlined
 from .rings import block_rings
 from .rollers import roller_rows
 from .sync import lowest_bit
@@ -121,7 +121,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             q = near_frame(q, shared.poses[bar.body])
         return near_profile(q, bar)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def near(shared: Shared, mine: Mine):
         """The partners that each of the thread's rollers may touch, as bits: sprockets whose band it is in, guides it
         is on. Each partner is read once for all rollers.
@@ -145,7 +145,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                     found[k] = found[k] | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
         return found
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def remembered(state: State, shared: Shared, mine: Mine):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = Bits()
@@ -170,7 +170,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def update_near(state: State, shared: Shared, mine: Mine, now: Now, held: Bits):
         """The partners that the thread's rollers are near now; `held` are those at the step before.
 

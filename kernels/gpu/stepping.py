@@ -13,7 +13,7 @@ from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
 from .jointed import block_jointed
-from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine
+from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine, inlined
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import body_observing
@@ -61,7 +61,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def predict_all(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
     ):
@@ -102,7 +102,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
         barrier()
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def prepare(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """Shares the lifts of valves and, where bodies are light, predicts their accelerations; before the contacts."""
         if wp.static(kind.parts.valves > 0):
@@ -121,7 +121,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             advance_rollers(state, shared, mine, now)
         return acting_on(shared, mine.thread, moment, now.measured)
 
-    @wp.func(inline=True)  # a call takes structs through memory, where the kernel would then keep them
+    @inlined
     def advance_body(
         ensemble: Ensemble,
         state: State,
@@ -168,7 +168,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(ahead):
             flow(ensemble, state, shared, mine, now)
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
 
@@ -236,7 +236,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """The partners that the thread's rollers may touch, from those of the step before in `touch`."""
         near = partners.update_near(state, shared, mine, now, touch.near)
@@ -266,7 +266,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         now.summed = now.driven
         return plain(now)
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def step_of_a_warp(
         ensemble: Ensemble,
         state: State,
@@ -297,7 +297,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
             threads_of.together()
 
-    @wp.func(inline=True)  # as `advance_body`
+    @inlined
     def to_event(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch, end: int
     ):

@@ -18,7 +18,7 @@ from ..structs import Drive
 from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import body_steps, gathering
 from .events import block_sampling
-from .kind import ENDS, FRAME, START, BlockKind, Mine
+from .kind import ENDS, FRAME, START, BlockKind, Mine, inlined
 from .rings import block_rings
 from .sync import sync
 
@@ -169,7 +169,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 if ensemble.gears[g].body == mine.number:
                     observe_gear(ensemble, shared, out, mine, now, g)
 
-    @wp.func(inline=True)  # as `stepping.advance_body`
+    @inlined
     def tie(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
         """Lets bodies pass on moments to each other, and observes it; all threads together, before any body moves."""
         if mine.body >= 0:
