@@ -1,6 +1,7 @@
 """Drives of several chains before and after a run: `check`, archives, figures, pages, recordings, notebooks."""
 
 import json
+import re
 
 import chains
 import numpy as np
@@ -9,14 +10,17 @@ import pytest
 from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
+from warpchain.drive.transmission import turn_alike
 from warpchain.errors import SimulationError
-from warpchain.results.chains import chain_trajectories
+from warpchain.results.chains import chain_row, chain_trajectories
+from warpchain.results.engineering_report import HandedIn
 from warpchain.results.measured import compared, source
 from warpchain.results.measured_file import Measured
 from warpchain.results.objectives import from_trajectory
 from warpchain.results.signals import strand_tension
 from warpchain.view.figures.plot import plot_figures
 from warpchain.view.report import report
+from warpchain.view.report.run_sections import bodies, every_metric
 from warpchain.view.rerun.run_playback import view
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
@@ -62,6 +66,27 @@ def test_a_page_has_the_sections_of_each_chain(recorded, tmp_path):
     text = report(recorded[0], tmp_path / "two.html").read_text()
     for chain in ("first", "second"):
         assert f'<section id="{chain} tension">' in text and f"{chain}: Chain" in text
+
+
+@pytest.mark.parametrize(
+    ("stages", "alike", "moving"),
+    [
+        (chains.two_stages, {"mid out": "mid in"}, []),
+        (chains.geared_stages, {"mid in": "mid", "mid out": "mid"}, ["joint", "mid", "pump", "wheel"]),
+        (chains.cushed_stages, {"mid in": "mid"}, ["cush", "mid", "mid out", "pump"]),  # which a coupling turns
+    ],
+)
+def test_a_page_shows_the_motion_of_a_shaft_once(stages, alike, moving):
+    run = simulate(stages(duration=0.01), device="cpu")
+    assert turn_alike(run.drives[0]) == alike
+    row, headings, rows = run.metrics.to_pylist()[0], [], []
+    for name, trajectory in chain_trajectories(run[0]).items():
+        found, own = HandedIn(trajectory, alike=alike), chain_row(row, name)
+        headings += re.findall(r"<h3>([^<,]+)</h3>", "".join(bodies(found, own)))
+        rows += re.findall(r"<td>([^<]+)\.speed_mean</td>", "".join(every_metric(found, own)))
+    assert sorted(headings) == moving
+    turning = {"crank", "mid in", "mid out", "out"} | ({"mid", "pump", "wheel"} & set(moving))
+    assert sorted(rows) == sorted(turning - alike.keys())
 
 
 def test_a_recording_shows_all_chains(recorded, tmp_path):

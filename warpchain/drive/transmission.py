@@ -18,6 +18,7 @@ from warpchain.drive.chain_parts import shaft_of
 from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.trains import names_of, ties
 
 OF_GROUPS = ("gears", "couplings", "valves")
 """Lists of parts that are of one group of bodies each."""
@@ -32,6 +33,18 @@ def is_geared(drive: Any) -> bool:
     bare = any(get(shaft, "name") not in on for shaft in shafts)
     driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
     return bare or driven or any(elements(drive, kind) for kind in OF_GROUPS)
+
+
+def turn_alike(drive: Any) -> dict[str, str]:
+    """Names of sprockets that turn as another part, with the part's: their shaft, or the first sprocket on it where
+    shafts are not recorded (`warpchain.results.channels`)."""
+    names, first, found = names_of(drive), dict[str, str](), dict[str, str]()
+    recorded = not drive.chains or is_geared(drive)
+    for tie in ties(drive):
+        if tie.kind == "shaft":
+            shaft, sprocket = names[tie.a], names[tie.b]
+            found[sprocket] = shaft if recorded else first.setdefault(shaft, sprocket)
+    return {sprocket: part for sprocket, part in found.items() if sprocket != part}
 
 
 def with_shafts(drive: Any) -> list[Any]:

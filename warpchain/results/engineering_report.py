@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.arguments import PositiveNumber, checked
+from warpchain.drive.transmission import turn_alike
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_contacts, guide_loads
 from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, elongation_rate, joint_wear
@@ -63,19 +64,27 @@ class HandedIn:
         trajectory: the whole recording.
         start, end: the window that means and extremes are taken over [s]; the recording's latter half by default.
         wear: how the joints wear.
+        alike: sprockets that turn as another part (`transmission.turn_alike`), where the recording is of one of several
+            chains.
 
     Attributes:
         whole, part: the recording, and its frames in the window.
     """
 
     def __init__(
-        self, trajectory: Trajectory, start: float | None = None, end: float | None = None, wear: Wear | None = None
+        self,
+        trajectory: Trajectory,
+        start: float | None = None,
+        end: float | None = None,
+        wear: Wear | None = None,
+        alike: Mapping[str, str] | None = None,
     ) -> None:
         self.whole, self.wear_law = trajectory, wear or Wear()
         self.start = 0.5 * float(trajectory.time[-1]) if start is None else start
         self.end = float(trajectory.time[-1]) if end is None else end
         self.part = windowed(trajectory, self.start, self.end)
         self.drive = trajectory.drive
+        self.alike = turn_alike(self.drive) if alike is None else alike
 
     @cached_property
     def contacts(self) -> list[GuideContacts]:

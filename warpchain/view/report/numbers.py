@@ -12,10 +12,10 @@ from warpchain.drive import Drive
 from warpchain.results.batch_means import ERROR
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.formulas import THINGS
-from warpchain.results.metric_columns import COLUMNS, column_of
+from warpchain.results.metric_columns import COLUMNS, SPEEDS, column_of
 from warpchain.results.signals import events, stroke
 from warpchain.results.units import shown, shown_unit
-from warpchain.view.html import number, table
+from warpchain.view.html import number, table, text
 
 DIGITS = 4
 """Significant digits of numbers in tables."""
@@ -61,15 +61,21 @@ def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
         yield [name, shown, spread, unit, column.title]
 
 
-def metric_tables(drive: Drive, row: Mapping[str, Any]) -> dict[str, str]:
-    """Tables of all metrics of a row by what they are of: the run, each strand, shaft, guide and probe."""
+def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
+    """Tables of all metrics of a row by what they are of: the run, each strand, shaft, guide and probe.
+
+    Args:
+        alike: sprockets that turn as another part, in whose table their speed is.
+    """
     prefixes = [prefix for things in THINGS.values() for prefix in things(drive)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
-        rows = list(_rows(row, prefix))
+        name = prefix.removesuffix(".")
+        rows = [of for of in _rows(row, prefix) if name not in alike or of[0].removeprefix(prefix) not in SPEEDS]
         if rows:
+            line = text(f"Its speed is that of {alike[name]}.", muted=True) if name in alike else ""
             head = ("metric", "value", "standard error", "unit", "what it is")
-            found[prefix.removesuffix(".") or "The whole drive"] = table(head, rows)
+            found[name or "The whole drive"] = line + table(head, rows)
     return found
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.arguments import checked
 from warpchain.assembly.frequencies import excited_orders
+from warpchain.drive.transmission import turn_alike
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, write_text
 from warpchain.results.chains import chain_row, chain_trajectories
@@ -194,13 +195,13 @@ def bodies(found: HandedIn, row: Row) -> Iterator[str]:
     for kind, of in load.BODIES.items():
         channels = load.channels_of(found.part, kind)
         for k, part in enumerate(getattr(found.drive, of)):
-            if channels:
+            if channels and part.name not in found.alike:
                 yield html.heading(part.name)
                 yield numbers.stroke_table(found, channels, k)
                 yield html.text(line) if kind == "tensioner" and (line := numbers.valve_line(found, k)) else ""
                 yield pictured(load.body_figure(found, kind, k), f"what {part.name} does")
     names = [part.name for of in load.BODIES.values() for part in getattr(found.drive, of)]
-    tables = numbers.metric_tables(found.drive, row)
+    tables = numbers.metric_tables(found.drive, row, found.alike)
     for name in names:
         if name in tables:
             yield html.heading(f"{name}, over the window at every step")
@@ -218,7 +219,7 @@ def probes(found: HandedIn, _: Row) -> Iterator[str]:
 
 def every_metric(found: HandedIn, row: Row) -> Iterator[str]:
     yield html.text("Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed.")
-    for name, rows in numbers.metric_tables(found.drive, {**row, **found.metrics()}).items():
+    for name, rows in numbers.metric_tables(found.drive, {**row, **found.metrics()}, found.alike).items():
         yield html.heading(arrowed(name))
         yield rows
 
@@ -281,9 +282,9 @@ def report_html(
     chosen = recorded(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     made: list[html.Section] = []
-    chains = chain_trajectories(chosen.trajectory)
+    chains, alike = chain_trajectories(chosen.trajectory), turn_alike(chosen.trajectory.drive)
     for name, trajectory in chains.items():
-        found = HandedIn(trajectory, *window_of(row, trajectory), wear)
+        found = HandedIn(trajectory, *window_of(row, trajectory), wear, alike)
         own = list(sections(found, chain_row(row, name), chosen.run))
         made += [s._replace(name=f"{name} {s.name}", title=f"{name}: {s.title}") for s in own] if name else own
         title = title or heading(found)
