@@ -12,6 +12,7 @@ from command import refused, run
 from view.html_page import Page
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis import main_effects
 from warpchain.study.report import report_html, telling_metrics
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.report.panels import surrogate
@@ -96,6 +97,25 @@ def test_scatter_without_a_cause_is_called_that():
     rng = np.random.default_rng(0)
     noise = pa.table({"a": rng.random(50), "y": rng.random(50)})
     assert "no factor stands out" in report_html(read_results(noise, ["a"]))
+
+
+def test_a_share_is_not_told_where_each_group_has_one_variant():
+    """Of three variants a factor of three values takes up all, whatever the metric: how much it explains is not known.
+
+    Of nine in three groups it is 1 - S_w / 6 / (S / 8), S_w = 2 the squares within the groups and S all, by hand.
+    """
+    few, y = pa.table({"a": [1.0, 2.0, 3.0], "y": [0.0, 2.0, 4.0]}), [0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0, 5.0, 5.0]
+    html = report_html(read_results(few, ["a"]))
+    assert "what each factor explains is not known from 3 variants in 3 groups of a" in html
+    assert "3 variants: share not known" in html and "explains 100 %" not in html and "explains most" not in html
+    nine = read_results(
+        pa.table({"a": [1.0, 2.0, 3.0] * 3, "y": [y[3 * k + i] for i in range(3) for k in range(3)]}), ["a"]
+    )
+    (effect,) = main_effects(nine, "y")
+    between, within = 3 * sum((m - 23 / 9) ** 2 for m in (2 / 3, 7 / 3, 14 / 3)), 2.0
+    assert effect.explained == pytest.approx(between / (between + within), rel=1e-12)  # round-off
+    assert effect.adjusted == pytest.approx(1.0 - within / (between + within) * 8 / 6, rel=1e-12)
+    assert f"explains {100.0 * effect.adjusted:.0f} %" in report_html(nine)
 
 
 def test_scatter_and_effect_are_one_verdict():

@@ -81,6 +81,12 @@ class Effect:
         return float(fdtrc(between, within, self._ratio()))
 
     @property
+    def adjusted(self) -> float:
+        """`explained` less what as many groups take up by chance (Ezekiel 1930); NaN without degrees of freedom."""
+        freedom = self.rows - len(self.counts)
+        return max(0.0, 1.0 - (1.0 - self.explained) * (self.rows - 1) / freedom) if freedom > 0 else float("nan")
+
+    @property
     def explained_interval(self) -> tuple[float, float]:
         """95 % interval of the part that the factor would explain of infinitely many variants; (0, 1) without degrees
         of freedom."""

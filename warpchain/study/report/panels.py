@@ -175,7 +175,9 @@ def effects(results: Results, metric: str, found: Sequence[Effect], medians: Seq
             )
         panels.append(
             {
-                "title": f"explains {100.0 * effect.explained:.0f} %",
+                "title": f"{effect.rows} variants: share not known"
+                if np.isnan(effect.adjusted)
+                else f"explains {100.0 * effect.adjusted:.0f} %",
                 "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
                 "y": {"label": axis.name if first else "", "range": axis.of([low - pad, high + pad])},
                 "series": series,

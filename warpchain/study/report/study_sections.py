@@ -226,12 +226,15 @@ def _verdict(
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
         return f"no factor varies; {scatter}." if scatter else "no factor varies."
-    best = max(effects, key=lambda effect: effect.explained)
+    best = max(effects, key=lambda effect: np.nan_to_num(effect.adjusted, nan=-1.0))
     if not len(effects) * best.chance < 1.0 - CONFIDENCE:
         if chance is not None and chance >= 0.5:
             return f"no factor stands out: {scatter}."
+        if np.isnan(best.adjusted):
+            groups = f"{best.rows} variants in {len(best.counts)} groups of {best.factor}"
+            return f"what each factor explains is not known from {groups}; {scatter}".removesuffix("; ") + "."
         alone = (
-            f"no factor stands out alone: {best.factor} explains most, {100.0 * best.explained:.0f} %, "
+            f"no factor stands out alone: {best.factor} explains most, {100.0 * best.adjusted:.0f} %, "
             f"as chance may with {best.rows} variants"
         )
         if named := [str(one) for one in pairs if one.sure][:NAMED]:
@@ -245,7 +248,7 @@ def _verdict(
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
     line = (
-        f"{best.factor} matters most, with {100 * best.explained:.0f} % of the variance: "
+        f"{best.factor} matters most, with {100 * best.adjusted:.0f} % of the variance: "
         f"the mean goes from {least} to {most}"
     )
     return f"{line}; {scatter}." if scatter else f"{line}."
@@ -287,13 +290,14 @@ def _effects(
     chances: Mapping[str, float | None],
 ) -> html.Section:
     shown = {metric: found for metric, found in effects.items() if found}
-    shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in shown.values()]
+    shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in shown.values()]
     several = repeats(results)
     parts = [
         html.text(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
             "few wild values do not move; the gray line is the mean of all. A factor explains the part of the variance "
-            "that lies between its groups; without interactions the parts add up to one, less what is scatter.",
+            "that lies between its groups, less what as many groups take up by chance. It is not known where each "
+            "group has one variant.",
             muted=True,
         ),
         html.heading("Scatter against effect"),
@@ -314,12 +318,6 @@ def _effects(
 
 
 ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
-
-
-def _beyond_chance(effect: Effect) -> float:
-    """Part of the variance between an effect's groups, less what as many groups have by chance (Ezekiel 1930)."""
-    rows, groups = int(effect.counts.sum()), len(effect.counts)
-    return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
 
 
 def _error_line(results: Results, metric: str, chance: float | None) -> str:
