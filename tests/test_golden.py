@@ -81,3 +81,21 @@ def test_two_archives_of_a_run_are_the_same_but_for_their_random_names(golden, t
 
     assert found[0].keys() == found[1].keys() and differing(found[0], found[1]) == []
     assert len(differing(found[0], found[2])) == 1  # the seed, in the metadata at the start
+
+
+def test_blocks_rub_where_drives_do(monkeypatch):
+    """The kernels that `on_blocks` makes have the friction of contacts and joints that the drives of `guides` have."""
+    blocks, kinds = load_script("golden_runs.blocks"), []
+
+    class Enough(Exception):
+        pass
+
+    def stop(kind, *_):
+        kinds.append(kind)
+        raise Enough
+
+    monkeypatch.setattr(blocks, "block_kernel", stop)
+    monkeypatch.setattr(blocks, "shapes", lambda drives: blocks.on_blocks(drives, True, "float32"))
+    with pytest.raises(Enough):
+        blocks.guides(None)
+    assert kinds[0].friction == blocks.Friction(contacts=blocks.BY_SPEED, joints=blocks.BY_SPEED)

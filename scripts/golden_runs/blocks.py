@@ -26,6 +26,13 @@ from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
+STRIBECK = {
+    f"{part}.{key}": value
+    for part in ("chain.joint", "contact.sprocket")
+    for key, value in (("static_friction", 0.12), ("stribeck_speed", 0.1))
+}
+"""Friction of joints and teeth by the speed."""
+
 
 @contextlib.contextmanager
 def fibers() -> Iterator[None]:
@@ -40,7 +47,8 @@ def fibers() -> Iterator[None]:
 
 def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     """The kind of the block kernel for an ensemble of like drives."""
-    varied, rubs = bool(packed.varied_links.any()), bool(packed.rubbing.any())
+    varied = bool(packed.varied_links.any())
+    contacts, joints = (BY_SPEED * bool(rubs.any()) for rubs in (packed.sliding, packed.rubbing))
     return BlockKind(
         packed.real,
         shape,
@@ -48,7 +56,7 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         measuring=measuring,
         integrator=int(packed.drives["integrator"].max()),
         moving=bool(packed.mounts["active"].any()),
-        friction=Friction(joints=BY_SPEED * rubs),
+        friction=Friction(contacts, joints),
         links="varied" if varied else "lengths",
     )
 
@@ -88,8 +96,10 @@ def shapes(drives: list[Drive]) -> dict[str, Any]:
 
 
 def guides(_: Path) -> dict[str, Any]:
-    """Drives with a guide-bar; also by the kernel that takes no metrics."""
-    drives = [example("marine"), example("marine", {"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
+    """Drives with a guide-bar, whose joints and contacts rub, evenly and by the speed; also by the kernel that takes
+    no metrics."""
+    other = {"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6} | STRIBECK
+    drives = [example("marine"), example("marine", other)]
     return shapes(drives) | {"unmeasured": on_blocks(drives, True, "float64", False)}
 
 
