@@ -76,6 +76,7 @@ OPEN[-1] = 0.5
             ANGLES / 360.0 * 350.0,
             ": must be a revolution, or 1/2, 1/3 ... of one, after the first, 0 rad; it is 0.9722 after it",
         ),
+        (1e3 * smooth(ANGLES), ANGLES, "valves.inlets.table.lift: reaches 9.9 m; must be at most 0.25 m"),  # factor 1.1
         (0.0 * ANGLES, ANGLES, "valves.inlets.table.lift: must not be the same throughout"),
     ],
 )
@@ -92,6 +93,7 @@ def test_lifts_that_are_refused(tmp_path, lifts, angles, text):
         ("", "valves.inlets.profile: missing; must be a table, or give table instead"),
         (PROFILE.replace("60.0", "320.0"), "with dwell and fall must be at most 360 degrees; it is 380"),
         (PROFILE.replace("60.0", "1.0"), "valves.inlets.profile.rise = 1.0: must be at least 4 degrees"),
+        (PROFILE.replace("0.01", "9.2"), "profile.lift = 9.2: must be a number above 0, at most 0.25 m"),
         (PROFILE + "phases = []\n", "valves.inlets.phases = []: must be a list of 1 to 64 finite numbers"),
         (PROFILE + "table = { angle = [0.0, 1.0], lift = [0.0, 1.0] }\n", "not together with profile"),
     ],

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 MOST_VALVES = 64
 """Most valves at a place, and places, of a group."""
+MOST_LIFT = 0.25
+"""Largest lift [m], more than twice that of the largest engines' exhaust valves; beyond it millimeters were meant."""
 STEEPEST = 0.25
 """Part of a table's largest rise that the lift may change by from row to row: more is a jump."""
 ROWS = 720
@@ -60,6 +62,11 @@ Phases = Annotated[
     Value(f"must be a list of 1 to {MOST_VALVES} finite numbers"),
 ]
 Count = Annotated[int, Field(strict=True, ge=1, le=MOST_VALVES), Value(f"must be an integer from 1 to {MOST_VALVES}")]
+Lift = Annotated[
+    float,
+    Field(strict=True, gt=0.0, le=MOST_LIFT, allow_inf_nan=False),
+    Value(f"must be a number above 0, at most {MOST_LIFT:g} m"),
+]
 Shape = Annotated[
     Literal["polynomial", "cycloid", "cosine"], Value('must be "polynomial" (4-5-6-7), "cycloid" or "cosine"')
 ]
@@ -114,7 +121,7 @@ class LiftTable(Part):
     Attributes:
         angle: forward angle [rad], ascending over one revolution or 1/2, 1/3 ... of one, after which it begins anew.
         lift: lift [m]; the last row repeats the first, and from row to row it changes by a quarter of the largest rise
-            at most.
+            at most; times the factor within `MOST_LIFT`.
         factor: lifts are multiplied by it.
     """
 
@@ -141,6 +148,10 @@ class LiftTable(Part):
             yield Problem(("lift",), list(lift), f"must have as many elements as angle, {len(angle)}")
         else:
             yield from list(ascending("angle", angle)) or _periodic(angle, lift)
+        factor = 1.0 if get(node, "factor") is None else get(node, "factor")
+        most = max(map(abs, lift))
+        if numbers(factor) and factor > 0.0 and most * factor > MOST_LIFT:
+            yield Problem(("lift",), None, f"reaches {most * factor:g} m; must be at most {MOST_LIFT:g} m", BARE)
 
 
 def _periodic(angle: Any, lift: Any) -> Iterator[Problem]:
@@ -178,7 +189,7 @@ class LiftProfile(Part):
     """
 
     shape: Shape = "polynomial"
-    lift: Positive
+    lift: Lift
     rise: Positive
     dwell: NonNegative = 0.0
     fall: Positive
