@@ -1,14 +1,16 @@
 """Torsional modes of shafts on couplings and gears, against their own eigenvalue problems."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 from drives import example, two_sprockets
 from parts import coupling, gears, part, shaft
 
-from warpchain import dumps_drive, loads_drive
+from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.modal.eigenmodes import modes
+from warpchain.modal.mode_page import remarks
 
 SOFT = shaft("a", inertia=0.5) + coupling("soft", ["driven", "a"], 1e3)
 MANY = 100
@@ -41,7 +43,7 @@ def test_two_inertias_on_a_coupling(text, second, ratio):
     k = int(np.argmin(np.abs(np.abs(found.eigenvalue) - omega)))
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=1e-6)
     assert -found.eigenvalue[k].real / omega == pytest.approx(2.0 * omega / (2.0 * 3e4), rel=1e-5)
-    assert found.zeros == 1  # the pair turns freely
+    assert (found.rotations, found.zeros) == (1, 0)  # the pair turns freely
     angles = found.bodies[k, 2:, 2]
     assert angles[1] / angles[0] == pytest.approx(-ratio * 0.5 / second, rel=1e-5)
     if len(angles) > 2:
@@ -72,6 +74,35 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     k = found.names.index("drum 1")
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=0.03)
     assert 0.04 < -found.eigenvalue[k].real / abs(found.eigenvalue[k]) < 0.3
+
+
+def test_a_free_drive_turns_at_no_frequency_and_swings_against_itself():
+    """Two equal inertias J: omega^2 = 2 k / J in place of k / J where one is led, and a load of the slope c makes the
+    rotation decay with c / 2 J; 0.5 %, of which 0.25 % is the chain's mass."""
+    inertia, drag = 300.0, 600.0
+    led = two_sprockets(inertia=inertia)
+    free = tomllib.loads(dumps_drive(led) + shaft("engine", inertia=inertia, motor={"torque": 600.0, "power": 3e5}))
+    del free["sprockets"][0]["prescribed"]
+    free["sprockets"][0]["shaft"] = "engine"
+    drive = Drive(**free)
+    swings = []
+    for one in (led, drive):
+        found = modes(one, count=MANY)
+        swings.append(found.frequency[found.participation[:, found.parts.index("driven")] > 0.4][0])
+        assert (found.rotations, found.zeros) == (int(one is drive), 0)
+    assert (swings[1] / swings[0]) ** 2 == pytest.approx(2.0, rel=5e-3)
+    slowed = modes(drive.with_values({"sprockets.driven.load.viscous": drag}), count=4)
+    assert slowed.creeping[0] == pytest.approx(drag / (2.0 * inertia), rel=5e-3)
+
+
+def test_the_polygon_of_the_chain_does_not_hold_a_free_drive():
+    """At 900 rad/s it made the drive as a whole, of which the vehicle has 86 % of the energy, swing at 0.43 Hz."""
+    found = modes(example("motorcycle_drivetrain"), count=4, speed=900.0)
+    assert found.rotations == 1 and not len(found.growing)
+    assert found.participation[:, found.parts.index("vehicle")].max() < 0.05
+    assert [line for line in remarks(found) if "0 Hz" in line] == [
+        "rigid rotation at 0 Hz, as nothing prescribes a speed there: left out"
+    ]
 
 
 @pytest.mark.long

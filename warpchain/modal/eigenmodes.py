@@ -35,6 +35,7 @@ from warpchain.engine.processes import each
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.modal.matrices import Array
+from warpchain.modal.rotations import freed, turning_freely
 from warpchain.modal.system import System, Whole, common_shafts, system
 from warpchain.modal.tensioner_modes import Plungers, plungers, stand
 from warpchain.progress import Report, interruptible, reporter
@@ -122,7 +123,8 @@ class Modes:
         position: (N, 2) where the rollers stand [m].
         placed: (B, 3) where the bodies stand.
         tension: (N,) of the links there [N].
-        zeros: how many independent motions have no restoring force; they are not among the K.
+        rotations: how many groups of bodies and chains turn freely, as rigid ones at 0 Hz; they are not among the K.
+        zeros: how many other independent motions have no restoring force; they are not among the K.
         growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
         creeping: (O,) decay rates of motions that come back without swinging [1/s]; of those faster than the modes, not
             all.
@@ -145,6 +147,7 @@ class Modes:
     position: Array
     placed: Array
     tension: Array
+    rotations: int
     zeros: int
     growing: Array
     creeping: Array
@@ -298,7 +301,8 @@ def modes_of(found: Whole, count: int) -> Modes:
     """The lowest modes of small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
-    every = found.mass.shape[0]
+    every, groups = found.mass.shape[0], turning_freely(found)
+    found = replace(found, stiffness=freed(found, groups, (1e-2 * ZERO) ** 2 * stiff)) if groups else found
     while True:
         value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
         real = np.abs(value.imag) < 1e-9 * np.abs(value)
@@ -323,7 +327,8 @@ def modes_of(found: Whole, count: int) -> Modes:
         **_moved(found, vector),
         position=np.concatenate([part.state.position[0] for part in found.parts]),
         tension=np.concatenate([part.tension for part in found.parts]),
-        zeros=int(zero.sum() + 1) // 2,
+        rotations=len(groups),
+        zeros=max(0, int(zero.sum() + 1) // 2 - len(groups)),
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
         standing=sum((stand(part) for part in found.parts), ()),

@@ -61,6 +61,9 @@ def remarks(modes: Modes) -> list[str]:
     """Lines on the states of arms and tensioners, on what damps, and on motions that are no modes, where there are
     any."""
     result = [*modes.standing, *DAMPING]
+    if modes.rotations:
+        many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
+        result.append(f"rigid rotation at 0 Hz{many}, as nothing prescribes a speed there: left out")
     if modes.zeros:
         result.append(
             f"{modes.zeros} motions have no restoring force (rollers without contact or tension, a sprocket that turns "

@@ -1,0 +1,88 @@
+"""Rigid rotation of what turns freely: bodies and chains that nothing prescribes, in the ratios of their teeth.
+
+Nothing restores it: over a tooth pitch its stiffness has the mean 0. At one phase of engagement the polygon of the
+chain gives it one of either sign, by which it would swing slowly or run away. With r the rotation, all else at rest on
+it, g = K r, and w the angles of r that sprockets have,
+
+    K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2                                                (a)
+
+is symmetric, and K' r = 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from warpchain.drive.geared import bodies_of
+from warpchain.drive.schema import get
+from warpchain.drive.trains import is_free, turned_part, with_chain
+from warpchain.modal.matrices import Array
+from warpchain.modal.system import Whole
+
+
+def turning_freely(found: Whole) -> list[list[float]]:
+    """Of each group of bodies and chains that turns freely, revolutions of all bodies, counter-clockwise, then rollers
+    of all chains that pass; 0 for those of others.
+
+    Groups with balance wheels, which hang, do not turn freely.
+    """
+    drive = found.drive
+    tied, _ = with_chain(drive)
+    held = {
+        tied.root[b]
+        for b in range(len(drive.sprockets) + len(drive.shafts))
+        if not is_free(drive, b) or get(turned_part(drive, b), "balance_wheel") is not None
+    }
+    return [
+        [float(ratio) * (root == free) for ratio, root in zip(tied.ratio, tied.root, strict=True)]
+        for free in sorted(set(tied.root) - held)
+    ]
+
+
+def freed(found: Whole, groups: list[list[float]], small: float) -> sp.csc_array:
+    """The stiffness of a drive without that of rigid rotation, (a).
+
+    Args:
+        groups: of `turning_freely`.
+        small: stiffness over mass [1/s^2] that holds what nothing else does, so that all else has one place of rest.
+    """
+    stiffness = found.stiffness
+    for turns in groups:
+        r, of_sprockets = _rotation(found, turns)
+        angles, rest = np.flatnonzero(of_sprockets != 0), np.flatnonzero(of_sprockets == 0)
+        if not (of_sprockets > 0).any():
+            continue
+        held = (stiffness + small * found.mass)[rest][:, rest]
+        r[rest] -= splu(sp.csc_array(held)).solve((stiffness @ r)[rest])
+        g, w = np.zeros_like(r), np.where(of_sprockets > 0, r, 0.0)
+        g[angles] = (stiffness @ r)[angles]
+        g, w = sp.csc_array(g[:, None]), sp.csc_array(w[:, None])
+        along, work = float((w.T @ r)[0]), float((g.T @ r)[0])
+        stiffness = stiffness - (g @ w.T + w @ g.T) / along + (work / along**2) * (w @ w.T)
+    return sp.csc_array(stiffness)
+
+
+def _rotation(found: Whole, turns: list[float]) -> tuple[Array, Array]:
+    """(n,) the motion of all coordinates, rollers along the chain, and which of them are angles of bodies that turn: 1
+    for those that sprockets have, -1 for others, else 0."""
+    drive, size = found.drive, found.mass.shape[0]
+    above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
+    passing = turns[len(drive.sprockets) + len(drive.shafts) :]
+    for part, tie, ring, passed in zip(found.parts, found.ties, found.rings, passing, strict=True):
+        place = part.state.position[0]
+        along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
+        straight = passed * part.drive.chain.pitch * along / np.hypot(*along.T)[:, None]
+        turned = np.zeros_like(part.state.bodies[0])
+        for k, b in enumerate(bodies_of(drive, ring)):
+            place_of = part.at.turn_of(k)
+            if b < drive.first_arm_body and turns[b] and place_of is not None:
+                turned[k, 2] = math.tau * turns[b]
+                column = tie[[place_of[0]]].nonzero()[1]
+                angles[column] = 1.0 if b < len(drive.sprockets) else np.where(angles[column] > 0, 1.0, -1.0)
+        above += tie.T @ part.at.vector(straight[None], turned[None])[0]
+        below += tie.multiply(tie).sum(axis=0)
+    return above / np.maximum(below, 1e-300), angles
