@@ -241,7 +241,7 @@ def swung(**values):
     """An idler on an arm, one whose bearing rubs, the other in a drive whose last sprocket's does, too."""
     at_once = {"run.step": 5e-6, "chain.elongation": -2e-3, "contact.sprocket.clearance": 1e-5}
     at_once |= {"sprockets.gearbox.prescribed.ramp_time": 0.0, "sprockets.auger.load.ramp_time": 0.0}
-    at_once |= {"sprockets.idler.inertia": 1.2e-3}  # not light in its narrow seats
+    at_once |= {"sprockets.idler.inertia": 5e-3}  # far from light in its narrow seats
     idler = load_drive(drive_path("swing_idler")).with_values(at_once | values)
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
