@@ -163,6 +163,7 @@ class ValveGroup:
     body: wp.int32  # of the drive's bodies
     phases: wp.int32  # how many places of its cams
     first_phase: wp.int32  # where their angles [rad] stand among the tables' values
+    first_cam: wp.int32  # the first of its cams among those of the drive
     sign: wp.float64  # +1 where forward rotation of the body is counter-clockwise, else -1
     turned: wp.float64  # forward angle at which the cams would be as for 0 [rad]
     count: wp.float64  # valves at each place
@@ -315,6 +316,7 @@ class TensionerState:
 
     content: wp.float64  # mu: logarithm of the mass of oil
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
+    growth: wp.float64  # of z over that step
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
     unfilled: wp.float64  # 1: drained, until oil has filled the chamber; no whole number, which would leave a gap

@@ -28,7 +28,7 @@ from .observe import block_observing, block_strands
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
-from .stepping import advancing, warp_steps
+from .stepping import advancing, touching, warp_steps
 from .sync import sync
 
 
@@ -150,6 +150,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     among = block_rings(kind).among
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     loop, do, on_warp = launching(kind), advancing(kind, frame), warp_steps(kind, frame)
+    touch_all = touching(kind, frame).touch_all
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > WARP
@@ -213,14 +214,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         touch = on_warp.look(ensemble, state, shared, mine, now, touch)
-                    do.prepare(ensemble, state, out, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
-                        forces.contacts(ensemble, state, tallies, shared, mine, on_warp.plain(now), touch)
+                        touch_all(ensemble, state, out, shared, mine, on_warp.plain(now), touch)
                         do.load_moment_ahead(ensemble, shared, mine, now)
                         do.go_on(state, shared, mine, on_warp.plain(now))
                     else:
                         sample_links(state, shared, mine, now, lengths, tension, rate)
-                        forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
+                        touch_all(ensemble, state, out, shared, mine, now, touch)
                         do.load_moment_ahead(ensemble, shared, mine, now)
                         if wp.static(kind.friction.joints) or now.flags != 0:
                             barrier()  # others may still be at rollers beside theirs

@@ -38,6 +38,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         seat: wp.int32  # in a sprocket, negative where it has none yet
         direction: Direction  # of the seat at angle zero
         before: Real  # v0 [m/s], or whether it touched
+        held: Real  # friction that the contact has held until now, of kernels with friction [N]
         penetration: Real  # [m]
         normal: vec2
         relative: vec2  # velocity [m/s]
@@ -60,11 +61,17 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         return gained(straight, body.angular, arm, row.acceleration(shared, j))
 
     @wp.func
-    def drag_of(
-        state: State, now: Now, at: int, size: Real, normal: vec2, relative: vec2, before: Real, what: Friction
-    ):
-        """Friction on a roller [N], as `rub`, and what the contact then holds; `before` is its v0 until now."""
-        held = wp.where(before > Real(0.0), load_row(state.contact_hold, at), Real(0.0))
+    def remembering(state: State, touch: Touch, at: int):
+        """`touch` with what the contact at `at` has kept; loaded at once, as each load is waited for."""
+        touch.before = load_row(state.impact_speed, at)
+        if wp.static(sliding):
+            touch.held = load_row(state.contact_hold, at)
+        return touch
+
+    @wp.func
+    def drag_of(now: Now, size: Real, normal: vec2, relative: vec2, touch: Touch, what: Friction):
+        """Friction on a roller [N], as `rub`, and what the contact then holds."""
+        held = wp.where(touch.before > Real(0.0), touch.held, Real(0.0))
         stretched = row.stretched(now)
         if wp.static(sliding == BY_SPEED):
             return rub(size, normal, relative, held, what, stretched)
@@ -155,7 +162,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
         drag = vec2(Real(0.0), Real(0.0))
         if wp.static(sliding):
-            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.friction[p])
+            drag, holds = drag_of(now, size, normal, relative, touch, shared.friction[p])
             force = force + drag
             if now.stage == 0:
                 store_row(state.contact_hold, at, holds)

@@ -31,6 +31,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     in_carrier, arm_on, guide_at = geometry.in_carrier, geometry.arm_on, geometry.guide_at
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
     Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
+    remembering = sums.remembering
     add_wrench, add_yielding = wrench_parts(kind).add_wrench, wrench_parts(kind).add_yielding
     point, velocity, memory_of = row.point, row.velocity, block_rings(kind).memory_of
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
@@ -89,7 +90,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         touch = Touch()
         touch.partner = wp.static(sprockets) + g
         at = memory_of(shared, mine, j, touch.partner)
-        touch.before = load_row(state.impact_speed, at)
+        touch = remembering(state, touch, at)
         before = touch.before
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):

@@ -167,11 +167,14 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         return vec2(load_row(rows, TENSION + j), load_row(rows, TURN + j))
 
     @wp.func
-    def moment_at(state: State, shared: Shared, mine: Mine, now: Now, j: int):
-        """Moment [N m] of joint j, and what its bristle holds, from the rows."""
-        n, rows = mine.rollers, shared.rows
-        held = load_row(state.joint_hold, mine.first + wp.min(j, n - 1))
-        stretched = row.stretched(now)
+    def hold_of(state: State, mine: Mine, j: int):
+        """Moment [N m] that the bristle of joint j has held until now."""
+        return load_row(state.joint_hold, mine.first + wp.min(j, mine.rollers - 1))
+
+    @wp.func
+    def moment_at(shared: Shared, mine: Mine, now: Now, j: int, held: Real):
+        """Moment [N m] of joint j, whose bristle has held `held` [N m], and what it holds, from the rows."""
+        n, rows, stretched = mine.rollers, shared.rows, row.stretched(now)
         return moment_between(bent(rows, last_to(shared, j, n)), bent(rows, j), held, chain_at(shared, j), stretched)
 
     @wp.func
@@ -181,12 +184,12 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             store_row(state.joint_hold, mine.first + j, holds)
 
     @wp.func
-    def share_moments(state: State, shared: Shared, mine: Mine, now: Now):
+    def share_moments(state: State, shared: Shared, mine: Mine, now: Now, held: of_each):
         """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
         moment = of_each()
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + mine.thread
-            moment_k, holds = moment_at(state, shared, mine, now, j)
+            moment_k, holds = moment_at(shared, mine, now, j, held[k])
             keep_hold(state, mine, now, j, holds)
             moment[k] = moment_k
         barrier()
@@ -201,8 +204,8 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         if wp.static(alone):
             return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever), Real(0.0)
         else:
-            moment, holds = moment_at(state, shared, mine, now, j)
-            next_moment, of_next = moment_at(state, shared, mine, now, next)
+            moment, holds = moment_at(shared, mine, now, j, hold_of(state, mine, j))
+            next_moment, of_next = moment_at(shared, mine, now, next, hold_of(state, mine, next))
             return couple_force(moment, next_moment, lever), holds
 
     @wp.func
@@ -235,6 +238,8 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         pull_y = of_each()
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
+            if wp.static(alone):  # each before any is stored, as the compiler does not load across a store
+                hold[k] = hold_of(state, mine, j)
             d, w = across(shared, j, n)
             tension_k, rate_k, force = link_between(shared, j, n, d, w, length_of(shared, lengths, j))
             lever, turn = turning(d, w)
@@ -248,7 +253,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             pull_y[k] = force[1]
         barrier()
         if wp.static(alone):
-            share_moments(state, shared, mine, now)
+            share_moments(state, shared, mine, now, hold)
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
             couple, holds = couple_on(state, shared, mine, now, j, vec2(lever_x[k], lever_y[k]))

@@ -127,7 +127,8 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
         is on. Each partner is read once for all rollers.
         """
         found = of_each()
-        for s in range(wp.static(sprockets)):
+        s = int(0)  # loops that Warp does not unroll, or many partners would take minutes to compile
+        while s < wp.static(sprockets):
             band = shared.bands[s]
             for k in range(wp.static(rollers_per_thread)):
                 p = position(shared.rows, k * wp.static(threads) + mine.thread)
@@ -135,7 +136,9 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                 from_y = p[1] - band.center[1]
                 square = from_x * from_x + from_y * from_y
                 found[k] = found[k] | (inside(square, band.near_square, band.far_square) << s)
-        for g in range(wp.static(guides)):
+            s = s + 1
+        g = int(0)
+        while g < wp.static(guides):
             bar = guide_at(shared, g)
             for k in range(wp.static(rollers_per_thread)):
                 j = k * wp.static(threads) + mine.thread
@@ -143,6 +146,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                     found[k] = found[k] | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
                 else:
                     found[k] = found[k] | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
+            g = g + 1
         return found
 
     @inlined
@@ -153,10 +157,12 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             j = k * wp.static(threads) + mine.thread
             if j < mine.rollers:
                 found = int(0)
-                for p in range(wp.static(partners)):
+                p = int(0)
+                while p < wp.static(partners):
                     at = memory_of(shared, mine, j, p)
                     if state.seat[at] >= 0 or state.impact_speed[at] != Real(0.0):
                         found = found | (1 << p)
+                    p = p + 1
                 held = with_slot(held, k, partners_of(shared, j, found))
         return held
 

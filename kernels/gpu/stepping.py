@@ -27,60 +27,21 @@ MEETING = wp.constant(16)
 
 
 @cache
-def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
-    """The functions that move the rollers and bodies of one variant on a block, and sample them."""
+def touching(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions that evaluate the contacts and, where bodies are light, predict their accelerations before."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    measuring, staged = kind.measuring, kind.staged
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
-    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
-    of_each, forces, barrier = wp.types.vector(rollers_per_thread, Real), contact_forces(kind), sync(kind).barrier
-    row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
-    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_jointed(kind)
-    hang, add_friction = joints.hang, block_joints(kind).add_friction
-    observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
-    bearings, carry = block_bearings(kind), body_access(kind).carry
-    acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
+    vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
+    forces, barrier, row = contact_forces(kind), sync(kind).barrier, roller_rows(kind)
+    bodies, wrenches = body_steps(kind), wrench_parts(kind)
+    tensioners, trains, bearings = block_tensioners(kind), block_trains(kind, frame), block_bearings(kind)
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
-    step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
-    SPROCKETS = near_partners(kind).SPROCKETS
-
-    @wp.func
-    def advance_rollers(state: State, shared: Shared, mine: Mine, now: Now):
-        """The thread's rollers a step on, or a stage."""
-        if wp.static(staged):
-            j = int(mine.thread)
-            while j < mine.rollers and now.going != 0:
-                stage_roller(state, shared, mine, now, j)
-                j = j + wp.static(threads)
-        elif now.going != 0:
-            h = step_of(mine)
-            for k in range(wp.static(rollers_per_thread)):
-                j = k * wp.static(threads) + mine.thread
-                v = velocity(shared.rows, j) + h * acceleration(shared, j)
-                set_velocity(shared, j, v)
-                move(shared, j, h * v[0], h * v[1])
+    carry, SPROCKETS = body_access(kind).carry, near_partners(kind).SPROCKETS
 
     @inlined
-    def predict_all(
-        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
-    ):
-        """Evaluates the contacts to find what accelerations light bodies will have, and leaves forces as they were.
-
-        All threads together, links' forces done.
-        """
-        x = of_each()
-        y = of_each()
-        for k in range(wp.static(rollers_per_thread)):
-            force = row.force_on(shared, k * wp.static(threads) + mine.thread)
-            x[k] = force[0]
-            y[k] = force[1]
-        now.stage = PREDICTING
-        now.flags = EVENT
-        now.measured = 0
-        now.summed = SPROCKETS
-        forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
-        barrier()
+    def predict(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
+        """Finds what accelerations light bodies will have, from what contacts do and answer; all threads together."""
         wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
@@ -98,17 +59,83 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(kind.parts.hubs > 0):
             barrier()
             carry(shared, mine.sprocket)
-        for k in range(wp.static(rollers_per_thread)):
-            row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
-        barrier()
+
+    @wp.func
+    def predicting(now: Now):
+        """An evaluation of contacts that finds what accelerations light bodies will have."""
+        now.stage = PREDICTING
+        now.flags = EVENT
+        now.measured = 0
+        now.summed = SPROCKETS
+        return now
 
     @inlined
-    def prepare(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
-        """Shares the lifts of valves and, where bodies are light, predicts their accelerations; before the contacts."""
+    def touch_all(
+        ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
+    ):
+        """Adds the contacts' forces, the lifts of valves shared and accelerations of light bodies predicted before.
+
+        All threads together, links' forces done.
+        """
         if wp.static(kind.parts.valves > 0):
             trains.cams.share_lifts(ensemble, shared, mine)
         if wp.static(kind.parts.light > 0):
-            predict_all(ensemble, state, out, shared, mine, now, touch)
+            x = of_each()
+            y = of_each()
+            for k in range(wp.static(rollers_per_thread)):
+                force = row.force_on(shared, k * wp.static(threads) + mine.thread)
+                x[k] = force[0]
+                y[k] = force[1]
+            of = predicting(now)
+            while True:  # the code of contacts stands once for both
+                forces.contacts(ensemble, state, out.tallies, shared, mine, of, touch)
+                barrier()
+                if of.stage != PREDICTING:
+                    break
+                predict(ensemble, state, shared, mine, of)
+                for k in range(wp.static(rollers_per_thread)):
+                    row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
+                barrier()
+                of = now
+        else:
+            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
+    """The functions that move the rollers and bodies of one variant on a block, and sample them."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    measuring, staged = kind.measuring, kind.staged
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    barrier = sync(kind).barrier
+    row, bodies, wrenches = roller_rows(kind), body_steps(kind), wrench_parts(kind)
+    sampling, tensioners, joints = block_sampling(kind, frame), block_tensioners(kind), block_jointed(kind)
+    hang, add_friction = joints.hang, block_joints(kind).add_friction
+    observe, threads_of, trains = body_observing(kind), sync(kind), block_trains(kind, frame)
+    bearings = block_bearings(kind)
+    acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
+    moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
+    step_of, stage_roller, ahead = row.step_of, block_stages(kind), threads > WARP
+
+    @wp.func
+    def advance_rollers(state: State, shared: Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on, or a stage."""
+        if wp.static(staged):
+            j = int(mine.thread)
+            while j < mine.rollers and now.going != 0:
+                stage_roller(state, shared, mine, now, j)
+                j = j + wp.static(threads)
+        elif now.going != 0:
+            h = step_of(mine)
+            for k in range(wp.static(rollers_per_thread)):
+                j = k * wp.static(threads) + mine.thread
+                v = velocity(shared.rows, j) + h * acceleration(shared, j)
+                set_velocity(shared, j, v)
+                move(shared, j, h * v[0], h * v[1])
 
     @wp.func
     def chain_on(state: State, shared: Shared, mine: Mine, now: Now):
@@ -234,6 +261,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     sampling, step_of = block_sampling(kind, frame), roller_rows(kind).step_of
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     do, threads_of, barrier = advancing(kind, frame), sync(kind), sync(kind).barrier
+    touch_all = touching(kind, frame).touch_all
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
     @inlined
@@ -283,8 +311,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        do.prepare(ensemble, state, out, shared, mine, now, touch)
-        forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        touch_all(ensemble, state, out, shared, mine, now, touch)
         barrier()
         sample_rollers(ensemble, state, out, shared, mine, now)
         advance_bodies(ensemble, state, out, shared, mine, now)

@@ -24,7 +24,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     Real, moving, kinds, bits = kind.Real, kind.moving, kind.types, near_mask(kind)
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Bits, of_teeth, Touch, vec2 = bits.Bits, bits.of_teeth, contact_sums(kind).Touch, kinds.vec2
-    row, placed = roller_rows(kind), contact_sums(kind).placed
+    row, placed, remembering = roller_rows(kind), contact_sums(kind).placed, contact_sums(kind).remembering
     point, velocity = row.point, row.velocity
     load_row, memory_of = accessors(Real).load_row, block_rings(kind).memory_of
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -40,7 +40,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         at = memory_of(shared, mine, j, s)
         touch.partner = s
         touch.seat = load_whole(state.seat, at)
-        touch.before = load_row(state.impact_speed, at)
+        touch = remembering(state, touch, at)
         touch.direction = seat_at(ensemble, shared.teeth[s].first_seat + wp.max(touch.seat, 0))
         return touch
 
@@ -171,7 +171,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         applies = wp.where(touch.seat < 0, 0, applies)
         drag = vec2()
         if wp.static(sliding):
-            drag, holds = drag_of(state, now, at, size, normal, relative, before, shared.friction[s])
+            drag, holds = drag_of(now, size, normal, relative, touch, shared.friction[s])
             force = force + drag
             if applies != 0 and closed and now.stage == 0:
                 store_row(state.contact_hold, at, holds)

@@ -218,9 +218,12 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def first_cam(ensemble: Ensemble, mine: Mine, v: int):
         """The number of the first cam of group v of all valves among those of the variant."""
-        first = int(0)
-        for other in range(ensemble.drives[mine.variant].first_valve, v):
-            first = first + ensemble.valves[other].phases
+        first = int(ensemble.valves[v].first_cam)
+        for r in range(wp.static(kind.parts.rings - 1)):  # and those of the chains before
+            before = ensemble.drives[mine.variant + r]
+            last = before.first_valve + before.valves - 1
+            if before.valves > 0 and v > last:
+                first = first + ensemble.valves[last].first_cam + ensemble.valves[last].phases
         return first
 
     @wp.func

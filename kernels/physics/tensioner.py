@@ -302,7 +302,7 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
 @wp.func
 def close_to(z: wp.float64):
     """A step of Newton's that is smaller than this is the last (the error is then about its square)."""
-    return wp.float64(1e-7) * z
+    return wp.float64(1e-6) * z
 
 
 @wp.func
@@ -592,7 +592,9 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
         tensioner.drag = type(rate)(0.0)
     volume, content = filling(x, state, tensioner)
     per_volume = quotient(h, volume)
-    z = solved_root(content, per_volume, rate, before, lowest(state, tensioner), tensioner)
+    floor = lowest(state, tensioner)
+    near = wp.max(before + state.growth, floor)  # saves a third of Newton's evaluations
+    z = solved_root(content, per_volume, rate, near, floor, tensioner)
     pressure = pressure_at(z, tensioner)
     supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)
     flows = no_flows(h)
@@ -604,6 +606,7 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     gain = per_volume * (supplied - (leaked + relieved + vented))
     state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
+    state.growth = z - before
     if metered:
         flows = flow_energies(flows, before, z, tensioner)
     if state.unfilled > type(h)(0.0):

@@ -92,7 +92,7 @@ def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
         with spent(times, "adjusted", count):
-            adjusted_all(drives, wanted, [{}] * count)
+            adjusted_all(drives, [wanted], [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):
@@ -110,7 +110,7 @@ def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str
         with spent(times, "assembled alone", 1):
             assemble(drive)
         with spent(times, "fit alone", 1):
-            adjusted_all([drive], wanted, [{}])
+            adjusted_all([drive], [wanted], [{}])
     return times
 
 

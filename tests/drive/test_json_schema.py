@@ -106,6 +106,13 @@ def test_limits_of_a_study_are_a_table_or_a_list():
     assert wrong(STUDY, values | {"bounds": []}) != []
 
 
+def test_adjustments_of_a_study_are_a_table_or_a_list():
+    values = tomllib.loads((ROOT / "study" / "examples" / "pitch-elongation.toml").read_text())
+    one = values["adjust"]
+    assert wrong(STUDY, values | {"adjust": [one | {"chain": "a"}, one | {"chain": "b"}]}) == []
+    assert wrong(STUDY, values | {"adjust": [one | {"chains": "a"}]}) != [] != wrong(STUDY, values | {"adjust": 3})
+
+
 def test_the_command_prints_the_schema(capsys):
     for word, validator in (("drive", DRIVE), ("study", STUDY)):
         status, out, err = command(capsys, "schema", word)

@@ -62,8 +62,8 @@ def test_the_pressure_is_found_from_any_other_one():
     t = tensioner()
     pairs = np.array([(p, near) for p in PRESSURES for near in PRESSURES])
     found = looked(t, pairs[:, 0], pairs[:, 1])[6]
-    # the last step of Newton is below 1e-7 of z: its square, some ten times over for the curve and P = z^7
-    assert found == pytest.approx(pairs[:, 0], rel=1e-11)
+    # the last step of Newton is below 1e-6 of z: its square, some tens of times over for the curve and P = z^7
+    assert found == pytest.approx(pairs[:, 0], rel=1e-10)
 
 
 @pytest.mark.parametrize("air", [0.0, 0.02])

@@ -1,15 +1,20 @@
 """Studies of drives with several chains."""
 
+import math
+
 import chains
 import pytest
+from command import refused, run
 from parts import part
 
 from warpchain import Limits, Record, assemble, run_study, simulate
 from warpchain.drive import load_drive, save_drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import StudyError
+from warpchain.study.optimize import open_study
 from warpchain.study.report.scatters import view_study
-from warpchain.study.results import read_results
+from warpchain.study.results import export_table, read_results
+from warpchain.study.run import join_studies
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 from warpchain.study.run.row_drives import adjusted_all, placed
 from warpchain.study.spec import load_study
@@ -119,3 +124,98 @@ def test_adjust_names_a_chain(adjust, line, tmp_path):
     with pytest.raises(StudyError) as caught:
         run_study(tmp_path / "study.toml", tmp_path / "out", workers=1)
     assert str(caught.value).endswith(line)
+
+
+BOTH = FACTORIAL + part("factors", "teeth", path="sprockets.out.teeth", levels=[34, 36])
+BOTH += part("factors", "pull", levels=[3000.0, 5000.0]) + '[[constraints]]\nrequire = "pull > 0"\n'
+MID = '[[adjust]]\nchain = "first"\nsprocket = "mid in"\ndirection = [2.0, 0.0]\npreload = "pull"\n'
+END = '[[adjust]]\nchain = "second"\nsprocket = "out"\ndirection = [1.0, 0.5]\nlinks = "even"\nstrain = 4e-4\n'
+COLUMNS = ["first.adjusted_travel", "second.adjusted_links", "second.adjusted_travel"]
+
+
+def written(folder, text):
+    """A study of two stages in a folder."""
+    save_drive(chains.two_stages(), folder / "two.toml")
+    (folder / "study.toml").write_text(text + RUN.format(0.001))
+    return folder / "study.toml"
+
+
+@pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
+def test_two_chains_are_adjusted_one_after_the_other(tmp_path):
+    """Both have what is wanted in the end, though the shaft between them, moved for the first, takes along the second.
+
+    The search ends within 1e-10 of strain; its places are rounded to 1e-10 m, on some 2 m of strands.
+    """
+    source = written(tmp_path, BOTH + MID + END)
+    table = run_study(source, tmp_path / "out", workers=1).table
+    rows = read_results(table).table.to_pylist()
+    assert [row["status"] for row in rows] == ["ok"] * 4, [row["reason"] for row in rows]
+    assert [name for name in rows[0] if "adjusted" in name] == COLUMNS
+    made = open_study(source).drives([{name: row[name] for name in ("teeth", "pull")} for row in rows])
+    base = load_drive(tmp_path / "two.toml")
+    for drive, row in zip(made, rows, strict=True):
+        first, second = (ring.drive for ring in rings_of(drive))
+        wanted = row["pull"] / (first.chain.mean_stiffness * first.chain.pitch)
+        assert assemble(first).strain == pytest.approx(wanted, abs=1e-9)
+        assert assemble(second).strain == pytest.approx(4e-4, abs=1e-9)
+        assert (first.chain.links, second.chain.links) == (base.chains[0].links, row["second.adjusted_links"])
+        travel, end = row["first.adjusted_travel"], row["second.adjusted_travel"]
+        steps = {"crank": (0.0, 0.0), "mid in": (travel, 0.0), "mid out": (travel, 0.0)}
+        steps["out"] = (end * 2.0 / math.sqrt(5.0), end / math.sqrt(5.0))  # along [1.0, 0.5]
+        for before, after in zip(base.sprockets, drive.sprockets, strict=True):
+            place = [x + step for x, step in zip(before.center, steps[after.name], strict=True)]
+            assert after.center == pytest.approx(place, abs=2e-10)  # rounded as above
+
+
+def test_an_adjusted_study_of_several_is_resumed_merged_and_reported(tmp_path, capsys):
+    """The table is that of a run without a break; results that mark no metrics take no adjustment for one."""
+    end = END + "travel = 0.005\n[metrics]\nkeep = ['first.tension_*']\n"  # too short for other teeth
+    source = written(tmp_path, BOTH.replace("34, 36", "36, 60") + MID + end)
+    source.write_text(source.read_text().replace("[run]", "[run]\nshard = 2"))
+    whole = read_results(run_study(source, tmp_path / "whole", workers=1).table)
+    run_study(source, tmp_path / "out", workers=1, part=(0, 2))
+    again = read_results(run_study(source, tmp_path / "out", workers=1).table)
+    assert again.table.equals(whole.table)
+    rows = whole.table.to_pylist()
+    assert [row["status"] for row in rows] == ["ok", "ok", "infeasible", "infeasible"]
+    for row in rows[2:]:
+        assert row["reason"].startswith('adjust.1: sprocket "out": no place along ')
+        assert all(row[name] is None for name in COLUMNS)
+    export_table(whole.table, tmp_path / "table.csv")
+    read = read_results(tmp_path / "table.csv", factors=["teeth", "pull"])
+    assert "first.tension_max" in read.metrics and not {*COLUMNS} & {*read.metrics}
+    source.write_text(source.read_text().replace('preload = "pull"', 'preload = "pull + 1"'))
+    run_study(source, tmp_path / "other", workers=1)
+    with pytest.raises(StudyError, match=r'adjust\.0\.preload = "pull \+ 1", but "pull" in '):
+        join_studies([tmp_path / "whole", tmp_path / "other"], tmp_path / "joined")
+    join_studies([tmp_path / "whole", tmp_path / "out"], tmp_path / "joined")
+    assert (tmp_path / "joined" / "study.toml").read_text().count("[[adjust]]") == 2
+    assert run(capsys, "study", "report", tmp_path / "joined", "-o", tmp_path / "report.html")[0] == 0
+    assert "adjust 2" in (tmp_path / "report.html").read_text()
+
+
+OTHER = END.replace('"second"', '"first"').replace('"out"', '"crank"')
+BACK = END.replace('"out"', '"mid out"')
+
+
+@pytest.mark.parametrize(
+    ("adjusts", "line"),
+    [
+        (MID + OTHER, 'adjust.1.chain = "first": is adjusted by adjust.0 already'),
+        (MID + END.replace('chain = "second"\n', ""),
+         "adjust.1.chain: missing; each of several adjustments must name a chain of its own"),
+        (MID + END.replace('"second"', '"third"'),
+         'adjust.1.chain = "third": must be a chain of the drive: first, second'),
+        (MID + BACK, 'adjust.1.sprocket = "mid out": moves shaft "mid", which adjust.0 moves already'),
+        (END + MID, 'adjust.1.sprocket = "mid in": moves a sprocket of chain "second", which adjust.0 has adjusted; '
+                    "put it before adjust.0"),
+        (MID + END.replace("4e-4", '"tork"'),
+         'adjust.1.strain = "tork": tork is not a factor; factors are teeth, pull'),
+        ("adjust = 3\n", "adjust = 3: must be a table, or a list of tables"),
+    ],
+)  # fmt: skip
+def test_what_several_adjustments_cannot_be_is_one_line(adjusts, line, tmp_path, capsys):
+    before, after = (adjusts, "") if adjusts.startswith("adjust =") else ("", adjusts)
+    source = written(tmp_path, before + BOTH + after)
+    said = refused(capsys, "study", "run", source, "-o", tmp_path / "out")
+    assert said == f"warpchain: error: {source}: {line}"

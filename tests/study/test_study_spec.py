@@ -202,6 +202,17 @@ def test_paths_are_held_against_the_drive():
     assert lines[2] == f'study.toml: adjust.sprocket = "idler": must be a sprocket of the drive: {names}'
 
 
+def test_one_adjustment_is_a_table_as_it_was():
+    """Folders of studies that adjust one chain are gone on with, whose `study.toml` has a table."""
+    study, text = loads_study(WHOLE), ADJUST + 'links = "any"\npreload = 1.0\n'
+    assert "[adjust]\n" in dumps_study(study) and "[[adjust]]" not in dumps_study(study)
+    assert loads_study(text.replace("[adjust]", "[[adjust]]")) == loads_study(text)
+    assert "[[adjust]]\n" in dumps_study(study.model_copy(update={"adjust": study.adjust * 2}))
+    held = {name: getattr(study, name) for name in spec.Study.model_fields}
+    assert all(spec.Study(**{**held, "adjust": one}) == study for one in (study.adjust, study.adjust[0]))
+    assert spec.Study(**{**held, "adjust": None}).adjust == ()
+
+
 def test_an_empty_list_that_is_not_the_default_is_written():
     """A study that records no channels is not one that records all."""
     without = WHOLE.replace("fatigue", "# fatigue").partition("[record]")[0]

@@ -365,9 +365,11 @@ def about(folder: Path) -> dict[str, str]:
     except (StudyError, ValueError):
         return {}
     found = {key: str(value) for key, value in study.get("study", {}).items() if key == "name"}
-    for key in ("design", "run", "adjust"):
-        if study.get(key):
-            found[key] = ", ".join(f"{name} = {value}" for name, value in study[key].items())
+    adjusts = study.get("adjust")
+    several = {f"adjust {number + 1}": one for number, one in enumerate(adjusts if isinstance(adjusts, list) else ())}
+    for key, table in ({key: study.get(key) for key in ("design", "run")} | (several or {"adjust": adjusts})).items():
+        if table:
+            found[key] = ", ".join(f"{name} = {value}" for name, value in table.items())
     for number, constraint in enumerate(study.get("constraints", ())):
         found[f"constraint {number + 1}"] = str(constraint.get("require", ""))
     return found

@@ -84,8 +84,8 @@ def resident(kind: BlockKind) -> int:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
     if shape.threads == WARP:
         if not is_simple(kind):
-            long = kind.moving or (not kind.paired and (kind.profiles or kind.parts.rings > 1))
-            return 8 if per > 6 or long else 12 if kind.paired else 10  # or registers spill
+            long = kind.parts.hubs or kind.parts.rings > 1 or (not kind.paired and (kind.moving or kind.profiles))
+            return 8 if per > 6 or long or kind.measuring else 12  # or registers spill
         if kind.paired:
             return 20 if per <= 4 else 16 if per <= 6 else 8 if kind.measuring else 12
         return 14 if per <= (4 if kind.measuring else 6) else 12 if per <= 6 else 8

@@ -318,6 +318,7 @@ def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
     body = names_of(drive).index(valves.on)
     phases = [math.radians(phase) for phase in valves.phases]
     row["body"], row["phases"], row["first_phase"] = body, len(phases), tables.add_rows((tuple(phases),))
+    row["first_cam"] = sum(len(group.phases) for group in drive.valves[:v])
     row["sign"], row["count"] = turning_sign(drive, body), valves.number
     row["turned"] = radians(valves.phase) - turned_by(drive, valves.on)
     row["height"], row["mass"] = valves.height, valves.mass

@@ -28,6 +28,8 @@ ARCHIVED = ("archive", "archive_variant")
 """File of a recorded variant in the study's folder, and its number there."""
 ADJUSTED = ("adjusted_links", "adjusted_travel")
 """Adjustments so that the chain fits: number of links, travel of the sprocket [m]."""
+OF_CHAINS = tuple(f".{name}" for name in ADJUSTED)
+"""Ends of these columns, where several chains are adjusted."""
 RUN_COLUMNS = tuple(column.name for column in RUN.columns if column.name not in ("variant", *OUTCOME))
 """Length of a variant's run, and the window of its metrics."""
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING.columns)
@@ -274,7 +276,8 @@ def read_results(
         names = noted or table.column_names
         held = {name for name in names if name == COUNT or _is_error(table, name)}
         held = held if len(held) > 1 else set()
-        named = (n for n in names if n not in {*chosen, *held} and n not in BOOKKEEPING and _is_numeric(table, n))
+        aside = {*chosen, *held, *(n for n in names if n in BOOKKEEPING or n.endswith(OF_CHAINS))}
+        named = (n for n in names if n not in aside and _is_numeric(table, n))
         measured = tuple(name for name in named if not ((of := column_of(name)) and of.aside))
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:

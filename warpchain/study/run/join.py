@@ -35,7 +35,7 @@ from warpchain.study.run.runner import finish, runs_of
 from warpchain.study.run.shard_plan import blocks_of
 from warpchain.study.spec import Study, dumps_study
 from warpchain.study.spec.factor import Factor
-from warpchain.study.spec.study_tables import Design
+from warpchain.study.spec.study_tables import Design, for_file
 from warpchain.study.store import write_table, write_text
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _differences(first: Folder, other: Folder) -> Iterator[str]:
 
 def _fixed(folder: Folder) -> dict[str, Any]:
     """Values of a study that must be the same, by key."""
-    found = folder.study.model_dump(mode="json", exclude={"study", "design", *WANTED})
+    found = for_file(folder.study.model_dump(mode="json", exclude={"study", "design", *WANTED}))
     found["factors"] = {f.name: f.model_dump(mode="json", exclude=set(SPREAD)) for f in folder.study.factors}
     found["run"] = {key: value for key, value in found["run"].items() if key not in FREE}
     found["record"].pop("variants")

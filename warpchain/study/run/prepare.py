@@ -41,7 +41,7 @@ from warpchain.study.spec.study_tables import (
     Objective,
     Recording,
     RunOptions,
-    split_limits,
+    of_file,
 )
 from warpchain.study.store import write_table, write_text
 
@@ -138,18 +138,19 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     import tomllib
 
     try:
-        values = split_limits(tomllib.loads(read_text(source, "TOML", ValueError)))
+        values = of_file(tomllib.loads(read_text(source, "TOML", ValueError)))
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))
     if subject is None or too_many_factors(values):
         return None
     factors = [valid(Factor, factor) or valid(Factor, _place_only(factor)) for factor in elements(values, "factors")]
+    adjusts = [valid(Adjust, adjust) for adjust in elements(values, "adjust")]
     held: dict[str, Any] = {
         "run": valid(RunOptions, values.get("run")) or RunOptions(),
         "metrics": valid(Keep, values.get("metrics")) or Keep(),
         "record": valid(Recording, values.get("record")) or Recording(),
-        "adjust": valid(Adjust, values.get("adjust")),
+        "adjust": tuple(adjusts) if all(adjusts) else (),  # all, as lines have their places
         "objectives": tuple(o for o in (valid(Objective, e) for e in elements(values, "objectives")) if o is not None),
         "bounds": tuple(b for b in (valid(Bound, e) for e in elements(values, "bounds")) if b is not None),
         "measured": tuple(m for m in (valid(Measurement, e) for e in elements(values, "measured")) if m is not None),

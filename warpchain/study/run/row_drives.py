@@ -21,6 +21,7 @@ from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError, WarpchainError
 from warpchain.progress import look_for_stop
 from warpchain.study.design.factor_values import evaluate
+from warpchain.study.spec.study_tables import named_adjustments
 from warpchain.study.store import reason_of
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ TRAVEL = 4.0
 
 
 Adjusted = tuple[Drive, dict[str, Any]]
-"""A drive made to fit, and what was adjusted: "adjusted_links", "adjusted_travel" [m], as far as asked for."""
+"""A drive made to fit, and what was adjusted: number of links, travel [m], as far as asked for, by column."""
 
 
 def placed(study: Study, base: Drive, row: Mapping[str, Any], changes: Changes | None = None) -> Drive:
@@ -116,7 +117,7 @@ def _normal(drive: Drive, guide: Guide) -> tuple[float, float]:
 
 
 def adjusted_all(
-    drives: Sequence[Drive], adjust: Adjust, rows: Sequence[Mapping[str, Any]]
+    drives: Sequence[Drive], adjusts: Sequence[Adjust], rows: Sequence[Mapping[str, Any]]
 ) -> list[Adjusted | WarpchainError]:
     """Drives of as many rows made to fit; where one is refused, why.
 
@@ -125,17 +126,32 @@ def adjusted_all(
 
     Args:
         drives: with the rows' factors in them.
-        adjust: what may move, and what is wanted.
+        adjusts: what may move, and what is wanted; done one after the other.
         rows: values of the factors, for expressions.
     """
+    found: list[Adjusted | WarpchainError] = [(drive, {}) for drive in drives]
+    for key, before, adjust in named_adjustments(adjusts):
+        going = [(v, *made) for v, made in enumerate(found) if isinstance(made, tuple)]
+        outcomes = _adjusted([drive for _, drive, _ in going], key, adjust, [rows[v] for v, _, _ in going])
+        for (v, _, done), outcome in zip(going, outcomes, strict=True):
+            if isinstance(outcome, tuple):
+                outcome = outcome[0], done | {before + name: value for name, value in outcome[1].items()}
+            found[v] = outcome
+    return found
+
+
+def _adjusted(
+    drives: Sequence[Drive], key: str, adjust: Adjust, rows: Sequence[Mapping[str, Any]]
+) -> list[Adjusted | WarpchainError]:
+    """Drives of as many rows made to fit by one adjustment, whose key in study files errors begin with."""
     found: dict[int, Adjusted | WarpchainError] = {}
     strains: dict[int, float] = {}
     for v, (drive, row) in enumerate(zip(drives, rows, strict=True)):
         try:
-            strains[v] = _wanted_strain(drive, adjust, row)
+            strains[v] = _wanted_strain(drive, key, adjust, row)
         except StudyError as error:
             found[v] = error
-    counts = _link_counts(drives, adjust, strains, found)
+    counts = _link_counts(drives, key, adjust, strains, found)
     for turn in range(2):
         trying: dict[int, Drive] = {}
         for v in [v for v in counts if turn < len(counts[v]) and not isinstance(found.get(v), tuple)]:
@@ -143,7 +159,7 @@ def adjusted_all(
                 trying[v] = _with_links(drives[v], adjust, counts[v][turn])
             except DriveError as error:
                 found[v] = error
-        moved = _moved(list(trying.values()), adjust, [strains[v] for v in trying])
+        moved = _moved(list(trying.values()), key, adjust, [strains[v] for v in trying])
         for v, outcome in zip(trying, moved, strict=True):
             if isinstance(outcome, StudyError):
                 found.setdefault(v, outcome)
@@ -168,6 +184,7 @@ def _chain(drive: Drive, adjust: Adjust) -> Drive:
 
 def _link_counts(
     drives: Sequence[Drive],
+    key: str,
     adjust: Adjust,
     strains: Mapping[int, float],
     refused: dict[int, Any],
@@ -182,11 +199,11 @@ def _link_counts(
         elif counts := nearest_links(path, strains[v], odd=adjust.links == "any"):
             found[v] = [*counts[: 1 if adjust.sprocket is None else 2]]
         else:
-            refused[v] = StudyError("adjust.links: no number of links goes round")
+            refused[v] = StudyError(f"{key}.links: no number of links goes round")
     return found
 
 
-def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) -> list[Adjusted | StudyError]:
+def _moved(drives: Sequence[Drive], key: str, adjust: Adjust, strains: Sequence[float]) -> list[Adjusted | StudyError]:
     """The drives with their sprockets moved, if one is to be."""
     if adjust.sprocket is None:
         return [(drive, {}) for drive in drives]
@@ -196,7 +213,7 @@ def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) ->
     fitted = fit_positions(drives, adjust.sprocket, adjust.direction, strains, travels)
     for drive, moved in zip(drives, fitted, strict=True):
         if isinstance(moved, DriveError):
-            found.append(StudyError(f"adjust: {moved}"))
+            found.append(StudyError(f"{key}: {moved}"))
             continue
         index = [sprocket.name for sprocket in drive.sprockets].index(adjust.sprocket)
         way = [
@@ -208,19 +225,19 @@ def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) ->
     return found
 
 
-def _wanted_strain(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> float:
+def _wanted_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any]) -> float:
     """The wanted strain."""
-    key, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
+    name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
         value = evaluate(asked, row) if isinstance(asked, str) else asked
     except StudyError as error:
-        raise StudyError(f"adjust.{key} = {value_text(asked)}: {error}") from None
+        raise StudyError(f"{key}.{name} = {value_text(asked)}: {error}") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise StudyError(f"adjust.{key} = {value_text(asked)}: {value_text(value)} is not a finite number")
+        raise StudyError(f"{key}.{name} = {value_text(asked)}: {value_text(value)} is not a finite number")
     chain = _chain(drive, adjust).chain
-    strain = float(value) if key == "strain" else value / (chain.mean_stiffness * chain.pitch)
-    if abs(strain) > MAX_STRAIN or (key == "preload" and value < 0.0):
-        raise StudyError(f"adjust.{key} = {value:g}: a strain of {strain:g}; allowed is within {MAX_STRAIN:g}")
+    strain = float(value) if name == "strain" else value / (chain.mean_stiffness * chain.pitch)
+    if abs(strain) > MAX_STRAIN or (name == "preload" and value < 0.0):
+        raise StudyError(f"{key}.{name} = {value:g}: a strain of {strain:g}; allowed is within {MAX_STRAIN:g}")
     return strain
 
 
@@ -286,8 +303,6 @@ def build(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
             variant.drive = placed(study, base, variant.row, changes)
         except (DriveError, StudyError) as error:
             variant.fail(error)
-    if study.adjust is None:
-        return
     whole = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     rows = [variant.row for variant, _ in whole]
     outcomes = adjusted_all([drive for _, drive in whole], study.adjust, rows)

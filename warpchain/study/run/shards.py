@@ -28,6 +28,7 @@ from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
 from warpchain.study.run.checkpoints import begin_with, write_states
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.row_drives import Variant, build, try_alone
+from warpchain.study.spec.study_tables import named_adjustments
 from warpchain.study.store import OUTCOME
 
 if TYPE_CHECKING:
@@ -346,11 +347,12 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
         status: (pa.string(), [variant.status for variant in variants], ""),
         reason: (pa.string(), [variant.outcome() for variant in variants], ""),
     }
-    count, travel = ADJUSTED
-    if study.adjust is not None and study.adjust.links is not None:
-        extra[count] = (pa.int64(), [variant.adjusted.get(count) for variant in variants], "")
-    if study.adjust is not None and study.adjust.sprocket is not None:
-        extra[travel] = (pa.float64(), [variant.adjusted.get(travel) for variant in variants], "m")
+    for _, before, adjust in named_adjustments(study.adjust):
+        count, travel = (before + name for name in ADJUSTED)
+        if adjust.links is not None:
+            extra[count] = (pa.int64(), [variant.adjusted.get(count) for variant in variants], "")
+        if adjust.sprocket is not None:
+            extra[travel] = (pa.float64(), [variant.adjusted.get(travel) for variant in variants], "m")
     record = study.record
     if record.variants or record.every or record.worst:
         archives = [variant.archive or (None, None) for variant in variants]

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from warpchain.drive import Drive
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.json_schema import file_schema
+from warpchain.drive.rings import companions
 from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements, get
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
@@ -37,10 +38,12 @@ from warpchain.study.spec.study_tables import (
     Risk,
     RunOptions,
     Search,
+    adjust_rules,
     as_written,
-    joined_limits,
+    for_file,
+    named_adjustments,
     objective_rules,
-    split_limits,
+    of_file,
 )
 
 MOST_FACTORS = 1000
@@ -105,8 +108,9 @@ def _texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
         yield ("factors", i, "expression"), get(factor, "expression")
     for i, constraint in enumerate(elements(node, "constraints")):
         yield ("constraints", i, "require"), get(constraint, "require")
-    for key in ("strain", "preload"):
-        yield ("adjust", key), get(get(node, "adjust"), key)
+    for k, adjust in enumerate(elements(node, "adjust")):
+        for key in ("strain", "preload"):
+            yield ("adjust", k, key), get(adjust, key)
 
 
 def _expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
@@ -226,7 +230,7 @@ class Study(Part):
         design: how rows are chosen.
         factors: what varies; at least one.
         constraints: conditions on factors that a row must satisfy.
-        adjust: what keeps the drive assembled.
+        adjust: what keeps the drive assembled; of several chains, one after the other.
         run: run settings.
         metrics: which metrics are kept.
         record: which variants are recorded in full.
@@ -248,7 +252,7 @@ class Study(Part):
     design: Design
     factors: Annotated[tuple[Factor, ...], Allowed("must be a list of at least 1 factor")]
     constraints: Annotated[tuple[Constraint, ...], Allowed("must be a list of constraints")] = ()
-    adjust: Adjust | None = None
+    adjust: Annotated[tuple[Adjust, ...], Allowed("must be a table, or a list of tables")] = ()
     run: RunOptions = RunOptions()
     metrics: Keep = Keep()
     record: Recording = Recording()
@@ -293,7 +297,7 @@ class Study(Part):
 
     @classmethod
     def _completed(cls, values: Any) -> Any:
-        return split_limits(values)
+        return of_file(values)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -301,6 +305,7 @@ class Study(Part):
             yield Problem(("factors",), None, complaint, BARE)
             return
         yield from name_rules(node)
+        yield from adjust_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)
         yield from fatigue_rules(node)
@@ -339,18 +344,21 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 
 def study_schema() -> dict[str, Any]:
-    """The JSON schema of study files (`warpchain.drive.json_schema`), whose `limits` are a table or a list."""
+    """The JSON schema of study files (`warpchain.drive.json_schema`); `limits` and `adjust` are a table or a list."""
     schema = file_schema(Study, "warpchain study file")
     bounds, limits = schema["properties"].pop("bounds"), schema["properties"]["limits"]
     table = {"$ref": limits.pop("$ref")}
     entries = {"type": "array", "items": {"anyOf": [bounds["items"], table]}}
     schema["properties"]["limits"] = limits | {"anyOf": [table, entries]}
+    adjust = schema["properties"]["adjust"]
+    several = {key: adjust.pop(key) for key in ("type", "items")}
+    adjust["anyOf"] = [several["items"], several]
     return schema
 
 
 def dumps_study(study: Study) -> str:
     """A study as TOML text, which `loads_study` reads back equal."""
-    return drive_toml.dumps(joined_limits(_given(study)))
+    return drive_toml.dumps(for_file(_given(study)))
 
 
 def _given(value: Any) -> Any:
@@ -364,7 +372,7 @@ def _given(value: Any) -> Any:
 
 
 def check_drive(study: Study, drive: Drive, source: str) -> None:
-    """Checks what a study says of its base drive: what factors set, and the sprocket that `adjust` moves.
+    """Checks what a study says of its base drive: what factors set, and the sprockets that `adjust` moves.
 
     Raises:
         StudyError: one line for each error.
@@ -389,25 +397,42 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
                 lines.append(
                     f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'
                 )
-    lines += _check_adjusted(study.adjust, drive) if study.adjust is not None else []
+    named = named_adjustments(study.adjust)
+    wrong = [line for key, _, adjust in named for line in _check_adjusted(key, adjust, drive)]
+    lines += wrong or [line for k in range(len(named)) for line in _check_order(named[: k + 1], drive)]
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
 
 
-def _check_adjusted(adjust: Adjust, drive: Drive) -> list[str]:
-    """Lines on the sprocket and the chain that `adjust` names."""
+def _check_adjusted(key: str, adjust: Adjust, drive: Drive) -> list[str]:
+    """Lines on the sprocket and the chain that an adjustment names."""
     of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
     chains, chain = [chain.name for chain in drive.chains], adjust.chain
     if adjust.sprocket is not None and adjust.sprocket not in of:
         known = ", ".join(of)
-        return [f"adjust.sprocket = {drive_toml.value_text(adjust.sprocket)}: must be a sprocket of the drive: {known}"]
+        return [f"{key}.sprocket = {drive_toml.value_text(adjust.sprocket)}: must be a sprocket of the drive: {known}"]
     if chain is None:
         named = adjust.sprocket is not None or not chains
-        return [] if named else [f"adjust.chain: missing; must be a chain of the drive: {', '.join(chains)}"]
-    said = f"adjust.chain = {drive_toml.value_text(chain)}"
+        return [] if named else [f"{key}.chain: missing; must be a chain of the drive: {', '.join(chains)}"]
+    said = f"{key}.chain = {drive_toml.value_text(chain)}"
     if chain not in chains:
         known = f"a chain of the drive: {', '.join(chains)}"
         return [f"{said}: must be {known}" if chains else f"{said}: must not be given where there is one chain"]
     if adjust.sprocket is not None and of[adjust.sprocket] != chain:
         return [f'{said}: must be that of the sprocket, "{of[adjust.sprocket]}"']
+    return []
+
+
+def _check_order(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
+    """Lines on the last of adjustments with their keys, whose sprocket takes along what others have put in place."""
+    *earlier, (key, _, adjust) = named
+    moved = [mine for own in drive.sprockets if own.name == adjust.sprocket for mine in companions(drive, own)]
+    said = f"{key}.sprocket = {drive_toml.value_text(adjust.sprocket)}: moves"
+    for before, _, other in earlier:
+        if other.chain in (None, adjust.chain):
+            continue  # a rule of the study says so
+        if other.sprocket in [sprocket.name for sprocket in moved]:
+            return [f'{said} shaft "{moved[0].shaft}", which {before} moves already']
+        if other.chain in [sprocket.chain for sprocket in moved]:
+            return [f'{said} a sprocket of chain "{other.chain}", which {before} has adjusted; put it before {before}']
     return []

@@ -1,12 +1,12 @@
 """The smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
 
 A study file's `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are
-limits on metrics (`Study.bounds`), the others together are that table.
+limits on metrics (`Study.bounds`), the others together are that table. Its `adjust` is a table, or a list of several.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
@@ -139,7 +139,8 @@ class Adjust(Part):
         direction: direction of that line.
         travel: farthest that it moves either way [m]; None is four pitches.
         links: "even" or "any": the number of links is chosen first, the nearest that fits.
-        chain: name of the chain that is adjusted, where there are several; None is that of the sprocket.
+        chain: name of the chain that is adjusted, where there are several; None is that of the sprocket, where no other
+            is adjusted.
         strain: wanted strain at assembly [-]; this or preload.
         preload: wanted tension at assembly [N]; a number, or an expression of factors.
     """
@@ -169,6 +170,28 @@ class Adjust(Part):
             yield Problem(("strain",), strain, "not together with preload; give one of the two")
         if numbers(preload) and preload < 0:
             yield Problem(("preload",), preload, "must be at least 0 N")
+
+
+def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]]:
+    """Adjustments, each with its key in study files and what its columns begin with: of several, the chain's name."""
+    if len(adjusts) == 1:
+        return [("adjust", "", adjusts[0])]
+    return [(f"adjust.{k}", f"{adjust.chain}.", adjust) for k, adjust in enumerate(adjusts)]
+
+
+def adjust_rules(node: Any) -> Iterator[Problem]:
+    """Each of several adjustments names a chain of its own."""
+    adjusts = elements(node, "adjust")
+    chains: list[Any] = []
+    for k, adjust in enumerate(adjusts if len(adjusts) > 1 else ()):
+        chain = get(adjust, "chain")
+        if chain is None:
+            yield Problem(
+                ("adjust", k, "chain"), None, "missing; each of several adjustments must name a chain of its own", BARE
+            )
+        elif chain in chains:
+            yield Problem(("adjust", k, "chain"), chain, f"is adjusted by adjust.{chains.index(chain)} already")
+        chains.append(chain)
 
 
 class RunOptions(Part):
@@ -339,9 +362,16 @@ def _is_bound(entry: Any) -> bool:
     return not isinstance(entry, Mapping) or any(key in entry for key in _OF_BOUNDS)
 
 
-def split_limits(values: Any) -> Any:
-    """A study's values with a list of limits as `bounds` and, of what is left, the table `limits`."""
-    limits = values.get("limits") if isinstance(values, Mapping) else None
+def of_file(values: Any) -> Any:
+    """A study file's values as those of `Study`: an adjustment as a list; a list of limits as `bounds` and, of what is
+    left, the table `limits`.
+    """
+    if not isinstance(values, Mapping):
+        return values
+    adjust = values.get("adjust", ())
+    if adjust is None or isinstance(adjust, Mapping | Adjust):
+        values = {**values, "adjust": () if adjust is None else (adjust,)}
+    limits = values.get("limits")
     if not isinstance(limits, (list, tuple)):
         return values
     judged: dict[str, Any] = {}
@@ -351,8 +381,10 @@ def split_limits(values: Any) -> Any:
     return {**values, "bounds": tuple(entry for entry in limits if _is_bound(entry)), "limits": judged}
 
 
-def joined_limits(values: dict[str, Any]) -> dict[str, Any]:
+def for_file(values: dict[str, Any]) -> dict[str, Any]:
     """The other way round, for a file."""
+    if len(values.get("adjust", ())) == 1:
+        values = {**values, "adjust": values["adjust"][0]}
     if not values.get("bounds"):
         return values
     rest = {key: value for key, value in values.items() if key != "bounds"}
@@ -361,7 +393,11 @@ def joined_limits(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_written(line: str, values: Any) -> str:
-    """An error line about `bounds.K` as one about the entry of the file's list `limits`."""
+    """An error line about `bounds.K` as one about the entry of the file's list `limits`; about the only adjustment as
+    about a table.
+    """
+    if len(elements(of_file(values), "adjust")) == 1 and line.startswith("adjust.0"):
+        return "adjust" + line.removeprefix("adjust.0")
     limits = values.get("limits") if isinstance(values, Mapping) else None
     if isinstance(limits, list) and line.startswith("bounds."):
         number, dot, rest = line.removeprefix("bounds.").partition(".")
