@@ -155,9 +155,16 @@ def standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
     logarithms = np.log(shares) - LOG_BIAS
     least = 2.0 * np.log(LEAST) + logarithms.mean(axis=-1)
     error = np.sqrt(usual * np.exp(np.maximum((logarithms * _extrapolation()).sum(axis=-1), least))) / MEDIAN
-    parts = np.concatenate([found.real, found.imag], axis=-1)
-    explained = (np.einsum("fck,...k->...fc", _sines(means.shape[-1]), parts) ** 2).sum(axis=-1).max(axis=-1)
+    explained = _explained(np.concatenate([found.real, found.imag], axis=-1), _sines(means.shape[-1]))
     return np.asarray(np.where(explained > (1.0 - DETERMINATE) * ordinates.sum(axis=-1), np.nan, error))
+
+
+def _explained(parts: Array, sines: Array) -> Array:
+    """Most of the ordinates, of which the last axis has real and imaginary parts, that one sine explains."""
+    along = np.zeros((len(sines), 2, *parts.shape[:-1]))
+    for k in range(parts.shape[-1]):  # which, unlike a product of matrices, goes row by row
+        along += sines[:, :, k, *(np.newaxis,) * (parts.ndim - 1)] * parts[..., k]
+    return np.asarray((along * along).sum(axis=1).max(axis=0))
 
 
 @cache
