@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.sprocket import PrescribedMount
 from warpchain.drive.trains import names_of, speed_ratio
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: float) -> 
         led = b if b < count else drive.driver
         return order * float(turns[led]) * (1.0 if b < count else speed_ratio(drive, b, led))
 
-    swings = (getattr(sprocket.mount, "frequency", 0.0) * seconds for sprocket in drive.sprockets)
+    mounts = (sprocket.mount for sprocket in drive.sprockets)
+    swings = (mount.frequency * seconds for mount in mounts if isinstance(mount, PrescribedMount))
     slow = [*(periods(b, order) for b, order in _orders(drive)), *(swing for swing in swings if swing)]
     return min(slow, default=0.0)
 
@@ -35,9 +37,10 @@ def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: float) -> 
 def _orders(drive: Drive) -> Iterator[tuple[int, float]]:
     """Bodies, and periods per revolution of ripples that their angles cause."""
     names: list[Any] = []
-    bodies: list[Any] = [*drive.sprockets, *drive.shafts]
-    for b, part in enumerate(bodies):
-        for of in (part.load, part.prescribed, getattr(part, "motor", None)):
+    acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
+    acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]
+    for b, causes in enumerate(acting):
+        for of in causes:
             table = getattr(of, "table", None)
             ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if h.amplitude]
             if table is not None and table.slowest_order is not None:
