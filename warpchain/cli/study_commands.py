@@ -360,14 +360,17 @@ def table_path(source: Path) -> Path:
 
 def about(folder: Path) -> dict[str, str]:
     """Name, design and run settings of a study's folder, in words; empty where it has none."""
+    from warpchain.study.spec.study_tables import of_file
+
     try:
         study = tomllib.loads(read_text(folder / "study.toml", "TOML", StudyError))
     except (StudyError, ValueError):
         return {}
     found = {key: str(value) for key, value in study.get("study", {}).items() if key == "name"}
-    adjusts = study.get("adjust")
-    several = {f"adjust {number + 1}": one for number, one in enumerate(adjusts if isinstance(adjusts, list) else ())}
-    for key, table in ({key: study.get(key) for key in ("design", "run")} | (several or {"adjust": adjusts})).items():
+    adjusts = of_file(study).get("adjust", ())
+    tables = {key: study.get(key) for key in ("design", "run")}
+    tables |= {f"adjust {k + 1}" if len(adjusts) > 1 else "adjust": adjust for k, adjust in enumerate(adjusts)}
+    for key, table in tables.items():
         if table:
             found[key] = ", ".join(f"{name} = {value}" for name, value in table.items())
     for number, constraint in enumerate(study.get("constraints", ())):

@@ -163,7 +163,7 @@ def _explained(parts: Array, sines: Array) -> Array:
     """Most of the ordinates, of which the last axis has real and imaginary parts, that one sine explains."""
     along = np.zeros((len(sines), 2, *parts.shape[:-1]))
     for k in range(parts.shape[-1]):  # which, unlike a product of matrices, goes row by row
-        along += sines[:, :, k, *(np.newaxis,) * (parts.ndim - 1)] * parts[..., k]
+        along += np.multiply.outer(sines[:, :, k], parts[..., k])
     return np.asarray((along * along).sum(axis=1).max(axis=0))
 
 
