@@ -109,7 +109,7 @@ class _Module(Module or object):  # type: ignore[misc]
             options = self.resolve_options(wp.config, block_dim=block_dim)
             self.hashers[block_dim] = _Hasher(self.made_of, self._get_live_kernels(), options)
             self.resolved_options[block_dim] = options
-        return super().get_module_hash(block_dim)
+        return self.hashers[block_dim].get_hash()  # Warp's own would wait for the code of another module
 
     def _run_codegen(self, options: dict[str, Any], is_cpu: bool) -> tuple[Any, ...]:
         """The source that is compiled, and what goes with it."""

@@ -42,12 +42,16 @@ def compiled(done: int, count: int, share: float) -> float:
 
 @contextlib.contextmanager
 def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
-    """Loads the CPU's kernels side by side, all but the last before what stands within, which does without that one."""
+    """Loads the CPU's kernels side by side, all but the last before what stands within, which does without that one.
+
+    The last, that of steps, takes longest to compile and begins first.
+    """
     import warp as wp
 
     begun, lacking = time.process_time(), sum(not in_cache(module, "cpu", 1) for module in modules)
     with ThreadPoolExecutor(len(modules)) as pool:
-        loads = [pool.submit(wp.load_module, module, device="cpu", block_dim=1) for module in modules]
+        last_first = [pool.submit(wp.load_module, module, device="cpu", block_dim=1) for module in reversed(modules)]
+        loads = last_first[::-1]
 
         def wait_for(some: Sequence[Future[Any]]) -> None:
             going = True
