@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import NDArray
 
-from warpchain.drive.transmission import is_geared
-
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
@@ -40,6 +38,8 @@ class Sizes:
         """Those of a drive; shafts of several chains without gears, couplings and motors have their sprockets' channels
         only.
         """
+        from warpchain.drive.transmission import is_geared
+
         shafts = () if drive.chains and not is_geared(drive) else drive.shafts
         turned = shafts, drive.couplings, drive.valves
         return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
