@@ -17,13 +17,15 @@ LENGTHS = (50, 100, 200, 500, 1000, 2000)
 VARIANTS = (1, 4, 16, 64, 256, 1024, 4096)
 WORK = 1_000_000
 """Roller-steps of a timed launch, where that is at least `FEWEST` steps: a launch itself takes some 0.1 ms."""
-FEWEST = 200
+FAR = 20.0
+"""Ratio from which the times of a figure are drawn on a logarithmic scale."""
+FEWEST = {"cpu": 200, "cuda": 4000}
 
 
 def step_rate(links: int, variants: int, precision: str, device: str) -> float:
     """Steps a second of so many variants of two equal sprockets; on the CPU of one core."""
     drive = named("two") if links == named("two").chain.links else of_length(links)
-    steps = max(FEWEST, WORK // (links * variants))
+    steps = max(FEWEST[device.partition(":")[0]], WORK // (links * variants))
     return 1e6 * rate(drive, steps, precision, False, variants, device) / (links * variants)
 
 
@@ -40,10 +42,15 @@ def drawn(found: dict[str, tuple[Sequence[int], Sequence[float]]], rollers: int,
     for axis, (title, (sizes, seconds)) in zip(axes, found.items(), strict=True):
         sizes_all = np.asarray(sizes, float)
         per = sizes_all * (rollers if title == "variants" else 1)
-        axis.semilogx(sizes_all, 1e9 * np.asarray(seconds) / per, "o-", label="measured")
+        taken = 1e9 * np.asarray(seconds) / per
+        axis.semilogx(sizes_all, taken, "o-", label="measured")
         fixed, each = fitted(sizes, seconds)
         axis.semilogx(sizes_all, 1e9 * (fixed + each * sizes_all) / per, "--", label="fixed part and a part for each")
-        axis.set(xlabel=title, ylabel="ns a roller-step", ylim=(0.0, 1.1 * axis.get_ylim()[1]))
+        axis.set(xlabel=title, ylabel="ns a roller-step")
+        if taken.max() > FAR * taken.min():
+            axis.set_yscale("log")
+        else:
+            axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
         axis.legend()
     figure.suptitle(f"Two equal sprockets, {where}: one variant by rollers; {rollers} rollers by variants")
     return figure
