@@ -112,7 +112,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
             observe.start_extremes(ensemble, sums, shared, mine)
             find_strands(ensemble, state, shared, mine)
 
-    @inlined
+    @wp.func
     def finish(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Everything back into the state."""
         if wp.static(measuring):
@@ -155,9 +155,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > WARP
     early = kind.early
-    # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
-    # frames want: on several warps the contacts, on one all of it, unless it is long or has its contacts twice already
-    twice = not staged and not kind.profiles and not kind.parts.light
     # rollers and bodies go ways of their own between events
     splitting = not measuring and kind.handing and early and not staged
 
@@ -229,7 +226,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     if wp.static(not kind.handing):
                         barrier()
                     do.advance_bodies(ensemble, state, out, shared, mine, now)
-                elif wp.static(twice) and on_warp.is_common(now):
+                elif wp.static(kind.twice) and on_warp.is_common(now):
                     now, touch = on_warp.to_event(ensemble, state, out, shared, mine, now, touch, end)
                     continue
                 else:

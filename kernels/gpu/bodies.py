@@ -283,7 +283,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
                     shared.mount_sums[b] = sums.mount[at]
         of.put_pose(shared, b, pose)
 
-    @inlined
+    @wp.func
     def end_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: Mine):
         """Puts the thread's body and its sums back into the state."""
         drive = ensemble.drives[mine.variant]
@@ -498,7 +498,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             wrench.load = wrench.load + wrench.bearing
         return wrench
 
-    @inlined
+    @wp.func
     def leapfrog(ensemble: Ensemble, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant, and
         `wrench` with its load.
@@ -552,7 +552,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             of.put_pose(shared, b, aligned(posed(pose, moved)))
         return plain, wrench
 
-    @inlined
+    @wp.func
     def advance(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, pose: Pose, wrench: Wrench):
         """Takes the thread's body, now at `pose`, on by a step, or a stage.
 

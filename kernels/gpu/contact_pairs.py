@@ -10,7 +10,7 @@ import warp as wp
 
 from ..structs import Tallies
 from .guides import guide_contacts
-from .kind import BlockKind, Mine, inlined
+from .kind import BlockKind, Mine
 from .near import near_mask
 from .sync import lowest_bit
 from .teeth import tooth_contacts, tooth_gaps
@@ -30,7 +30,7 @@ def contact_forces(kind: BlockKind) -> SimpleNamespace:
     Touch, looked_up = teeth.Touch, gaps.looked_up
     at_sprocket, on_straight_flank = teeth.at_sprocket, teeth.on_straight_flank
 
-    @inlined
+    @wp.func
     def contacts(
         ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, touch: Touch
     ):

@@ -9,7 +9,7 @@ import warp as wp
 from ..number import difference, leading, number_of
 from ..physics.guide import carried, in_frame
 from ..structs import GROUND, Drive
-from .kind import BlockKind, inlined
+from .kind import BlockKind
 from .rings import block_rings
 from .rollers import roller_rows
 
@@ -73,7 +73,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.friction.contacts):
             shared.friction[s] = ensemble.tooth_friction[drive.first_sprocket + s]
 
-    @inlined
+    @wp.func
     def guide_at(shared: Shared, g: int):
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
         bar = shared.bars[g]

@@ -12,7 +12,7 @@ from ..physics.guide import on_guide, on_profile, tracked_piece
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
 from .geometry import contact_geometry
-from .kind import START, BlockKind, Mine, inlined
+from .kind import START, BlockKind, Mine
 from .near import near_mask
 from .rings import block_rings
 from .rollers import roller_rows
@@ -37,7 +37,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
 
-    @inlined
+    @wp.func
     def at_profile(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
         at = memory_of(shared, mine, j, wp.static(sprockets) + g)
@@ -66,7 +66,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
             surface = surface_velocity(shared.poses[bar.body], arm_on(shared, j, bar.body))
         return on_guide(p, velocity(shared.rows, j), surface, bar)
 
-    @inlined
+    @wp.func
     def on_bar(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
         """Penetration [m], normal and relative velocity [m/s] of roller j on guide g."""
         if wp.static(profiles):
@@ -81,7 +81,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         else:
             return on_straight(shared, j, bar)
 
-    @inlined
+    @wp.func
     def at_guide(
         ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, g: int
     ):
@@ -114,7 +114,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         else:
             keep(state, now, at, before, Real(UNTOUCHED))
 
-    @inlined
+    @wp.func
     def at_bars(ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, near: Bits):
         """Adds the forces of the guides that they are near to those of the thread's rollers."""
         by_bar = of_bars(near)

@@ -16,8 +16,9 @@ WARP = 32
 """Threads of a warp on a GPU."""
 
 inlined = partial(wp.func, inline=True)
-"""As `wp.func`, for a function that takes a kernel's structs: a call hands them on in memory, where the whole kernel
-then keeps them."""
+"""As `wp.func`, for a function that takes a kernel's structs and is too long, or called too often, for the compiler to
+draw it in by itself: a call hands structs on in memory, where the whole kernel then keeps them. The compiler takes such
+a function before it has simplified it, so functions that it draws in anyway are to be without this."""
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""
@@ -241,6 +242,16 @@ class BlockKind:
     def types(self) -> SimpleNamespace:
         """The structs of the kernel, `Shared` among them."""
         return block_types(self.Real)
+
+    @property
+    def twice(self) -> bool:
+        """Whether what steps without a frame do stands in the code a second time, so that nothing stands between its
+        parts that only frames want: on several warps the contacts, on one all of it. Not where it is long, or has its
+        contacts twice already.
+        """
+        more = self.moving or self.parts.hubs or self.parts.tied
+        long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
+        return not (self.staged or long or self.parts.light)
 
     @property
     def early(self) -> bool:

@@ -8,7 +8,7 @@ import warp as wp
 from ..native import accessors, by_device
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_force, played_force
-from .kind import BY_SPEED, WARP, BlockKind, Mine, inlined
+from .kind import BY_SPEED, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import seen_rows, shared_rows
@@ -78,7 +78,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     def less(value: Real, other: Real) -> Real:
         """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
 
-    @inlined
+    @wp.func
     def pull(state: kinds.State, shared: Shared, mine: Mine, now: kinds.Now, lengths: wp.array[Real]):
         """Makes the forces of both its links stand as each roller's; all threads together.
 
@@ -225,7 +225,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         else:
             return wp.vec2f(load_row(rows, FIRST + j), load_row(rows, SECOND + j))
 
-    @inlined
+    @wp.func
     def pull(state: State, shared: Shared, mine: Mine, now: Now, lengths: wp.array[Real]):
         """As `link_forces.pull`, with the forces of the links' joints."""
         n, i, rows = mine.rollers, mine.thread, shared.rows

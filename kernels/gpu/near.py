@@ -8,7 +8,7 @@ import warp as wp
 from ..native import inside
 from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
-from .kind import BlockKind, Mine, inlined
+from .kind import BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
 from .sync import lowest_bit
@@ -121,7 +121,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             q = near_frame(q, shared.poses[bar.body])
         return near_profile(q, bar)
 
-    @inlined
+    @wp.func
     def near(shared: Shared, mine: Mine):
         """The partners that each of the thread's rollers may touch, as bits: sprockets whose band it is in, guides it
         is on. Each partner is read once for all rollers.
@@ -149,7 +149,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             g = g + 1
         return found
 
-    @inlined
+    @wp.func
     def remembered(state: State, shared: Shared, mine: Mine):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = Bits()
@@ -176,7 +176,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
 
-    @inlined
+    @wp.func
     def update_near(state: State, shared: Shared, mine: Mine, now: Now, held: Bits):
         """The partners that the thread's rollers are near now; `held` are those at the step before.
 

@@ -39,7 +39,7 @@ def touching(kind: BlockKind, frame: Any) -> SimpleNamespace:
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     carry, SPROCKETS = body_access(kind).carry, near_partners(kind).SPROCKETS
 
-    @inlined
+    @wp.func
     def predict(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
         """Finds what accelerations light bodies will have, from what contacts do and answer; all threads together."""
         wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
@@ -195,7 +195,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         if wp.static(ahead):
             flow(ensemble, state, shared, mine, now)
 
-    @inlined
+    @wp.func
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
 
@@ -264,7 +264,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     touch_all = touching(kind, frame).touch_all
     sample_rollers, advance_bodies = do.sample_rollers, do.advance_bodies
 
-    @inlined
+    @wp.func
     def look(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, touch: forces.Touch):
         """The partners that the thread's rollers may touch, from those of the step before in `touch`."""
         near = partners.update_near(state, shared, mine, now, touch.near)

@@ -11,7 +11,7 @@ from ..physics.contact import after_teeth, pressed, reaction, sized, turned
 from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
-from .kind import BlockKind, Mine, inlined
+from .kind import BlockKind, Mine
 from .near import near_mask
 from .rings import block_rings
 from .rollers import roller_rows
@@ -125,7 +125,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         else:
             return (now.summed >> s) & 1 != 0
 
-    @inlined
+    @wp.func
     def at_sprocket(
         ensemble: kinds.Ensemble,
         state: State,

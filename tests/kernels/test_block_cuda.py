@@ -78,12 +78,20 @@ def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, prec
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
 
 
+CALLS = [
+    ("marine", "float64"),
+    ("engine", "float32"),
+    *(pytest.param(name, "float64", marks=pytest.mark.thorough) for name in ("car", "v6")),
+    *(pytest.param(name, "float32", marks=pytest.mark.thorough) for name in ("swing_idler", "balance_shafts", "v6")),
+]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["marine", pytest.param("car", marks=pytest.mark.thorough)])
-def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name):
+@pytest.mark.parametrize(("name", "precision"), CALLS)
+def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name, precision):
     # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
-    # twice (docs/notes/gpu-parts.md)
-    packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], "float64")
+    # and engine twice (docs/notes/gpu-parts.md)
+    packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
     columns = {field: int(values[0]) for field, values in kind_columns(packed).items()}
     kind = kernel_kind("measure", Bucket(kind_of(packed.real, columns, 8), np.zeros(1, int), None))
     assert not called(compiled(block_kernel(kind, resident(kind), FRAME), tmp_path))
