@@ -147,7 +147,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     on_event, sample_links = block_sampling(kind, frame).on_event, block_sampling(kind, frame).sample_links
     threads_of, barrier, body_of = sync(kind), sync(kind).barrier, wrench_parts(kind).body_of
     shared_of, lengths_of, remembered = shared_arrays(kind), view(Real), near_partners(kind).remembered
-    among = block_rings(kind).among
+    rings = block_rings(kind)
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     loop, do, on_warp = launching(kind), advancing(kind, frame), warp_steps(kind, frame)
     touch_all = touching(kind, frame).touch_all
@@ -176,7 +176,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """Takes variants `order[b]` `steps` steps on; the frames' buffer was begun `since` steps before this launch."""
         number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
         shared = shared_of(state, number)
-        mine = among(ensemble, shared, mine_of(ensemble.drives[order[number]], order[number], i, body_of(i)))
+        mine = rings.among(ensemble, shared, mine_of(ensemble.drives[order[number]], order[number], i, body_of(i)))
+        shared.begins = rings.begins_of(shared)
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)

@@ -20,6 +20,9 @@ inlined = partial(wp.func, inline=True)
 draw it in by itself: a call hands structs on in memory, where the whole kernel then keeps them. The compiler takes such
 a function before it has simplified it, so functions that it draws in anyway are to be without this."""
 
+MOST_CHAINS = 16
+"""Chains of a variant at most, as each has two of the partners that an int has bits for."""
+
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""
 LAST = wp.constant(2)
@@ -75,6 +78,7 @@ def block_types(Real: type) -> SimpleNamespace:
         chain: wp.array[kinds.Chain]  # (1,)
         box: wp.array[kinds.vec2]  # (2,): low and high corner beyond which a roller has left the drive [m]
         rings: wp.array[Ring]  # of several chains, each of which has one, or two, of the two before
+        begins: wp.types.vector(MOST_CHAINS - 1, int)  # not shared, each thread's: the first roller of those
         memories: wp.array[wp.int32]  # (S + G,) of those: where contact memories with each begin (`rings`)
         places: wp.array[wp.int32]  # (B,) of those: of each body among all of the ensemble
         parts: wp.array[Real]  # (3, B, `parts_of_a_body`): of moment [N m], force (x, y) [N] on each

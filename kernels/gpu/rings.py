@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..structs import GROUND, Drive
-from ..sums import after, before
-from .kind import BlockKind, Mine
+from .kind import MOST_CHAINS, BlockKind, Mine
 from .sync import sync
 
 
@@ -21,7 +20,7 @@ from .sync import sync
 def block_rings(kind: BlockKind) -> SimpleNamespace:
     """The functions by which the chains of one variant on a block are kept apart."""
     rings, sprockets, mounted = kind.parts.rings, kind.parts.sprockets, kind.parts.mounted
-    several = rings > 1
+    several, of_others = rings > 1, wp.types.vector(MOST_CHAINS - 1, int)
     kinds = kind.types
     Ensemble, Shared, Ring = kinds.Ensemble, kinds.Shared, kinds.Ring
     barrier = sync(kind).barrier
@@ -74,12 +73,19 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
         return mine
 
     @wp.func
+    def begins_of(shared: Shared):
+        """The first roller of each chain but the first, which a thread keeps; the chains are shared before."""
+        begins = of_others()
+        for r in range(1, wp.static(rings)):
+            begins[r - 1] = shared.rings[r].first
+        return begins
+
+    @wp.func
     def ring_of(shared: Shared, j: int):
         """The number of roller j's chain; beyond all, of the last."""
         ring = int(0)
-        if wp.static(several):
-            for r in range(1, wp.static(rings)):
-                ring = ring + wp.where(j >= shared.rings[r].first, 1, 0)
+        for r in range(1, wp.static(rings)):
+            ring = ring + wp.where(j >= shared.begins[r - 1], 1, 0)
         return ring
 
     @wp.func
@@ -122,20 +128,22 @@ def block_rings(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def next_to(shared: Shared, j: int, n: int):
         """The roller after roller j; one that there is where j is beyond all, which are n."""
-        if wp.static(several):
-            ring = shared.rings[ring_of(shared, j)]
-            return wp.where(j + 1 < ring.end, j + 1, ring.first)
-        else:
-            return after(j, n)
+        next = j + 1
+        first = int(0)
+        for r in range(1, wp.static(rings)):
+            next = wp.where(j + 1 == shared.begins[r - 1], first, next)
+            first = shared.begins[r - 1]
+        return wp.where(j + 1 < n, next, first)
 
     @wp.func
     def last_to(shared: Shared, j: int, n: int):
         """The roller before roller j, of n in all."""
-        if wp.static(several):
-            ring = shared.rings[ring_of(shared, j)]
-            return wp.where(j == ring.first, ring.end - 1, j - 1)
-        else:
-            return before(j, n)
+        last = j - 1
+        first = int(0)
+        for r in range(1, wp.static(rings)):
+            last = wp.where(j == first, shared.begins[r - 1] - 1, last)
+            first = shared.begins[r - 1]
+        return wp.where(j == first, n - 1, last)
 
     @wp.func
     def partners_of(shared: Shared, j: int, mask: int):

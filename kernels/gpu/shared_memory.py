@@ -257,7 +257,8 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
     kinds, of, together, variants = kind.types, room(kind), sync(kind).together, kind.shape.variants_per_block
     Shared = kinds.Shared
     part = view(kind.Real)
-    found = SimpleNamespace(**{name: _array(kind, of, name) for name in kinds.Shared.vars})
+    arrays = (name for name in kinds.Shared.vars if name != "begins")
+    found = SimpleNamespace(**{name: _array(kind, of, name) for name in arrays})
 
     @wp.func
     def in_shared_memory(place: int):
