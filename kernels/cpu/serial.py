@@ -26,7 +26,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers.
 
     Frames lie as `frame` says (`frames.frame_writers`). That of `plain` drives leaves out what few have and what takes
-    long to compile: arms and tensioners, profiles of guides, stages. What is left does the same, to the bit.
+    long to compile: arms and tensioners, profiles of guides, led centers, stages. The rest does the same, to the bit.
     """
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State

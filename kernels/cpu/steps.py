@@ -331,7 +331,8 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble)
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
+            if wp.static(not plain):
+                moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
             state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             if drive.hubs != 0:

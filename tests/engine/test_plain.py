@@ -1,4 +1,4 @@
-"""Plain drives have CPU kernels of their own, without arms, tensioners, profiles and rk4, which give the same bits."""
+"""Plain drives have CPU kernels of their own, without arms, tensioners, profiles, led centers, rk4: the same bits."""
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from warpchain.results.schedule import Schedule
 SHORT = Schedule(3e-6, 100, 50, 100, 0)
 RK4 = two_sprockets(integrator="rk4", duration=0.002)
 PLAIN = two_sprockets(duration=0.002)
+LED = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 30.0}
 
 
 @pytest.mark.parametrize(
@@ -25,6 +26,7 @@ PLAIN = two_sprockets(duration=0.002)
         ([RK4], True, False),  # settling knows no integrator
         ([timing()], False, False),
         ([example("engine")], True, True),  # so is its guide, and it has a mount
+        ([PLAIN.with_values({"sprockets.driven.mount": LED})], True, False),
         ([PLAIN, RK4], True, False),
     ],
 )

@@ -18,6 +18,7 @@ from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import chains, relax, serial
+from warpchain.kernels.physics.mount import PRESCRIBED
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -32,7 +33,8 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces", "tied", "hubs"))
     if name == "relax":
         return relax.relax_kernel(*form, plain)
-    plain = plain and not any(drives[what].any() for what in ("integrator", "light"))
+    led = bool((packed.mounts["moves"] == PRESCRIBED).any())
+    plain = plain and not led and not any(drives[what].any() for what in ("integrator", "light"))
     if most_chains(packed) > 1:
         return chains.chains_kernel(*form, packed.frame, plain)
     return serial.advance_kernel(*form, packed.frame, plain)
