@@ -20,8 +20,10 @@ inlined = partial(wp.func, inline=True)
 draw it in by itself: a call hands structs on in memory, where the whole kernel then keeps them. The compiler takes such
 a function before it has simplified it, so functions that it draws in anyway are to be without this."""
 
-MOST_CHAINS = 16
-"""Chains of a variant at most, as each has two of the partners that an int has bits for."""
+BITS = 31
+"""Bits of a whole number that are used: as many as there may be partners."""
+MOST_CHAINS = BITS // 2
+"""Chains of a variant at most, as each has two partners."""
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""

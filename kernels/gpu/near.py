@@ -8,13 +8,10 @@ import warp as wp
 from ..native import inside
 from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
-from .kind import BlockKind, Mine
+from .kind import BITS, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
 from .sync import lowest_bit
-
-BITS = 31
-"""Bits of a whole number that are used: as many as there may be partners."""
 
 
 @cache

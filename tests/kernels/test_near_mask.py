@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
-from warpchain.kernels.gpu.near import BITS, near_mask
+from warpchain.kernels.gpu.kind import BITS, BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.near import near_mask
 
 # one number; three, the last not full; one roller; a number a roller, as there may be 31 partners
 KINDS = [

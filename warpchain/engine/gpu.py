@@ -38,7 +38,7 @@ from warpchain.engine.compiling import Job, compile_in_processes, jobs_of
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
-from warpchain.kernels.gpu.near import BITS
+from warpchain.kernels.gpu.kind import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.progress import Report, Stop
