@@ -7,7 +7,9 @@ import types
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+import warp as wp
 from drives import example
 from loading import load_script
 from matplotlib.figure import Figure
@@ -127,12 +129,11 @@ def test_figures_are_saved_where_they_are_asked_for(cases, tmp_path, capsys):
 
 
 LIGHTER = {"sprockets.intake cam.inertia": 3e-5, "arms.arm.inertia": 1.8e-3}
+KINDS = [("two", {}), ("smooth", {}), ("marine", {}), ("car", {}), ("car", LIGHTER)]
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize(
-    ("name", "values"), [("two", {}), ("smooth", {}), ("marine", {}), ("car", {}), ("car", LIGHTER)]
-)
+@pytest.mark.parametrize(("name", "values"), KINDS)
 def test_the_c_program_takes_the_same_steps(name, values, drives, tmp_path):
     """Both do the same operations on places of up to some meters, whose rounding is 4e-16 m, in another order, and
     contacts add up some of it: 1e-14 m is found after 500 steps. Without friction of the joints, or of teeth and
@@ -150,6 +151,67 @@ def test_the_c_program_refuses_what_it_does_not_know(drives):
         cpu.difference(drives.named("rk4"), Path("none"), 1)
     with pytest.raises(SystemExit, match="mounts"):
         cpu.difference(drives.named("engine"), Path("none"), 1)
+
+
+@pytest.mark.parametrize(("name", "values"), KINDS)
+def test_the_cuda_program_is_compiled_for_the_parts_that_its_input_has(name, values, drives):
+    """The first numbers of the input are those of parts."""
+    reference = load_script("benches.reference")
+    packed = reference.one(drives.without_valves(name).with_values(values))
+    compiled = {precision: reference.constants(packed, precision) for precision in ("float64", "float32")}
+    assert compiled["float64"].pop("real") == "double" and compiled["float32"].pop("real") == "float"
+    assert compiled["float64"] == compiled["float32"]
+    *parts, rubs = compiled["float64"].values()
+    assert parts == np.frombuffer(reference.layout(packed))[:7].tolist()
+    assert (parts[-1], rubs) == (bool(values), name in ("marine", "car"))
+
+
+@pytest.mark.skipif(shutil.which("nvcc") is None, reason="no compiler of CUDA C++")
+@pytest.mark.parametrize(
+    ("name", "values", "precision"),
+    [
+        ("smooth", {}, "float32"),
+        ("car", {}, "float32"),
+        *(pytest.param(*kind, "float64", marks=pytest.mark.long) for kind in KINDS),
+    ],
+)
+def test_the_cuda_program_takes_the_same_steps(name, values, precision, drives, tmp_path):
+    """It compiles, and where a GPU can run it, it is as far from the engine as the C program: sums of moments are rounded
+    in another order, and roots. Plain float32 rounds places of some meters by 2e-7 m; 4e-5 m are found after 500 steps."""
+    cpu, reference = load_script("benches.cpu"), load_script("benches.reference")
+    drive = drives.without_valves(name).with_values(values)
+    program = reference.cuda_program(drive, precision, tmp_path)
+    assert program.exists()
+    if wp.is_cuda_available():
+        assert cpu.difference(drive, program, 500) < (1e-12 if precision == "float64" else 1e-3)
+
+
+def test_car_and_whole_runs_stand_beside_the_cuda_program(monkeypatch):
+    """Of 20,000 steps, ours take 2 s and the program's 3 s: 100 and 150 us a step. The program knows no valves."""
+    gpu, asked = load_script("benches.gpu"), []
+
+    def cuda_seconds(drive, precision, steps, variants, folder):
+        asked.append((precision, steps, variants))
+        return 150e-6 * steps
+
+    def timed(many, **options):
+        metrics = pa.table({"tension_mean": [1.0, 3.0], "diverged": [False, True]})
+        return types.SimpleNamespace(metrics=metrics, info=types.SimpleNamespace(wall_time=8.0)), 10.0
+
+    monkeypatch.setattr(gpu, "cuda_seconds", cuda_seconds)
+    monkeypatch.setattr(gpu, "loop", lambda *words: (2.0 if words[4] is False else 4.0, 0.0))
+    monkeypatch.setattr(gpu, "timed", timed)
+    monkeypatch.setattr(gpu.drives, "other", lambda drive, k: drive)
+    effort = gpu.Effort(2000, 1, "")
+    assert gpu.car("harmonics", "float32", 1056, effort) == pytest.approx((150.0, 100.0, 1.5, 200.0))
+    assert gpu.shown(gpu.car("valves", "float32", 1056, effort)) == ("-", 100.0, "-", 200.0)
+    step = resolve_step(gpu.without_valves("car"))
+    assert gpu.headline("car", "float64", effort) == pytest.approx((10.0, 2.0, 150e-6 * 0.2 / step, 1, 2.0))
+    assert asked == [("float32", 20_000, 1056), ("float64", 2000, 10_000)]
+
+
+def test_rows_have_a_dash_for_what_was_not_measured():
+    assert load_script("benches.gpu").shown(("car", 1.5, float("nan"), 3)) == ("car", 1.5, "-", 3)
 
 
 def test_one_chain_has_as_many_rollers_and_partners_as_three():

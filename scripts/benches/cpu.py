@@ -20,7 +20,7 @@ from warpchain.engine.cpu import CpuEngine
 
 def c_rate(program: Path, drive: Drive, steps: int) -> float:
     """1e6 roller-steps a second of the C program."""
-    return drive.chain.links * steps / float(run(program, drive, steps)[0]) / 1e6
+    return drive.chain.links * steps / run(program, drive, steps)[0] / 1e6
 
 
 def difference(drive: Drive, program: Path, steps: int = 2000) -> float:

@@ -1,6 +1,8 @@
 """Ensembles on GPUs: the time loop and whole runs."""
 
 import argparse
+import math
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -18,7 +20,7 @@ from common.cases import Line, case, head, option
 from benches import drives
 from benches.drives import JOINT_FRICTION, named, of_length, without_valves
 from benches.probe import launch, packed_of, schedule
-from benches.reference import cuda_program, cuda_seconds
+from benches.reference import cuda_seconds
 from warpchain import Drive, Record, Run, simulate
 from warpchain.assembly.timestep import resolve_step
 
@@ -117,15 +119,20 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
 
 
 @part(
-    "cams | precision | variants | bare [us/step] | metrics [us/step]",
+    "cams | precision | variants | CUDA [us/step] | bare [us/step] | of CUDA | metrics [us/step]",
     product(("valves", "harmonics"), PRECISIONS, (1, 1056)),
 )
 def car(cams: str, precision: str, variants: int, effort: Effort) -> Row:
-    """The time loop of `car`: curved guides, an arm, friction by speed, oil, and valves or two harmonics for them."""
-    drive, steps = named("car") if cams == "valves" else without_valves("car"), effort.launched(variants)
-    return tuple(
-        1e6 * loop(drive, variants, precision, steps, metrics, effort.rounds)[0] / steps for metrics in (False, True)
-    )
+    """The time loop of `car`: curved guides, an arm, friction by speed, oil, and valves or two harmonics for them.
+
+    Beside CUDA C++, which knows no valves.
+    """
+    valves, steps = cams == "valves", effort.launched(variants)
+    drive = named("car") if valves else without_valves("car")
+    theirs = math.nan if valves else cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
+    bare, metrics = (loop(drive, variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
+    us = 1e6 / steps
+    return us * theirs, us * bare, theirs / bare, us * metrics
 
 
 def timed(drives: list[Drive], **options: Any) -> tuple[Run, float]:
@@ -150,14 +157,22 @@ def runs(name: str, precision: str, effort: Effort) -> Row:
     return length, without, measured, without / measured, work / without, work / measured
 
 
-@part("drive | precision | s | packing and table | diverged | mean tension [N]", product(HEADLINE, PRECISIONS))
+@part(
+    "drive | precision | s | packing and table | CUDA, its steps alone | diverged | mean tension [N]",
+    product(HEADLINE, PRECISIONS),
+)
 def headline(name: str, precision: str, effort: Effort) -> Row:
-    """10,000 marine drives of 2 s, or `car` of 0.2 s, that differ in five values (tables packed anew)."""
+    """10,000 marine drives of 2 s, or `car` of 0.2 s, that differ in five values (tables packed anew).
+
+    Beside as many steps of CUDA C++ at the rate of some, without settling, metrics, packing and table.
+    """
     drive = without_valves(name)
     many = [drives.other(drive, k) for k in range(10_000)]
     run, total = timed(many, device=DEVICE, precision=precision, duration=HEADLINE[name])
+    theirs = cuda_seconds(drive, precision, effort.steps, len(many), Path(effort.folder)) / effort.steps
+    steps = HEADLINE[name] / resolve_step(drive)
     mean = float(np.mean(run.metrics["tension_mean"].to_numpy()))
-    return total, total - run.info.wall_time, sum(run.metrics["diverged"].to_pylist()), mean
+    return total, total - run.info.wall_time, theirs * steps, sum(run.metrics["diverged"].to_pylist()), mean
 
 
 @part("precision | one kind [s] | 224 kinds [s] | ratio | of roller-steps", product(PRECISIONS))
@@ -189,6 +204,11 @@ def rows_of(name: str, quick: bool) -> list[tuple[Any, ...]]:
     return [words for words in PARTS[name].words if not quick or (sizes & set(words)) <= keeps]
 
 
+def shown(row: Row) -> Row:
+    """A row with a dash for what was not measured."""
+    return tuple("-" if isinstance(value, float) and math.isnan(value) else value for value in row)
+
+
 def named_part(word: str) -> str:
     """The name of a part."""
     if word not in PARTS:
@@ -215,7 +235,7 @@ def gpu(asked: argparse.Namespace) -> Iterator[Line]:
         raise SystemExit("no CUDA device here")
     failed = False
     with tempfile.TemporaryDirectory() as folder:
-        if cuda_program(Path(folder)) is None:
+        if shutil.which("nvcc") is None:
             yield "no nvcc here: the CUDA program is left out"
         effort = Effort(2000, 2 if asked.quick else 3, folder)
         plan = {name: rows_of(name, asked.quick) for name in asked.parts or PARTS}
@@ -230,7 +250,7 @@ def gpu(asked: argparse.Namespace) -> Iterator[Line]:
             yield chosen.head
             for words in rows:
                 try:
-                    yield (*words, *chosen.measure(*words, effort))
+                    yield shown((*words, *chosen.measure(*words, effort)))
                 except (Exception, SystemExit) as error:  # the others go on
                     failed = True
                     yield (*words, f"failed: {error}")

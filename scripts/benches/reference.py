@@ -1,10 +1,10 @@
 """The same work by hand in plain C and in CUDA C++, compiled on the spot."""
 
+import fcntl
 import math
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ LAW = "form stiffness exponent damping speed_floor lag yielding"
 FRICTION = "inertia mu_dynamic mu_static stribeck_speed"
 BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"
-CUDA_TEETH = "pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach"
-TEETH = f"teeth {CUDA_TEETH}"
+TEETH = """
+    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach
+"""
 GUIDE = """
     start direction length end_radius roller_radius deepest_entry body pieces first_piece low high
 """
@@ -32,7 +33,8 @@ TENSIONER = """
 """
 VALVE = "hole_area preload stiffness lift_max seat_width seat_growth discharge"
 BEHIND = "density laminar_limit bottom stop_stiffness stop_damping"
-"""Fields of the engine's structs that the C program's have, in their order."""
+"""Fields of the engine's structs that those of `chain_reference.h` have, in their order."""
+REAL = {"float64": "double", "float32": "float"}
 
 
 def numbers(row: Any, names: str) -> list[float]:
@@ -47,23 +49,6 @@ def harmonics_of(packed: Packed, motion: Any) -> tuple[int, list[float]]:
     return rows["count"], [*found.ravel()]
 
 
-def cuda_input(packed: Packed) -> bytes:
-    """Variant 0 in the layout that the CUDA program reads."""
-    drive, law = packed.drives[0], "stiffness exponent damping speed_floor most_damping"
-    n, sprockets, guides = (int(drive[name]) for name in ("rollers", "sprockets", "guides"))
-    values: list[float] = [n, sprockets, guides, drive["step"], packed.lengths[0]]
-    values += [*numbers(packed.chains[0], "stiffness damping mass gravity"), 0.0, 0.0]
-    for teeth, motion, body in zip(packed.sprockets[:sprockets], packed.motions, packed.bodies, strict=False):
-        count, harmonics = harmonics_of(packed, motion)
-        of_motion = "prescribed sign inverse_inertia speed ramp_time start_angle load load_ramp_time"
-        values += [*body["center"], *numbers(teeth, CUDA_TEETH), *numbers(teeth["law"], law)]
-        values += [*numbers(motion, of_motion), count, teeth["teeth"], *harmonics, body["angle"], body["speed"]]
-    for bar in packed.guides[:guides]:
-        values += [*numbers(bar, "start direction length end_radius roller_radius"), *numbers(bar["law"], law)]
-    values += [*packed.rollers[: 4 * n], *packed.seat[: sprockets * n]]
-    return np.array(values, dtype=np.float64).tobytes()
-
-
 def rubbing(partner: Any, names: str, friction: Any) -> list[float]:
     """Numbers of a sprocket or a guide, of its contact law and of its friction."""
     law = numbers(partner["law"], LAW)
@@ -71,7 +56,7 @@ def rubbing(partner: Any, names: str, friction: Any) -> list[float]:
 
 
 def lacking(packed: Packed) -> list[str]:
-    """Parts of variant 0 that the C program does not know."""
+    """Parts of variant 0 that the programs do not know."""
     drive = packed.drives[0]
     found = {
         "stages": drive["integrator"] != 0,
@@ -86,20 +71,33 @@ def lacking(packed: Packed) -> list[str]:
     return [name for name, there in found.items() if there]
 
 
-def c_input(packed: Packed) -> bytes:
-    """Variant 0 in the layout that the C program reads.
+def counts(packed: Packed) -> dict[str, int]:
+    """Numbers of variant 0's parts, and whether it has light bodies."""
+    drive = packed.drives[0]
+    return {
+        "rollers": int(drive["rollers"]),
+        "sprockets": int(drive["sprockets"]),
+        "guides": int(drive["guides"]),
+        "pieces": len(packed.pieces) if packed.guides["pieces"].any() else 0,
+        "arms": int(drive["bodies"] - drive["sprockets"]),
+        "tensioners": int(drive["tensioners"]),
+        "light": int(drive["light"]),
+    }
+
+
+def layout(packed: Packed) -> bytes:
+    """Variant 0 in the layout that the programs read.
 
     Raises:
-        SystemExit: what it does not know, in one line.
+        SystemExit: what they do not know, in one line.
     """
     if unknown := lacking(packed):
         raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
     drive, chain = packed.drives[0], packed.chains[0]
-    n, sprockets, guides, bodies = (int(drive[name]) for name in ("rollers", "sprockets", "guides", "bodies"))
-    tensioners = int(drive["tensioners"])
-    pieces = len(packed.pieces) if packed.guides["pieces"].any() else 0
-    values: list[float] = [n, sprockets, guides, pieces, bodies - sprockets, tensioners]
-    values += [*numbers(drive, "light step"), packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
+    n, sprockets, guides, pieces, arms, tensioners, light = counts(packed).values()
+    bodies = sprockets + arms
+    values: list[float] = [n, sprockets, guides, pieces, arms, tensioners, light]
+    values += [drive["step"], packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
     values += [
         chain["joint"]["inertia"] > 0.0,
         *numbers(chain, "pin_radius joint_arm"),
@@ -114,7 +112,7 @@ def c_input(packed: Packed) -> bytes:
         values += rubbing(partner, GUIDE, friction)
     for piece in packed.pieces[:pieces]:
         values += numbers(piece, PIECE)
-    for arm in packed.arms[: bodies - sprockets]:
+    for arm in packed.arms[:arms]:
         values += numbers(arm, ARM)
     for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
         values += [*numbers(tensioner, TENSIONER), *numbers(tensioner["check"], VALVE), *numbers(tensioner, BEHIND)]
@@ -123,41 +121,51 @@ def c_input(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-def run(
-    program: Path, drive: Drive, *words: object, layout: Callable[[Packed], bytes] = c_input
-) -> tuple[str, np.ndarray]:
-    """A program's lines for a drive, and the final x, y, vx, vy rows."""
+def one(drive: Drive) -> Packed:
+    """One variant of a drive, as the programs take it."""
+    return packed_of(drive, 1, "float64", schedule(drive, False))
+
+
+def run(program: Path, drive: Drive, *words: object) -> tuple[float, np.ndarray]:
+    """A program's seconds for a drive, and the final x, y, vx, vy rows."""
     with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "in").write_bytes(layout(packed_of(drive, 1, "float64", schedule(drive, False))))
+        (Path(name) / "in").write_bytes(layout(one(drive)))
         command = [str(program), f"{name}/in", f"{name}/out", *map(str, words)]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        return said, np.fromfile(f"{name}/out")
+        return float(said), np.fromfile(f"{name}/out")
 
 
-def compiled(program: Path, *command: str) -> Path | None:
-    """A program that a compiler makes, if it is not there yet; None without the compiler."""
-    if shutil.which(command[0]) is None:
+def compiled(folder: Path, compiler: str, *words: str) -> Path | None:
+    """A program that a compiler makes in a folder, if it is not there yet; None without the compiler."""
+    if shutil.which(compiler) is None:
         return None
-    if not program.exists():
-        subprocess.run([*command, "-o", str(program)], check=True)
+    program = folder / "".join([compiler, *words])
+    with open(f"{program}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # as several processes may want it
+        if not program.exists():
+            subprocess.run([compiler, "-O3", "-o", str(program), *words], cwd=SCRIPTS, check=True)
     return program
 
 
 def c_program(folder: Path, *flags: str) -> Path | None:
     """The C program in a folder."""
-    source = str(SCRIPTS / "chain_reference.c")
-    return compiled(folder / "-".join(["c", *flags]), "cc", "-O3", "-march=native", *flags, source, "-lm")
+    return compiled(folder, "cc", "-march=native", *flags, "chain_reference.c", "-lm")
 
 
-def cuda_program(folder: Path) -> Path | None:
-    """The CUDA program in a folder."""
-    return compiled(folder / "cuda", "nvcc", "-O3", "-arch=native", str(SCRIPTS / "chain_reference.cu"))
+def constants(packed: Packed, precision: str) -> dict[str, object]:
+    """Numbers that the CUDA program is compiled for."""
+    joint, contacts = packed.chains[0]["joint"], (packed.tooth_friction, packed.guide_friction)
+    rubs = joint["inertia"] > 0.0 or any(of["inertia"].any() for of in contacts)
+    return {"real": REAL[precision], **counts(packed), "rubs": int(rubs)}
+
+
+def cuda_program(drive: Drive, precision: str, folder: Path) -> Path | None:
+    """The CUDA program for a kind of drive in a folder."""
+    flags = [f"-D{name.upper()}={value}" for name, value in constants(one(drive), precision).items()]
+    return compiled(folder, "nvcc", "-arch=native", *flags, "chain_reference.cu")
 
 
 def cuda_seconds(drive: Drive, precision: str, steps: int, variants: int, folder: Path) -> float:
     """Seconds of the CUDA program; NaN without nvcc."""
-    program = cuda_program(folder)
-    if program is None:
-        return math.nan
-    words = [line.split() for line in run(program, drive, steps, variants, layout=cuda_input)[0].splitlines()]
-    return {"float64" if size == "8" else "float32": float(seconds) for size, _, seconds in words}[precision]
+    program = cuda_program(drive, precision, folder)
+    return run(program, drive, steps, variants)[0] if program else math.nan
