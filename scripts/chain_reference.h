@@ -43,7 +43,7 @@ typedef struct {
     Point point, home, direction;
     double stiffness, preload, damping, hydraulic, area, volume, leak, drag, supply, ambient, floor, bulk_modulus, air, hole_area;
     double valve_preload, valve_stiffness, lift_max, seat_width, seat_growth, discharge, density, laminar_limit;
-    double bottom, stop_stiffness, stop_damping, content, pressure;
+    double bottom, stop_stiffness, stop_damping, content, root;
 } Tensioner;
 typedef struct { Real rubs, pin_radius, arm, inertia; Friction law; } Joint;
 typedef struct {
@@ -293,7 +293,6 @@ SHARED void move_body(Body *b, double moment, double t, double kick, double h) {
 }
 
 SHARED double pressure_at(double z, const Tensioner *t) { return t->ambient * z * z * z * z * z * z * z; }
-SHARED double root_of(double pressure, const Tensioner *t) { return pow(pressure / t->ambient, 1.0 / 7.0); }
 
 SHARED double compression(double z, const Tensioner *t, double *slope) {
     double sixth = z * z * z * z * z * z, stiff = t->ambient / t->bulk_modulus * sixth / (1.0 + t->air);
@@ -324,7 +323,7 @@ SHARED double inflow(double pressure, double rate, const Tensioner *t, double *s
 
 // z of the oil's pressure, by Newton's method in a bracket; with what flows in a step h, or at h = 0 as the oil is.
 SHARED double solved_root(double volume, double h, double rate, const Tensioner *t) {
-    double low = 0.0, high = 8.0, z = root_of(t->pressure, t), change = high;
+    double low = 0.0, high = 8.0, z = t->root, change = high;
     for (int rounds = 0; rounds < 60 && fabs(change) > 1e-7 * z; rounds++) {
         double slope, phi = compression(z, t, &slope), room = volume;
         if (h > 0.0) {
@@ -362,8 +361,8 @@ SHARED double push_moment(const Tensioner *t, const Body *b, Point heading) {
 SHARED void flow(Tensioner *t, const Body *b, Point heading, double h) {
     if (t->hydraulic == 0.0) return;
     Point lever;
-    double rate, slope, at = extension(t, b, heading, &lever, &rate), z = solved_root(chamber(t, at), h, rate, t);
-    t->pressure = pressure_at(z, t);
-    double gain = exp(compression(z, t, &slope)) * h * inflow(t->pressure, rate, t, &slope) / t->volume;
+    double rate, slope, at = extension(t, b, heading, &lever, &rate);
+    t->root = solved_root(chamber(t, at), h, rate, t);
+    double gain = exp(compression(t->root, t, &slope)) * h * inflow(pressure_at(t->root, t), rate, t, &slope) / t->volume;
     t->content = log(exp(t->content) + gain);
 }

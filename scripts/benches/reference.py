@@ -116,7 +116,7 @@ def layout(packed: Packed) -> bytes:
         values += numbers(arm, ARM)
     for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
         values += [*numbers(tensioner, TENSIONER), *numbers(tensioner["check"], VALVE), *numbers(tensioner, BEHIND)]
-        values += [float(oil["content"]), float(tensioner["ambient"] * oil["root"] ** 7)]
+        values += numbers(oil, "content root")
     values += [*packed.rollers[: 4 * n], *packed.seat[: (sprockets + guides) * n]]
     return np.array(values, dtype=np.float64).tobytes()
 
