@@ -264,7 +264,7 @@ class Valve:
 
     hole_area: wp.float64  # A_b of its seat [m^2]; 0: there is none
     preload: wp.float64  # F_0 [N]
-    stiffness: wp.float64  # k_cv [N/m]
+    compliance: wp.float64  # 1 / k_cv [m/N]
     lift_max: wp.float64  # y_max [m]
     seat_width: wp.float64  # 2 r_B tan(g) [m]
     seat_growth: wp.float64  # sin(g) / cos(g)^2
@@ -294,8 +294,8 @@ class Tensioner:
     floor: wp.float64  # z = (P_v / P_0)^(1/7) of the vapor pressure
     rest: wp.float64  # P at which the valve brings in what leaks [Pa]
     drained: wp.float64  # share of the chamber that is air at the start
-    bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
-    air: wp.float64  # share a of air at P_0
+    oil_share: wp.float64  # P_0 / (E_0 (1 + a)), with the bulk modulus E_0 of the oil without air
+    air_share: wp.float64  # a / (1 + a), with the share a of air at P_0
     still: wp.float64  # K + P exp(-phi) at P_0, eq. (10a) [Pa]
     supplied: wp.float64  # H at P_s, eq. (10), where that is not tabulated [Pa]
     check: Valve  # from the supply to the chamber
@@ -317,6 +317,7 @@ class TensionerState:
     content: wp.float64  # mu: logarithm of the mass of oil
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
     growth: wp.float64  # of z over that step
+    bend: wp.float64  # by which that was more than over the step before
     farthest: wp.float64  # x_max [m]
     supply: wp.float64  # P_s of the step, where it is tabulated [Pa]
     unfilled: wp.float64  # 1: drained, until oil has filled the chamber; no whole number, which would leave a gap

@@ -41,8 +41,8 @@ typedef struct { double stiffness, free_angle, damping, low, high, stop_stiffnes
 typedef struct {
     double body;
     Point point, home, direction;
-    double stiffness, preload, damping, hydraulic, area, volume, leak, drag, supply, ambient, floor, bulk_modulus, air, hole_area;
-    double valve_preload, valve_stiffness, lift_max, seat_width, seat_growth, discharge, density, laminar_limit;
+    double stiffness, preload, damping, hydraulic, area, volume, leak, drag, supply, ambient, floor, oil_share, air_share, hole_area;
+    double valve_preload, valve_compliance, lift_max, seat_width, seat_growth, discharge, density, laminar_limit;
     double bottom, stop_stiffness, stop_damping, content, root;
 } Tensioner;
 typedef struct { Real rubs, pin_radius, arm, inertia; Friction law; } Joint;
@@ -295,15 +295,14 @@ SHARED void move_body(Body *b, double moment, double t, double kick, double h) {
 SHARED double pressure_at(double z, const Tensioner *t) { return t->ambient * z * z * z * z * z * z * z; }
 
 SHARED double compression(double z, const Tensioner *t, double *slope) {
-    double sixth = z * z * z * z * z * z, stiff = t->ambient / t->bulk_modulus * sixth / (1.0 + t->air);
-    double soft = t->air / sixth / (1.0 + t->air);
+    double sixth = z * z * z * z * z * z, stiff = t->oil_share * sixth, soft = t->air_share / sixth;
     *slope = 7.0 * stiff + 5.0 * soft;
     return (stiff - soft) * z;
 }
 
 // Flow into the chamber, and its derivative by the pressure.
 SHARED double inflow(double pressure, double rate, const Tensioner *t, double *slope) {
-    double lift = ((t->supply - pressure) * t->hole_area - t->valve_preload) / t->valve_stiffness;
+    double lift = ((t->supply - pressure) * t->hole_area - t->valve_preload) * t->valve_compliance;
     double flow = -t->leak * (pressure - t->ambient) - t->drag * rate;
     *slope = -t->leak;
     if (lift > 0.0) {
@@ -316,7 +315,7 @@ SHARED double inflow(double pressure, double rate, const Tensioner *t, double *s
         flow += part * curtain * speed, *slope -= part * curtain * quicker;
         if (lift < t->lift_max)
             *slope -= around * (t->seat_width + 2.0 * lift * t->seat_growth) * part * part * part * speed * t->hole_area
-                      / t->valve_stiffness;
+                      * t->valve_compliance;
     }
     return flow;
 }

@@ -1,6 +1,7 @@
 """A tensioner by itself in tests: its numbers, and kernels that move it as they are told or load it."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
@@ -25,7 +26,7 @@ from warpchain.kernels.physics.tensioner import (
 from warpchain.kernels.structs import Tensioner, TensionerState
 
 DIAMETER, GAP, LENGTH, ECCENTRICITY = 16e-3, 50e-6, 7e-3, 0.9
-HOLE, DENSITY, VISCOSITY = 1.4e-3, 800.0, 8e-5
+HOLE, DENSITY, VISCOSITY, MODULUS = 1.4e-3, 800.0, 8e-5, 8e8
 COLUMNS = (
     "x", "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "lift", "mass",
     "relieved", "vented", "filling", "unfilled",
@@ -70,9 +71,9 @@ def oil_modulus(tensioner, pressure):
     return oil.bulk_modulus * (1.0 + oil.air) / (1.0 + soft)
 
 
-def tensioner(**values):
-    """The tensioner of the model's section on bodies, at rest at 2.508 bar; `values` change what they name, those of
-    valves as "check.lift_max".
+def tensioner(air=0.01, **values):
+    """The tensioner of the model's section on bodies, at rest at 2.508 bar, with a share of air; `values` change what
+    they name, those of valves as "check.lift_max".
     """
     made, slope = Tensioner(), math.radians(45.0)
     leak = math.pi * DIAMETER * GAP**3 * (1.0 + 1.5 * ECCENTRICITY**2) / (12.0 * DENSITY * VISCOSITY * LENGTH)
@@ -80,8 +81,8 @@ def tensioner(**values):
         "direction": wp.vec2d(1.0, 0.0), "stiffness": 3500.0, "preload": 90.0, "hydraulic": 1,
         "area": 0.25 * math.pi * DIAMETER**2, "volume": 1e-6, "leak": leak, "drag": 0.5 * math.pi * DIAMETER * GAP,
         "supply": 3e5, "ambient": 1e5, "floor": 0.01 ** (1 / 7), "rest": 250824.87602763646,
-        "bulk_modulus": 8e8, "air": 0.01,
-        "check.hole_area": 0.25 * math.pi * HOLE**2, "check.preload": 0.075, "check.stiffness": 75.0,
+        "oil_share": 1e5 / (MODULUS * (1.0 + air)), "air_share": air / (1.0 + air),
+        "check.hole_area": 0.25 * math.pi * HOLE**2, "check.preload": 0.075, "check.compliance": 1.0 / 75.0,
         "check.lift_max": 1e-3, "check.seat_width": 6e-3 * math.tan(slope),
         "check.seat_growth": math.sin(slope) / math.cos(slope) ** 2, "check.discharge": 0.2, "density": DENSITY,
         "laminar_limit": 5e3, "bottom": -4.5e-3, "stop_stiffness": 1e7,
@@ -89,18 +90,19 @@ def tensioner(**values):
     for name, value in (numbers | values).items():
         valve, _, field = name.rpartition(".")
         setattr(getattr(made, valve) if valve else made, field, value)
-    made.still, made.supplied = oil_energies(made)
+    oil = SimpleNamespace(air=air, bulk_modulus=MODULUS, ambient=made.ambient, supply=made.supply)
+    made.still, made.supplied = oil_energies(oil)
     return made
 
 
 RELIEF = {
     "relief.hole_area": 0.25 * math.pi * 2e-3**2, "relief.preload": 4e5 * 0.25 * math.pi * 2e-3**2,
-    "relief.stiffness": 2e4, "relief.lift_max": 3e-4, "relief.seat_width": 2e-3, "relief.discharge": 0.6,
+    "relief.compliance": 1.0 / 2e4, "relief.lift_max": 3e-4, "relief.seat_width": 2e-3, "relief.discharge": 0.6,
 }  # fmt: skip
 """A relief valve of 2 mm that opens at 5 bar; its 0.3 mm are reached 19 bar above that."""
 
 VENT = {
-    "vent.hole_area": 0.6 * 0.25 * math.pi * 2e-4**2, "vent.preload": -1.0, "vent.stiffness": 1.0,
+    "vent.hole_area": 0.6 * 0.25 * math.pi * 2e-4**2, "vent.preload": -1.0, "vent.compliance": 1.0,
     "vent.lift_max": 1.0, "vent.seat_width": 1.0, "vent.discharge": 1.0,
 }  # fmt: skip
 """A vent of 0.2 mm, as drives give it to kernels."""

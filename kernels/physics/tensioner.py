@@ -91,7 +91,7 @@ BlockFlows = at_float32(TensionerFlows, {})
 """Of one step, without pairs."""
 
 ROUNDS = wp.constant(60)
-"""Newton's steps at most; from the pressure before, two or three do."""
+"""Newton's steps at most; from where z has been heading, one or two do."""
 
 LARGEST = 8.0
 """z above any pressure: 8^7 is two million times the ambient one."""
@@ -169,12 +169,10 @@ def pressure_at(z: Any, tensioner: Any):
 @wp.func
 def compression(z: Any, tensioner: Any):
     """phi [-] and dphi/dz, eq. (5)."""
-    one = type(z)(1.0)
     square = z * z
     sixth = square * square * square
-    share = quotient(one, one + tensioner.air)
-    stiff = quotient(share * tensioner.ambient, tensioner.bulk_modulus) * sixth
-    soft = quotient(share * tensioner.air, sixth)
+    stiff = tensioner.oil_share * sixth
+    soft = quotient(tensioner.air_share, sixth)
     return (stiff - soft) * z, type(z)(7.0) * stiff + type(z)(5.0) * soft
 
 
@@ -204,7 +202,7 @@ def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
 def valve_lift(drop: Any, valve: Any):
     """y [m] of a valve, eq. (8)."""
     push = drop * valve.hole_area - valve.preload
-    return wp.clamp(quotient(push, valve.stiffness), type(drop)(0.0), valve.lift_max)
+    return wp.clamp(push * valve.compliance, type(drop)(0.0), valve.lift_max)
 
 
 @wp.func
@@ -231,19 +229,26 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
         slope = part * curtain * quicker
         if y < valve.lift_max:
             wider = around * (valve.seat_width + two * y * valve.seat_growth) * part * part * part
-            slope = slope + quotient(wider * speed * hole, valve.stiffness)
+            slope = slope + wider * speed * hole * valve.compliance
     return flow, slope
 
 
 @wp.func
 def flows_at(pressure: Any, rate: Any, tensioner: Any):
-    """Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] and dQ/dP, eq. (7), (8)."""
+    """Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] and their derivatives by P, eq. (7), (8)."""
     supplied, slope = valve_flow(tensioner.supply - pressure, tensioner.check, tensioner)
     drop = pressure - tensioner.ambient
     leaked = tensioner.leak * drop + tensioner.drag * rate
     relieved, relief_slope = valve_flow(drop, tensioner.relief, tensioner)
     vented, vent_slope = valve_flow(drop, tensioner.vent, tensioner)
-    return supplied, leaked, relieved, vented, -slope - tensioner.leak - relief_slope - vent_slope
+    flows = wp.vector(supplied, leaked, relieved, vented)
+    return flows, wp.vector(-slope, tensioner.leak, relief_slope, vent_slope)
+
+
+@wp.func
+def inflow(flows: Any):
+    """Q [m^3/s] into the chamber of the flows through gap and valves, eq. (7)."""
+    return flows[0] - (flows[1] + flows[2] + flows[3])
 
 
 @wp.func
@@ -280,6 +285,8 @@ def exponential(x: Any):
 def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
     """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6). Both times a number above 0.
 
+    Returned with flows and their derivatives by z.
+
     Args:
         z: of the pressure.
         content: mu - ln(V/V_0).
@@ -289,14 +296,19 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
     """
     phi, slope = compression(z, t)
     rest = phi - content
-    if per_volume > type(z)(0.0):
+    zero = type(z)(0.0)
+    flows = wp.vector(zero, zero, zero, zero)
+    changes = flows
+    if per_volume > zero:
         pressure = pressure_at(z, t)
-        supplied, leaked, relieved, vented, flow_slope = flows_at(pressure, rate, t)
-        part = wp.max(per_volume * (leaked + relieved + vented - supplied), type(z)(-0.99))
+        flows, changes = flows_at(pressure, rate, t)
+        part = wp.max(-per_volume * inflow(flows), type(z)(-0.99))
+        steep = type(z)(7.0) * pressure
         whole = z * (type(z)(1.0) + part)
         rest = whole * (rest + log_of_sum(part))
-        slope = whole * slope - per_volume * flow_slope * type(z)(7.0) * pressure
-    return rest, slope
+        slope = whole * slope - per_volume * inflow(changes) * steep
+        changes = changes * quotient(steep, z)
+    return rest, slope, flows, changes
 
 
 @wp.func
@@ -315,6 +327,8 @@ def close_to(z: wp.float32):
 def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
     """z of eq. (9), or of eq. (6) where h = 0, or the lowest z where that is below it; by Newton's method in a bracket.
 
+    Returned with the flows there, from those of the last evaluation and their derivatives.
+
     Args:
         content: mu - ln(V/V_0) of the oil, as `filling` gives it.
         per_volume: h / V [s/m^3].
@@ -327,9 +341,11 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any,
     high = type(near)(wp.static(LARGEST))
     z = near
     change = high
+    zero = type(near)(0.0)
+    flows = wp.vector(zero, zero, zero, zero)
     rounds = int(0)
     while rounds < ROUNDS and wp.abs(change) > close_to(z):
-        rest, slope = imbalance(z, content, per_volume, rate, tensioner)
+        rest, slope, there, changes = imbalance(z, content, per_volume, rate, tensioner)
         if rest > type(near)(0.0):
             high = z
         else:
@@ -339,8 +355,9 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any,
             after = type(near)(0.5) * (low + high)
         change = after - z
         z = after
+        flows = there + change * changes
         rounds += 1
-    return z
+    return z, flows
 
 
 @wp.func
@@ -378,7 +395,7 @@ def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
             volume, content = filling(x, state, tensioner)
             zero = type(z)(0.0)
             before = root_before(state, tensioner)
-            z = solved_root(content, zero, zero, before, lowest(state, tensioner), tensioner)
+            z, flows = solved_root(content, zero, zero, before, lowest(state, tensioner), tensioner)
         pressure = pressure_at(z, tensioner)
     return pressure
 
@@ -470,12 +487,9 @@ def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
 @wp.func
 def expanded(z: Any, tensioner: Any):
     """K [Pa], eq. (10a), and phi."""
-    one = type(z)(1.0)
     square = z * z
-    sixth = square * square * square
-    share = quotient(one, one + tensioner.air)
-    q = quotient(share * tensioner.ambient, tensioner.bulk_modulus) * sixth * z
-    b = quotient(share * tensioner.air, square * square * z)
+    q = tensioner.oil_share * square * square * square * z
+    b = quotient(tensioner.air_share, square * square * z)
     total = type(z)(0.0)
     for i in range(wp.static(len(SERIES))):
         row = type(z)(0.0)
@@ -593,25 +607,25 @@ def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: An
     volume, content = filling(x, state, tensioner)
     per_volume = quotient(h, volume)
     floor = lowest(state, tensioner)
-    near = wp.max(before + state.growth, floor)  # saves a third of Newton's evaluations
-    z = solved_root(content, per_volume, rate, near, floor, tensioner)
-    pressure = pressure_at(z, tensioner)
-    supplied, leaked, relieved, vented, slope = flows_at(pressure, rate, tensioner)
+    near = wp.max(before + state.growth + state.bend, floor)  # so that one evaluation does as a rule
+    z, rates = solved_root(content, per_volume, rate, near, floor, tensioner)
     flows = no_flows(h)
-    flows.supplied = h * supplied
-    flows.leaked = h * leaked
-    flows.relieved = h * relieved
-    flows.vented = h * vented
+    flows.supplied = h * rates[0]
+    flows.leaked = h * rates[1]
+    flows.relieved = h * rates[2]
+    flows.vented = h * rates[3]
     phi, slope = compression(z, tensioner)
-    gain = per_volume * (supplied - (leaked + relieved + vented))
+    gain = per_volume * inflow(rates)
     state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
-    state.growth = z - before
+    growth = z - before
+    state.bend = growth - state.growth
+    state.growth = growth
     if metered:
         flows = flow_energies(flows, before, z, tensioner)
     if state.unfilled > type(h)(0.0):
         flows.filling = h
-        state.unfilled = wp.where(pressure > tensioner.ambient, type(h)(0.0), type(h)(1.0))
+        state.unfilled = wp.where(pressure_at(z, tensioner) > tensioner.ambient, type(h)(0.0), type(h)(1.0))
     flows.unfilled = state.unfilled
     return state, flows
 

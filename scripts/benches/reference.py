@@ -29,9 +29,9 @@ PIECE = "start direction curvature"
 ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"
 TENSIONER = """
     body point home direction stiffness preload damping hydraulic area volume leak drag supply ambient floor
-    bulk_modulus air
+    oil_share air_share
 """
-VALVE = "hole_area preload stiffness lift_max seat_width seat_growth discharge"
+VALVE = "hole_area preload compliance lift_max seat_width seat_growth discharge"
 BEHIND = "density laminar_limit bottom stop_stiffness stop_damping"
 """Fields of the engine's structs that those of `chain_reference.h` have, in their order."""
 REAL = {"float64": "double", "float32": "float"}

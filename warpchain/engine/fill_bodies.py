@@ -224,13 +224,14 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
         power(VAPOR_PRESSURE / oil.ambient, 1.0 / 7.0),
     )
     row["rest"], row["drained"] = static_pressure(tensioner), chamber.drained
-    row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
+    row["oil_share"] = oil.ambient / (oil.bulk_modulus * (1.0 + oil.air))
+    row["air_share"], row["density"] = oil.air / (1.0 + oil.air), oil.density
     row["still"], row["supplied"] = oil_energies(oil)
     row["laminar_limit"] = LAMINAR_DROP
     check = row["check"]
     check["hole_area"], check["preload"], check["lift_max"] = valve.hole_area, valve.preload, valve.lift
     # without a spring it opens all the way
-    check["stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
+    check["compliance"] = 1.0 / where(valve.stiffness > 0.0, valve.stiffness, 1e-30)
     angle = valve.seat_angle_rad
     check["seat_width"] = 2.0 * valve.ball_radius * each(math.tan)(angle)
     check["seat_growth"] = each(math.sin)(angle) / power(each(math.cos)(angle), 2)
@@ -238,11 +239,11 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     if tensioner.relief is not None:
         relief, at = row["relief"], tensioner.relief
         relief["hole_area"], relief["preload"], relief["lift_max"] = at.hole_area, at.preload(oil.ambient), at.lift
-        relief["stiffness"], relief["seat_width"], relief["discharge"] = at.stiffness, at.diameter, at.discharge
+        relief["compliance"], relief["seat_width"], relief["discharge"] = 1.0 / at.stiffness, at.diameter, at.discharge
     if tensioner.vent is not None:  # lifted all the way at any drop, with a curtain far beyond its hole
         vent = row["vent"]
         vent["hole_area"], vent["preload"] = tensioner.vent.flow_area, -1.0
-        vent["stiffness"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0
+        vent["compliance"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0
 
 
 def fill_counts(row: Any, drive: Drive) -> None:

@@ -258,8 +258,8 @@ def extensions(packed: Packed) -> NDArray[np.float64]:
 
 def compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[np.float64]:
     """phi(P) of oil with air, eq. (5)."""
-    gas = of["air"] * (of["ambient"] / pressure) ** (1.0 / EXPONENT)
-    return (pressure / of["bulk_modulus"] - gas) / (1.0 + of["air"])
+    ratio = pressure / of["ambient"]
+    return of["oil_share"] * ratio - of["air_share"] * ratio ** (-1.0 / EXPONENT)
 
 
 def lay_to_rest(packed: Packed) -> None:
