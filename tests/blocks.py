@@ -169,6 +169,15 @@ def arms():
     return [timing(), timing().with_values(latched)]
 
 
+def oiled():
+    """Five drives whose arm two tensioners push, that differ in a spring."""
+    values = timing().model_dump(exclude_none=True)
+    first = values["tensioners"][0]
+    second = first | {"name": "second", "at": [-0.095, 0.19]}
+    drive = type(timing())(**values | {"tensioners": [first, second]})
+    return [drive.with_values({"tensioners.1.spring.preload": 40.0 + 5.0 * k}) for k in range(5)]
+
+
 MOTOR = {"table": {"speed": [0.0, 12.0, 20.0], "torque": [300.0, 400.0, 0.0]}, "ramp_time": 1e-4}
 GEARED = (
     shaft("engine", inertia=0.4, motor=MOTOR, initial_speed=10.0)
@@ -484,7 +493,8 @@ def run_blocks(packed, kind, blocks, order, frames):
     turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
     for number, block in enumerate(blocks):
         inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
-        wp.launch(kernel, dim=len(order) * shape.threads, inputs=inputs, block_dim=shape.block_threads, device="cpu")
+        dim = shape.launched(len(order))
+        wp.launch(kernel, dim=dim, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}
 

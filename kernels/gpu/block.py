@@ -30,6 +30,7 @@ from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .stepping import advancing, touching, warp_steps
 from .sync import sync
+from .tensioners import block_tensioners, oil_warp
 
 
 @cache
@@ -39,6 +40,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
     row, observe, bodies, motions = roller_rows(kind), block_observing(kind), body_access(kind), prescribed_motion(kind)
+    tensioners, leave = block_tensioners(kind), oil_warp(kind).leave
     find_strands, step_of, SPROCKETS = block_strands(kind).find_strands, row.step_of, near_partners(kind).SPROCKETS
 
     @wp.func
@@ -115,6 +117,7 @@ def launching(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def finish(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now):
         """Everything back into the state."""
+        tensioners.end_oil(shared, mine.thread)
         if wp.static(measuring):
             observe.flush(out.tallies, shared, mine)
         row.put_back(state, shared, mine)
@@ -128,6 +131,8 @@ def launching(kind: BlockKind) -> SimpleNamespace:
                 progress.step = now.step
                 progress.diverged = now.diverged
                 state.progress[mine.variant + r] = progress
+        if wp.static(kind.shape.oil_warp):
+            leave()
 
     return SimpleNamespace(**locals())
 
@@ -147,7 +152,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     on_event, sample_links = block_sampling(kind, frame).on_event, block_sampling(kind, frame).sample_links
     threads_of, barrier, body_of = sync(kind), sync(kind).barrier, wrench_parts(kind).body_of
     shared_of, lengths_of, remembered = shared_arrays(kind), view(Real), near_partners(kind).remembered
-    rings = block_rings(kind)
+    rings, served, place_of = block_rings(kind), block_tensioners(kind).served, oil_warp(kind).place_of
     pull = block_joints(kind).pull if kind.friction.joints else link_forces(kind).pull
     loop, do, on_warp = launching(kind), advancing(kind, frame), warp_steps(kind, frame)
     touch_all = touching(kind, frame).touch_all
@@ -174,8 +179,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         since: int,
     ):
         """Takes variants `order[b]` `steps` steps on; the frames' buffer was begun `since` steps before this launch."""
-        number, i = wp.tid() // wp.static(threads), wp.tid() % wp.static(threads)
+        number, i, k = place_of(wp.tid())
         shared = shared_of(state, number)
+        if served(ensemble, state, shared, order, number, k):
+            return
         mine = rings.among(ensemble, shared, mine_of(ensemble.drives[order[number]], order[number], i, body_of(i)))
         shared.begins = rings.begins_of(shared)
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
@@ -232,8 +239,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     continue
                 else:
                     touch = on_warp.step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
-            taken = now
-            now = loop.next_stage(now)
+            taken, now = now, loop.next_stage(now)
             if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 touch = on_warp.look(ensemble, state, shared, mine, now, touch)
             if wp.static(ahead) and now.step < end and now.diverged == 0:  # joints remember only steps that are taken

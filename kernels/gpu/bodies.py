@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, stage_at, stages_of
+from ..integrate import leapfrog_kick, leapfrog_lag, stage_at
 from ..native import accessors, quotient
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
@@ -28,111 +28,16 @@ from ..physics.body import (
 from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_acceleration, prescribed_at, tabulated_over, value_at
 from ..physics.mount import off_home
-from ..physics.tensioner import (
-    lost_power,
-    push_by,
-    stroke_of,
-    stroke_rate,
-    supply_at,
-    tensioner_energy,
-    tensioner_step,
-    touch_arm,
-)
 from ..physics.tooth import grid_of
 from ..physics.valve import constant_moment, geared
 from ..structs import GROUND, Drive
-from ..sums import add_bearing, add_energy, add_flows, add_meter, add_tensioner, gathered_powers
+from ..sums import add_bearing, gathered_powers
 from .geometry import contact_geometry
-from .kind import END, ENDS, START, WARP, BlockKind, Mine, inlined
+from .kind import WARP, BlockKind, Mine, inlined
 from .rings import block_rings
 from .rollers import roller_rows
 from .shared_memory import ANGULAR, COURSE, OF_AN_ARM
 from .sync import lanes, sync
-
-
-@cache
-def block_tensioners(kind: BlockKind) -> SimpleNamespace:
-    """The functions of one variant's tensioners on a block."""
-    tensioners_of, body_of = block_rings(kind).tensioners_of, block_rings(kind).body_of
-    kinds, Now = kind.types, kind.types.Now
-    Ensemble, State, Pose = kinds.Ensemble, kinds.State, kinds.Pose
-
-    @wp.func
-    def pushed(ensemble: Ensemble, state: State, mine: Mine, stage: int, pose: Pose, wrench: kinds.Wrench):
-        """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
-        kept = True
-        if wp.static(kind.staged):
-            kept = stage <= 0
-        drive = ensemble.drives[mine.row]
-        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
-            tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.number:
-                push = push_by(pose, kept, state.tensioners[t], tensioner)
-                state.pushes[t] = push
-                wrench.force = wrench.force + push.thrust
-                wrench.moment = wrench.moment + push.moment
-        return wrench
-
-    @wp.func
-    def observe_pushes(
-        ensemble: Ensemble,
-        state: State,
-        out: kinds.Out,
-        mine: Mine,
-        now: Now,
-        before: Pose,
-        seen: kinds.Instant,
-    ):
-        """One step of the tensioners of the thread's body for the window's sums.
-
-        `before` is where the body was, `seen` has its rates at the step's instant.
-        """
-        drive = ensemble.drives[mine.row]
-        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
-            tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.number:
-                push = state.pushes[t]
-                rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
-                power = lost_power(push, rate, state.tensioners[t], tensioner)
-                added = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
-                out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
-                if now.flags & ENDS != 0:
-                    energy = wp.float64(tensioner_energy(push.extension, push.pressure, state.tensioners[t], tensioner))
-                    at = drive.first_body + mine.number
-                    out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
-
-    @wp.func
-    def feed(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, time: kinds.Number):
-        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
-
-        No body moves meanwhile: what turns a pump is another thread's.
-        """
-        drive = ensemble.drives[mine.row]
-        for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
-            tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
-                pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
-                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
-
-    @wp.func
-    def flow(ensemble: Ensemble, state: State, shared: kinds.Shared, mine: Mine, now: Now, h: kinds.Real):
-        """Takes the tensioners of the thread's body a step of `h` [s] on, once it has moved."""
-        if now.going != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
-            drive = ensemble.drives[mine.row]
-            for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
-                tensioner = ensemble.tensioners[t]
-                if tensioner.body == mine.number:
-                    x, rate = stroke_of(shared.poses[mine.body], tensioner)
-                    window = wp.static(kind.measuring) and now.window != 0
-                    if wp.static(kind.parts.fed > 0):
-                        if tensioner.supply_table.cells > 0:
-                            tensioner.supply = state.tensioners[t].supply
-                    after, flows = tensioner_step(x, rate, h, window, state.tensioners[t], tensioner)
-                    state.tensioners[t] = after
-                    state.meters[t] = add_flows(state.meters[t], flows)
-
-    return SimpleNamespace(**locals())
 
 
 @wp.func

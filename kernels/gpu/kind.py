@@ -54,6 +54,14 @@ def block_types(Real: type) -> SimpleNamespace:
         partners: wp.int32  # its sprockets and guides, as bits
 
     @wp.struct
+    class Stroke:
+        """Where a tensioner's plunger has gone in a step, and what is asked of its oil (`tensioners`)."""
+
+        x: kinds.Number  # after the step [m]
+        rate: Real  # over the step [m/s]
+        asked: wp.int32
+
+    @wp.struct
     class Shared:
         """Shared memory of a block; S sprockets, B bodies (the arms after the sprockets), G guides."""
 
@@ -69,6 +77,7 @@ def block_types(Real: type) -> SimpleNamespace:
         mounts: wp.array[kinds.Mount]  # (B,), where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
+        strokes: wp.array[Stroke]  # (tensioners,), where a warp of its own has their oil
         turning: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
         joints: wp.array[Real]  # (arms, `shared_memory.OF_AN_ARM`), where arms carry arms: what acts between them
         led_angle: wp.array[kinds.Number]  # (prescribed, steps): where prescribed motion leads (`COURSE`)
@@ -115,7 +124,7 @@ def block_types(Real: type) -> SimpleNamespace:
         tallies: Tallies
         frames: wp.array[Real]
 
-    return SimpleNamespace(**vars(kinds) | {"Ring": Ring, "Shared": Shared, "Now": Now, "Out": Out})
+    return SimpleNamespace(**vars(kinds) | {"Ring": Ring, "Stroke": Stroke, "Shared": Shared, "Now": Now, "Out": Out})
 
 
 @dataclass(frozen=True, order=True)
@@ -125,13 +134,15 @@ class BlockShape:
     Attributes:
         threads: of a variant, whole warps.
         rollers_per_thread: of a thread, which has i, i + threads, ... of the chain.
-        variants_per_block: a warp each, which wait for each other now and then (`block`).
+        variants_per_block: a warp each, which wait for each other now and then (`block`), or for their oil.
+        oil_warp: whether another warp has the oil of all of them (`tensioners`).
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
     threads: int
     rollers_per_thread: int
     variants_per_block: int = 1
+    oil_warp: bool = False
     shared_bytes: int = DECLARED
 
     @property
@@ -142,7 +153,13 @@ class BlockShape:
     @property
     def block_threads(self) -> int:
         """Threads of a block."""
-        return self.threads * self.variants_per_block
+        return self.threads * self.variants_per_block + WARP * self.oil_warp
+
+    def launched(self, variants: int) -> int:
+        """Threads of a launch of so many variants."""
+        if self.oil_warp:
+            return -(-variants // self.variants_per_block) * self.block_threads
+        return variants * self.threads
 
     @property
     def slots(self) -> int:
@@ -159,9 +176,9 @@ class BlockShape:
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
     bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
-    (`structs.Drive.light`, `tied`, `hubs`), and where supplies of tensioners are tabulated; `hubs` is 2 where arms
-    carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of all of them,
-    which are tied.
+    (`structs.Drive.light`, `tied`, `hubs`), and where tensioners have oil, and its supply is tabulated; `hubs` is 2
+    where arms carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of
+    all of them, which are tied.
     """
 
     sprockets: int
@@ -174,6 +191,7 @@ class Parts:
     light: int = 0
     tied: int = 0
     hubs: int = 0
+    oil: int = 0
     fed: int = 0
     valves: int = 0
     rings: int = 1

@@ -8,7 +8,7 @@ from ..modules import own_module
 from ..physics.body import aligned, posed, relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Tallies
-from .bodies import block_tensioners, body_access, body_steps
+from .bodies import body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .geometry import contact_geometry
@@ -19,6 +19,7 @@ from .near import near_partners
 from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .sync import lanes, sync
+from .tensioners import block_tensioners
 
 
 @cache

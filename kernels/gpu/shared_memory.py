@@ -114,6 +114,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "mounts": kind.parts.bodies * kind.moving,
         "hubs": sprockets * (kind.parts.hubs > 0),
         "bearings": sprockets * (kind.parts.hubs > 0),
+        "strokes": kind.parts.tensioners * kind.shape.oil_warp,
         "turning": kind.parts.bodies * (kind.parts.hubs > 0),
         "joints": OF_AN_ARM * kind.parts.arms * kind.parts.jointed,
         "mount_sums": sprockets * kind.moving * measuring,
@@ -190,7 +191,7 @@ def room(kind: BlockKind) -> Room:
             shared |= counts
             asked += counts if asks else ()
     if kind.shape.variants_per_block > 1:
-        asked = list(shared)
+        asked = [name for name in shared if name != "strokes"]  # which two warps look at
     places, end = {}, 0
     for name in asked:
         places[name] = end
@@ -200,7 +201,8 @@ def room(kind: BlockKind) -> Room:
 
 def asked_of_a_block(kind: BlockKind) -> int:
     """Bytes that a launch takes for each block, of what is asked for."""
-    return kind.shape.variants_per_block * room(kind).asked + OF_A_THREAD * kind.shape.block_threads
+    each = room(kind).asked + kind.parts.tensioners * kind.shape.oil_warp * size_of(kind.types.Stroke)
+    return kind.shape.variants_per_block * each + OF_A_THREAD * kind.shape.block_threads
 
 
 PART = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
@@ -232,19 +234,22 @@ def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
     """Code of that function, for values of `size` bytes."""
     if name not in of.shared:
         return "return {};"
-    count, element = of.shared[name], f"*like.{name}.data"
+    count, element, variants = of.shared[name], f"*like.{name}.data", kind.shape.variants_per_block
     memory = f"__shared__ __align__({ALIGNED}) char memory[{count * size}];"
     if name in of.places:
         # found anew from the thread's number, `place` would take a register
-        place = f"(threadIdx.x / {WARP}) * {of.asked} + " if kind.shape.variants_per_block > 1 else ""
+        place = f"(threadIdx.x / {WARP}) * {of.asked} + " if variants > 1 else ""
         memory = f"""extern __shared__ __align__({ALIGNED}) char of_launch[];
     char* const memory = of_launch + {place}{of.places[name]};"""
+    elif variants > 1:
+        memory = f"""__shared__ __align__({ALIGNED}) char all[{variants * count * size}];
+    char* const memory = all + place * {count * size};"""
     return f"""
     static_assert(sizeof({element}) == {size}, "of this size the arrays are laid out");
 #if defined(__CUDA_ARCH__)
     {memory}
 #else
-    static char memories[{kind.shape.variants_per_block}][{count * size}];
+    static char memories[{variants}][{count * size}];
     char* const memory = memories[place];
 #endif
     return {{(decltype(like.{name}.data))memory, {count}}};
@@ -275,6 +280,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.mounts = found.mounts(shared, place)
         shared.hubs = found.hubs(shared, place)
         shared.bearings = found.bearings(shared, place)
+        shared.strokes = found.strokes(shared, place)
         shared.turning = found.turning(shared, place)
         shared.joints = found.joints(shared, place)
         shared.led_angle = found.led_angle(shared, place)

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..structs import PREDICTING
 from ..sums import add_hub_force
-from .bodies import block_bearings, block_tensioners, body_access, body_steps
+from .bodies import block_bearings, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
@@ -20,6 +20,7 @@ from .observe import body_observing
 from .rollers import block_stages, roller_rows
 from .shared_memory import view
 from .sync import sync
+from .tensioners import block_tensioners
 from .trains import block_trains
 
 MEETING = wp.constant(16)
@@ -45,6 +46,7 @@ def touching(kind: BlockKind, frame: Any) -> SimpleNamespace:
         wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
         wrench.yielding = wrenches.yielding_on(shared, mine.thread)
         wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
+        tensioners.await_oil(shared)
         if mine.body >= 0:
             if wp.static(kind.parts.tensioners > 0):
                 wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
@@ -187,7 +189,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """Takes the oil of the thread's body along with its step of `now`."""
         if wp.static(kind.parts.tensioners > 0):
             if mine.body >= 0:
-                tensioners.flow(ensemble, state, shared, mine, now, step_of(mine))
+                tensioners.flow(ensemble, state, shared, mine, now)
 
     @wp.func
     def flow_apart(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
@@ -201,6 +203,7 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
+        tensioners.await_oil(shared)
         if wp.static(kind.parts.fed > 0):
             if mine.body >= 0 and now.stage == 0:
                 tensioners.feed(ensemble, state, shared, mine, bodies.time_of(mine, now))
@@ -321,7 +324,7 @@ def warp_steps(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def wait_for_others(now: Now):
         """Waits now and then for the block's other variants, so that all go through the same code at the same time."""
-        if wp.static(kind.shape.variants_per_block > 1) and now.step % MEETING == 0:
+        if wp.static(kind.shape.variants_per_block > 1 and not kind.shape.oil_warp) and now.step % MEETING == 0:
             threads_of.together()
 
     @inlined

@@ -15,6 +15,8 @@ from warpchain import Record, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.buckets import (
     FEW,
+    FULL_AT_FLOAT32,
+    FULL_OF_OIL,
     ROOMS,
     VARIANTS_PER_BLOCK,
     Bucket,
@@ -114,6 +116,24 @@ def kinds_of(real=wp.float64, *, links=128, each=100, most_shared=DECLARED, guid
     return [
         kernel_kind(name, Bucket(kind, np.arange(7), None, most_shared)) for name in ("advance", "measure", "relax")
     ]
+
+
+def test_oil_has_a_warp_where_a_multiprocessor_gets_more_variants_than_it_holds_by_themselves():
+    def abreast(real, each, tensioners=1, oil=1, most_shared=232_448):
+        parts = Parts(3, 2, arms=1, tensioners=tensioners, oil=oil)
+        kind = BlockKind(real, block_shape(128, each, most_shared), parts, profiles=True)
+        bucket = Bucket(kind, np.arange(7), None, most_shared, each)
+        shapes = [kernel_kind(name, bucket).shape for name in ("advance", "measure", "relax")]
+        return [shape.variants_per_block if shape.oil_warp else 0 for shape in shapes]
+
+    full, at_float32 = FULL_OF_OIL, FULL_AT_FLOAT32
+    assert abreast(wp.float64, 8) == abreast(wp.float32, 8) == [0, 0, 0]  # each has more registers so
+    assert abreast(wp.float64, 9) == [full, full, 0]
+    assert abreast(wp.float32, 9) == [0, full, 0]
+    assert abreast(wp.float32, 13) == [at_float32, full, 0]
+    assert abreast(wp.float64, 100, oil=0) == [0, 0, 0]  # springs
+    assert abreast(wp.float64, 100, tensioners=3) == [0, 0, 0]  # more than a warp's threads
+    assert abreast(wp.float64, 100, most_shared=101_376) == [0, 0, 0]  # of a workstation's GPU
 
 
 def test_registers_of_a_block_fit_a_multiprocessor():
@@ -257,6 +277,23 @@ def test_gpu_gives_what_the_cpu_gives():
         # settling ends within its tolerance of equilibrium, not at one point: forces agree to that tolerance
         np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=2e-6)
         np.testing.assert_allclose(gpu[v].tension.mean(), cpu[v].tension.mean(), rtol=1e-2)
+
+
+@pytest.mark.gpu
+def test_oil_is_the_same_whichever_warp_has_it():
+    drive, processors, ends = example("car"), wp.get_device("cuda:0").sm_count, []
+    for count in (1, 2 * processors, FULL_OF_OIL * processors + 1):
+        packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count)
+        engine = GpuEngine(packed, "cuda:0")
+        for future in engine.advance(2001, engine.frame_buffer(0)):
+            future.result()
+        sums, oil = engine.sums(), engine.fetch("state", "tensioners")
+        assert kernel_kind("measure", engine.buckets[0]).shape.oil_warp == (count > FULL_OF_OIL * processors)
+        ends.append((engine.rollers()[-6 * drive.chain.links :], oil[-1], sums["chain"][-1], sums["tensioner"][-1]))
+        engine.close()
+    for end in ends[1:]:
+        for mine, alone in zip(end, ends[0], strict=True):
+            np.testing.assert_array_equal(mine, alone)
 
 
 @pytest.mark.gpu

@@ -20,6 +20,7 @@ from blocks import (
     large,
     marine,
     moving_sprockets,
+    oiled,
     on_fibers,
     pack_for,
     pushed_slider,
@@ -109,6 +110,28 @@ def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, mea
     rollers, n = together[0].rollers.numpy(), variants[0].chain.links
     first, third = packed.first_value(0), packed.first_value(2)
     assert (rollers[first : first + n] != rollers[third : third + n]).any()
+
+
+@pytest.mark.parametrize(
+    ("measuring", "precision"),
+    some_of([*product([True, False], ["float64", "float32"])], [(True, "float64")], [(False, "float32")]),
+)
+def test_oil_on_a_warp_of_its_own_is_what_it_is_on_a_body_s_thread(fibers, measuring, precision):
+    # five variants of two tensioners each, three to a block, which end at other steps: the last block has two
+    drives = oiled()
+    schedules = [
+        Schedule(of.run.step, end, 111, end - 10, 0) for of, end in zip(drives, (300, 264, 300, 288, 231), strict=True)
+    ]
+    packed = pack(drives, schedules).at_precision(precision)
+    none = wp.zeros(1, dtype=packed.real, device="cpu")
+    shape = shape_of(drives, 100)
+    kinds = (kind_of(packed, of, measuring) for of in (shape, replace(shape, variants_per_block=3, oil_warp=True)))
+    apart, shared = (run_blocks(packed, kind, [150, 151], [3, 0, 2, 4, 1], none) for kind in kinds)
+    for name in ("rollers", "bodies", "tensioners", "meters"):
+        np.testing.assert_array_equal(getattr(apart[0], name).numpy(), getattr(shared[0], name).numpy(), err_msg=name)
+    for name in ("chain", "arm", "tensioner"):
+        np.testing.assert_array_equal(apart[1][name], shared[1][name], err_msg=name)
+    assert (np.abs(shared[0].tensioners.numpy()["growth"]) > 0.0).all()
 
 
 def settled(drive, threads, parts, steps=(20_000,), **more):

@@ -34,6 +34,12 @@ FEW = 1
 VARIANTS_PER_BLOCK = 4
 """Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
 
+FULL_OF_OIL = 11
+"""Variants of a block, a warp each, whose oil another warp has: with that one they take all of a multiprocessor."""
+
+FULL_AT_FLOAT32 = 15
+"""The same of kernels that want fewer registers, at float32 without metrics."""
+
 COLLECTING = 256
 """Threads of a block that adds up what the others have noted."""
 
@@ -80,6 +86,8 @@ def resident(kind: BlockKind) -> int:
     measured on an H200 and an H100 (docs/notes/gpu-parts.md).
     """
     shape, per = kind.shape, kind.shape.rollers_per_thread
+    if shape.oil_warp:
+        return shape.variants_per_block
     if shape.variants_per_block > 1:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
     if shape.threads == WARP:
@@ -104,12 +112,14 @@ class Bucket:
         variants: their numbers, of several chains the rows of the first.
         order: the same, on the device.
         most_shared: bytes of shared memory that a block may have on the device.
+        each: variants that a multiprocessor gets.
     """
 
     kind: BlockKind
     variants: NDArray[np.integer]
     order: wp.array
     most_shared: int = DECLARED
+    each: int = 1
 
     @property
     def count(self) -> int:
@@ -117,12 +127,18 @@ class Bucket:
         return len(self.variants)
 
 
-def sharing_blocks(kind: BlockKind, most_shared: int) -> BlockKind:
-    """A kind, several variants a block where that was measured to be faster: long code, fetched once for all of them.
+def sharing_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
+    """A kind, several variants a block where that was measured to be faster: long code, fetched once for all of them,
+    or oil, which a warp of its own then has, where a multiprocessor gets more variants than it holds by themselves.
 
-    A multiprocessor must have memory for as many variants as it is to hold.
+    It must have memory for as many as it is to hold.
     """
     shape = kind.shape
+    if kind.parts.oil and shape.threads == WARP:
+        most = FULL_AT_FLOAT32 if kind.paired and not kind.measuring else FULL_OF_OIL
+        oiled = replace(kind, shape=replace(shape, variants_per_block=most, oil_warp=True))
+        fits = most * kind.parts.tensioners <= WARP and asked_of_a_block(oiled) <= most_shared
+        return oiled if fits and each > resident(kind) else kind
     long = kind.measuring or shape.rollers_per_thread > 4
     if not (kind.paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple(kind)):
         return kind
@@ -135,12 +151,12 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, fed=0, valves=0, rings=1)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, oil=0, fed=0, valves=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
         return BlockKind(kind.Real, shape, parts, moving=moving, profiles=kind.profiles, links=links)
-    return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared)
+    return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared, bucket.each)
 
 
 TOGETHER = {
@@ -181,6 +197,7 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
         "hubs": drives["hubs"] + drives["jointed"],
+        "oil": packed.oiled,
         "fed": packed.fed,
         "valves": CAMS * -(-packed.cams // CAMS),
         "rings": np.ones_like(drives["rings"]),
@@ -274,7 +291,7 @@ class GpuKernels:
             kind = kind_of(packed.real, dict(zip(columns, key, strict=True)), each, self._most_shared)
             if packed.frame.holds("hub_force"):  # which kernels of moving bodies sum up at every step
                 kind = replace(kind, moving=True)
-            buckets.append(Bucket(kind, order, array, self._most_shared))
+            buckets.append(Bucket(kind, order, array, self._most_shared, each))
         return buckets
 
     def _made(self, name: str, bucket: Bucket) -> Made:

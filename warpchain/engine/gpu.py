@@ -227,7 +227,7 @@ class GpuEngine(GpuKernels, Engine):
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
         made = self._made(name, bucket)
-        dim, block = len(order) * made.kind.shape.threads, made.kind.shape.block_threads
+        dim, block = made.kind.shape.launched(len(order)), made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:

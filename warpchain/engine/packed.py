@@ -185,6 +185,12 @@ class Packed(Arrays):
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
     @property
+    def oiled(self) -> NDArray[np.bool_]:
+        """(variants,) whether a tensioner has oil."""
+        owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
+        return np.bincount(owner, self.tensioners["hydraulic"][: len(owner)], self.variants) > 0
+
+    @property
     def fed(self) -> NDArray[np.bool_]:
         """(variants,) whether the supply of a tensioner is tabulated."""
         owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
