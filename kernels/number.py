@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .native import by_device, quotient
+from .native import by_device, products, quotient
 
 
 def split(value: float) -> tuple[float, float]:
@@ -273,14 +273,14 @@ def sub(a: wp.float32, b: wp.float64):
 def mul(a: Pair, b: Pair):
     """a b."""
     p = exact_product(a.high, b.high)
-    return settled(p.high, p.low + (a.high * b.low + a.low * b.high))
+    return settled(p.high, p.low + products(a.high, b.low, a.low, b.high))
 
 
 @wp.func
 def mul(a: Pair, b: wp.float32):
     """a b."""
     p = exact_product(a.high, b)
-    return settled(p.high, p.low + a.low * b)
+    return settled(p.high, fused(a.low, b, p.low))
 
 
 @wp.func
@@ -306,7 +306,7 @@ def div(a: Pair, b: Pair):
     """a / b."""
     q = quotient(a.high, b.high)
     p = exact_product(q, b.high)
-    return settled(q, quotient(((a.high - p.high) - p.low) + (a.low - q * b.low), b.high))
+    return settled(q, quotient(((a.high - p.high) - p.low) + fused(-q, b.low, a.low), b.high))
 
 
 @wp.func

@@ -33,7 +33,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, larger, load_constant, reciprocal, root
+from ..native import inverse_root, larger, load_constant, products, reciprocal, root
 from ..number import Pair, PairVector, fused, leading, pair, rounded_sum
 from .contact import turned
 
@@ -173,7 +173,7 @@ def gridded(value: wp.float32, magic: wp.float32):
 def reach_of(part: Pair, radius: Pair, magic: wp.float32):
     """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_of`) [m]."""
     high = gridded(radius.high * part.high, magic)
-    low = fused(radius.high, part.high, -high) + (radius.high * part.low + radius.low * part.high)
+    low = fused(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
 
 
