@@ -162,9 +162,10 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
                 push = state.pushes[t]
                 rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
                 power = lost_power(push, rate, state.tensioners[t], tensioner)
-                added = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
-                out.sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
+                out.sums.tensioner[t] = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
                 if now.flags & ENDS != 0:
+                    start, end = now.flags & START != 0, now.flags & END != 0
+                    out.sums.tensioner[t] = add_meter(out.sums.tensioner[t], state.meters[t], start, end)
                     energy = wp.float64(tensioner_energy(push.extension, push.pressure, state.tensioners[t], tensioner))
                     at = drive.first_body + mine.number
                     out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
