@@ -8,7 +8,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 import warp as wp
-from drives import assert_same_frames, example, two_sprockets
+from drives import assert_same_frames, example, timing, two_sprockets
 from raw import Frames
 
 from warpchain import Record, simulate
@@ -281,10 +281,9 @@ def test_gpu_gives_what_the_cpu_gives():
 
 @pytest.mark.gpu
 def test_oil_is_the_same_whichever_warp_has_it():
-    drive, processors, ends = example("car"), wp.get_device("cuda:0").sm_count, []
-    step = resolve_step(drive)
+    drive, processors, ends = timing(), wp.get_device("cuda:0").sm_count, []
     for count in (1, 2 * processors, FULL_OF_OIL * processors + 1):
-        packed = pack([drive] * count, [Schedule(step, 2000, 500, 2000, 0)] * count)
+        packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count)
         engine = GpuEngine(packed, "cuda:0")
         for future in engine.advance(2001, engine.frame_buffer(0)):
             future.result()
