@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, load_constant, products
+from ..native import accessors, load_constant, product, products
 from ..number import difference, leading
 from ..physics.contact import after_teeth, pressed, reaction, sized, turned
 from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
@@ -93,7 +93,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         speed = leading(body.speed)
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
-        surface = vec2(-speed * arm[1], speed * arm[0])
+        surface = vec2(-product(speed, arm[1]), product(speed, arm[0]))
         relative = surface - velocity_from(shared, j, touch.partner)
         return placed(touch, penetration, turned(e, along, across), relative), arm, wp.where(off, 0, applies)
 

@@ -33,7 +33,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, larger, load_constant, products, reciprocal, root
+from ..native import inverse_root, larger, load_constant, product, products, reciprocal, root
 from ..number import Pair, PairVector, fused, leading, pair, rounded_sum
 from .contact import turned
 
@@ -269,5 +269,5 @@ def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprock
         sprocket: its teeth (`structs.Sprocket`).
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
-    surface = type(v)(-omega * arm[1], omega * arm[0])
+    surface = type(v)(-product(omega, arm[1]), product(omega, arm[0]))
     return penetration, turned(e, normal_radial, normal_lateral), surface - v
