@@ -120,7 +120,7 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
 
 @part(
     "cams | precision | variants | CUDA [us/step] | bare [us/step] | of CUDA | metrics [us/step]",
-    product(("valves", "harmonics"), PRECISIONS, (1, 1056)),
+    product(("valves", "harmonics"), PRECISIONS, (1, 1056, 10_000)),
 )
 def car(cams: str, precision: str, variants: int, effort: Effort) -> Row:
     """The time loop of `car`: curved guides, an arm, friction by speed, oil, and valves or two harmonics for them.
