@@ -72,7 +72,7 @@ def steadily_fed(packed):
     reach = np.sqrt(2.0 * supply / np.where(wet, of["density"], 1.0)) * np.pi * valve["discharge"] * valve["seat_width"]
     of["supply"] = np.where(wet, supply, of["supply"])
     for name, value in (
-        ("lift_max", flow / np.where(wet, reach, 1.0)), ("hole_area", 1.0), ("preload", 0.0), ("stiffness", 1e-300),
+        ("lift_max", flow / np.where(wet, reach, 1.0)), ("hole_area", 1.0), ("preload", 0.0), ("compliance", 1e30),
         ("seat_growth", 0.0),
     ):  # fmt: skip
         valve[name] = np.where(wet, value, valve[name])
