@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import reciprocal
+from ..native import product, reciprocal
 from ..number import (  # noqa: F401
     Pair,
     add,
@@ -305,7 +305,7 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
     if motion.prescribed == 1:
         seen.speed = driven
     else:
-        seen = hastened(seen, lag * rates[2])
+        seen = hastened(seen, product(lag, rates[2]))
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount, ensemble)
         seen.velocity = velocity
