@@ -11,7 +11,6 @@ from warpchain import loads_drive
 from warpchain.drive.examples import FOLDER
 from warpchain.engine.fill_bodies import oil_energies
 from warpchain.kernels.physics.tensioner import (
-    bulk_modulus,
     compression,
     pressure_of,
     resting_state,
@@ -174,7 +173,8 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     """Functions of the pressure, and the pressure again from the content at x = 0, from other ones to begin at."""
     i = wp.tid()
     pressure = pressures[i]
-    phi, slope = compression(root_of(pressure, t), t)
+    z = root_of(pressure, t)
+    phi, slope = compression(z, t)
     flow, flow_slope = valve_flow(t.supply - pressure, t.check, t)
     state = TensionerState()
     state.content = phi
@@ -182,7 +182,7 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     out[i, 0] = phi
     energy, volume = specific_energy(root_of(pressure, t), t)
     out[i, 1] = energy
-    out[i, 2] = bulk_modulus(pressure, t)
+    out[i, 2] = wp.float64(7.0) * pressure / (z * slope)  # E = dP/dphi with P = P_0 z^7
     out[i, 3] = flow
     out[i, 4] = -flow_slope
     out[i, 5] = valve_lift(t.supply - pressure, t.check)

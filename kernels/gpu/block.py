@@ -21,6 +21,7 @@ from .bodies import body_access, prescribed_motion
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import END, ENDS, block_sampling
+from .hydraulics import block_tensioners, oil_warp
 from .kind import WARP, BlockKind, Mine, inlined, mine_of
 from .links import block_joints, link_forces
 from .near import near_partners
@@ -30,7 +31,6 @@ from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .stepping import advancing, touching, warp_steps
 from .sync import sync
-from .tensioners import block_tensioners, oil_warp
 
 
 @cache

@@ -12,6 +12,7 @@ from .bodies import body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .geometry import contact_geometry
+from .hydraulics import block_tensioners
 from .jointed import block_jointed
 from .kind import BlockKind, Mine, mine_of
 from .links import link_forces
@@ -19,7 +20,6 @@ from .near import near_partners
 from .rollers import roller_rows
 from .shared_memory import shared_arrays, view
 from .sync import lanes, sync
-from .tensioners import block_tensioners
 
 
 @cache

@@ -200,7 +200,7 @@ def room(kind: BlockKind) -> Room:
 
 
 def asked_of_a_block(kind: BlockKind) -> int:
-    """Bytes that a launch takes for each block, of what is asked for."""
+    """Bytes of each block of a launch: of what is asked for, and of strokes."""
     each = room(kind).asked + kind.parts.tensioners * kind.shape.oil_warp * size_of(kind.types.Stroke)
     return kind.shape.variants_per_block * each + OF_A_THREAD * kind.shape.block_threads
 

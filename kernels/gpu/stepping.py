@@ -12,6 +12,7 @@ from .bodies import block_bearings, body_access, body_steps
 from .contact_pairs import contact_forces
 from .contacts import wrench_parts
 from .events import block_sampling
+from .hydraulics import block_tensioners
 from .jointed import block_jointed
 from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine, inlined
 from .links import block_joints, link_forces
@@ -20,7 +21,6 @@ from .observe import body_observing
 from .rollers import block_stages, roller_rows
 from .shared_memory import view
 from .sync import sync
-from .tensioners import block_tensioners
 from .trains import block_trains
 
 MEETING = wp.constant(16)

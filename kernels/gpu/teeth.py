@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, load_constant, product, products
+from ..native import accessors, load_constant, products
 from ..number import difference, leading
 from ..physics.contact import after_teeth, pressed, reaction, sized, turned
-from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap
+from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap, turning_velocity
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
 from .kind import BlockKind, Mine
@@ -23,7 +23,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     """The functions that find the rollers of one variant on a block in the tooth gaps of its sprockets."""
     Real, moving, kinds, bits = kind.Real, kind.moving, kind.types, near_mask(kind)
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
-    Bits, of_teeth, Touch, vec2 = bits.Bits, bits.of_teeth, contact_sums(kind).Touch, kinds.vec2
+    Bits, of_teeth, Touch = bits.Bits, bits.of_teeth, contact_sums(kind).Touch
     row, placed, remembering = roller_rows(kind), contact_sums(kind).placed, contact_sums(kind).remembering
     point, velocity = row.point, row.velocity
     load_row, memory_of = accessors(Real).load_row, block_rings(kind).memory_of
@@ -90,11 +90,9 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         p = difference(point(shared.rows, j), body.center)
         e, radial, xi, lateral = in_gap(p, touch.direction, body, teeth)
         arm = leading(p)
-        speed = leading(body.speed)
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
-        surface = vec2(-product(speed, arm[1]), product(speed, arm[0]))
-        relative = surface - velocity_from(shared, j, touch.partner)
+        relative = turning_velocity(leading(body.speed), arm) - velocity_from(shared, j, touch.partner)
         return placed(touch, penetration, turned(e, along, across), relative), arm, wp.where(off, 0, applies)
 
     return SimpleNamespace(**locals())

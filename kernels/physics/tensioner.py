@@ -177,14 +177,6 @@ def compression(z: Any, tensioner: Any):
 
 
 @wp.func
-def bulk_modulus(pressure: Any, tensioner: Any):
-    """E(P) [Pa], eq. (4)."""
-    z = root_of(pressure, tensioner)
-    phi, slope = compression(z, tensioner)
-    return type(pressure)(7.0) * pressure / (z * slope)
-
-
-@wp.func
 def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
     """P_s [Pa] of a tensioner whose supply is tabulated.
 

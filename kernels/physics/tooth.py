@@ -258,6 +258,12 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
 
 
 @wp.func
+def turning_velocity(omega: Any, arm: Any):
+    """Velocity of a sprocket's point [m/s], `arm` from its center, less the center's; rounded alike in all kernels."""
+    return type(arm)(-product(omega, arm[1]), product(omega, arm[0]))
+
+
+@wp.func
 def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
@@ -269,5 +275,4 @@ def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprock
         sprocket: its teeth (`structs.Sprocket`).
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
-    surface = type(v)(-product(omega, arm[1]), product(omega, arm[0]))
-    return penetration, turned(e, normal_radial, normal_lateral), surface - v
+    return penetration, turned(e, normal_radial, normal_lateral), turning_velocity(omega, arm) - v

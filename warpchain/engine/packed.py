@@ -184,23 +184,25 @@ class Packed(Arrays):
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
+    def _added_up(self, counts: str, numbers: NDArray[np.integer]) -> NDArray[np.int64]:
+        """(variants,) whole numbers of parts, of which drives have so many each, added up for each variant."""
+        owner = np.repeat(np.arange(self.variants), self.drives[counts])
+        return np.bincount(owner, numbers[: len(owner)], self.variants).astype(np.int64)
+
     @property
     def oiled(self) -> NDArray[np.bool_]:
         """(variants,) whether a tensioner has oil."""
-        owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
-        return np.bincount(owner, self.tensioners["hydraulic"][: len(owner)], self.variants) > 0
+        return self._added_up("tensioners", self.tensioners["hydraulic"]) > 0
 
     @property
     def fed(self) -> NDArray[np.bool_]:
         """(variants,) whether the supply of a tensioner is tabulated."""
-        owner = np.repeat(np.arange(self.variants), self.drives["tensioners"])
-        return np.bincount(owner, self.tensioners["supply_table"]["cells"][: len(owner)], self.variants) > 0
+        return self._added_up("tensioners", self.tensioners["supply_table"]["cells"]) > 0
 
     @property
     def cams(self) -> NDArray[np.int64]:
         """(variants,) number of cams that lift valves."""
-        owner = np.repeat(np.arange(self.variants), self.drives["valves"])
-        return np.bincount(owner, self.valves["phases"][: len(owner)], self.variants).astype(np.int64)
+        return self._added_up("valves", self.valves["phases"])
 
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""

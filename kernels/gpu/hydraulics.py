@@ -31,10 +31,10 @@ from .rollers import roller_rows
 from .sync import sync
 
 DONE = wp.constant(0)
-"""What a stroke asks of the oil's warp: nothing, a step, one whose energies are wanted, or to end."""
-STEP = wp.constant(1)
-METERED = wp.constant(2)
-OVER = wp.constant(-1)
+"""Requests of a stroke to the warp that has the oil: none,"""
+STEP = wp.constant(1)  # a step,
+METERED = wp.constant(2)  # one whose energies are wanted,
+OVER = wp.constant(-1)  # and no more of them in this launch
 
 NOWHERE = wp.constant(1 << 30)
 """A place in a block that is of no variant, and of no launch."""
