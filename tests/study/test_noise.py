@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command import refused, run
-from scipy.stats import norm, spearmanr
+from scipy.stats import kstest, norm, spearmanr
 from study_helpers import LIMITS, SAMPLED, write_study
 
 from warpchain.cli import main
@@ -15,7 +15,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.over_noise import Designs, designs_of, goals_over, spread
 from warpchain.study.analysis.pareto import goals_of
 from warpchain.study.design import make_design
-from warpchain.study.design.noise import noise_points, noise_rows
+from warpchain.study.design.noise import at_normals, noise_points, noise_rows
 from warpchain.study.optimize import Optimizer, optimize, recommend
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
@@ -93,6 +93,59 @@ def test_ranks_correlate_as_wanted_and_distributions_stay():
     assert values.tolist() == [1.0, 2.0, 7.0] and counts.tolist() == [100, 200, 100]
 
 
+def noises(names, **more):
+    return [{"name": name, "path": f"x.{name}", "kind": "noise", "range": [0.0, 1.0]} | more for name in names]
+
+
+CLOSE = {"correlated": ["m", "n"], "ranks": [[1, 0.95], [0.95, 1]]}
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8])
+@pytest.mark.parametrize("names", ["mn", "mnopq"])
+def test_few_rows_correlate_as_wanted_in_the_mean_over_seeds(names, count):
+    """12 E((u - 1/2)(v - 1/2)) is Spearman's correlation of the distribution; of independent rows it scatters by 0.9 at
+    0.95 (of equal u and v by sqrt(1.8 - 1)), so by 0.9 / sqrt(400 count) of 400 seeds. Each stays uniform."""
+    study = study_of([*designs("a"), *noises(names)], noise=CLOSE)
+    points = np.array([noise_points(study, count, seed) for seed in range(400)])
+    off = 12.0 * (points - 0.5)[..., :1] * (points - 0.5)[..., 1:]
+    error = 4.0 * 0.9 / np.sqrt(400.0 * count)
+    assert abs(off[..., 0].mean() - 0.95) < error
+    assert np.abs(off[..., 1:].mean(axis=(0, 1))).max(initial=0.0) < error
+    assert all(kstest(points[:, 0, k], "uniform").pvalue > 1e-4 for k in range(len(names)))
+
+
+def test_rows_of_any_count_are_planned():
+    """Four rows may have two columns in one order by chance, of which no reordering makes independent ones: seed 7."""
+    for count in (4, 5, 6, 7, 8):
+        for seed in range(20):
+            table = make_design(
+                study_of([*designs("a"), *noises("mnopq")], 2, noise={**CLOSE, "count": count, "seed": seed}), "s"
+            )
+            assert table.num_rows == 2 * count and all(0.0 <= value < 1.0 for value in table["n"].to_pylist())
+    alone = noise_points(study_of([*designs("a"), *noises("mn")]), 4, 7)
+    assert np.array_equal(np.sort((alone * 4).astype(int), axis=0), np.tile(np.arange(4)[:, None], (1, 2)))
+
+
+def test_groups_correlate_by_their_names_as_one_variable():
+    """A group of two, and a factor of its own, which is named first and so keeps a row in each of its strata; at
+    Spearman's 0.6 of 1000 rows the error is below 1 / sqrt(1000), and the hypercube's is less: 3 of these."""
+    pair = [{**factor, "group": "oil"} for factor in noises("mn")]
+    noise = {"count": 1000, "correlated": ["p", "oil"], "ranks": [[1, -0.6], [-0.6, 1]]}
+    study = study_of([*designs("a"), *pair, *noises("op")], noise=noise)
+    rows = noise_rows(study)
+    m, n, o, p = (np.array([row[name] for row in rows]) for name in "mnop")
+    assert (m == n).all()
+    assert abs(spearmanr(m, p).statistic + 0.6) < 3.0 / np.sqrt(1000.0)
+    assert max(abs(spearmanr(o, other).statistic) for other in (m, p)) < 3.0 / np.sqrt(1000.0)
+    assert np.array_equal(np.sort((p * 1000).astype(int)), np.arange(1000))
+    drawn = at_normals(
+        study, np.random.default_rng(0).standard_normal((4000, 3))
+    )  # as `risk` and `better` ask for them
+    m, n, o, p = (np.array([row[name] for row in drawn]) for name in "mnop")
+    assert (m == n).all() and abs(spearmanr(m, p).statistic + 0.6) < 3.0 / np.sqrt(4000.0)
+    assert abs(spearmanr(m, o).statistic) < 4.0 / np.sqrt(4000.0)
+
+
 def test_a_sample_of_a_file_is_read_with_the_study(tmp_path):
     path = write_study(tmp_path, text=TINY)
     (tmp_path / "rig.csv").write_text("run,stiffness\n1,0.9\n2,1.1\n3,1.05\n")
@@ -115,6 +168,9 @@ def test_a_sample_of_a_file_is_read_with_the_study(tmp_path):
 EMPIRICAL = 'distribution = "empirical"\nfile = "rig.csv"\ncolumn = "stiffness"'
 
 
+GROUPED = [{**factor, "group": "oil"} for factor in noises("mn")]
+
+
 @pytest.mark.parametrize(
     ("more", "told"),
     [
@@ -128,7 +184,31 @@ EMPIRICAL = 'distribution = "empirical"\nfile = "rig.csv"\ncolumn = "stiffness"'
         ({"noise": {"correlated": ["mu", "b"], "ranks": [[1, 0.1]]}}, "must be a symmetric matrix of 2 rows"),
         (
             {"noise": {"correlated": ["m", "n", "o"], "ranks": [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]}},
-            "not positive definite",
+            "not positive definite (eigenvalue -0.8)",
+        ),
+        (
+            {"noise": {"correlated": ["m", "n"], "ranks": [[1, 1], [1, 1]]}},
+            "m and n, correlated by 1, are one random variable: give their factors the same group",
+        ),
+        ({"noise": {"correlated": ["m", "n"], "ranks": [[1, -1], [-1, 1]]}}, "make one an expression of the other"),
+        (
+            {"noise": {"correlated": ["m", "n", "o"], "ranks": [[1, 0.7, 0.0], [0.7, 1, 0.7], [0.0, 0.7, 1]]}},
+            "noise.ranks: the matrix is positive definite, but not 2 sin(pi r / 6) of its numbers r, by which normal "
+            "variables must correlate for such ranks (eigenvalue -0.014): take at most 0.98 times",
+        ),
+        (
+            {
+                "factors": [*designs("a"), *GROUPED, MU],
+                "noise": {"correlated": ["mu", "m"], "ranks": [[1, 0.1], [0.1, 1]]},
+            },
+            "m is of the group oil, which varies as one; allowed are oil, mu",
+        ),
+        (
+            {
+                "factors": [*designs("a"), *GROUPED, {**MU, "name": "oil"}],
+                "noise": {"correlated": ["oil", "n"], "ranks": [[1, 0.1], [0.1, 1]]},
+            },
+            "oil is a noise factor and a group of others: rename one",
         ),
         (
             {"factors": designs("a"), "objectives": [{"metric": "q95(f)"}]},

@@ -1,15 +1,22 @@
 """Rows of noise, the same for every design, and designs crossed with them.
 
 The noise of a study is a Latin hypercube of its noise factors, so that designs meet common random numbers: what tells
-two of them apart is not in which noise they were run. Its columns get the wanted rank correlations, or none, by
-reordering alone, which leaves each factor's values as they are (Iman and Conover 1982). With scores S (n, d), normal
-quantiles of ranks in random order, T their correlation and C the wanted one,
+two of them apart is not in which noise they were run. Where there are rows enough, its columns are reordered so that
+they do not correlate by chance, which leaves each factor's values as they are (Iman and Conover 1982). With scores
+S (n, d), normal quantiles of ranks in random order, and T their correlation,
 
-    R = S chol(T)^-T chol(C)^T,                                                                              (a)
+    R = S chol(T)^-T,                                                                                        (a)
 
-whose columns correlate as C; each factor's values take the order of its column of R. As ranks of R do not quite, it is
-done again with the scores of these. For ranks correlated as r, normal
-scores correlate as 2 sin(pi r / 6).
+whose columns do not correlate; each factor's values take the order of its column of R. As ranks of R do, a little, it
+is done again with the scores of these.
+
+Factors whose ranks shall correlate as r are tied by a Gaussian copula, at any number of rows: of points u of the unit
+cube,
+
+    v = Phi(chol(C) Phi^-1(u)),   C = 2 sin(pi r / 6),                                                       (b)
+
+is as uniform in each coordinate, and its normal scores correlate as C, its ranks as r (Pearson 1907). The first that
+the study names keeps its strata of the hypercube; the others are mixtures, and have none.
 """
 
 from __future__ import annotations
@@ -30,30 +37,22 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 TURNS = 4
 """Times that eq. (a) is taken."""
+INMOST = 1e-12
+"""Least distance from the ends of the unit interval, which have no normal value."""
 
 
 def noise_points(study: Study, count: int, seed: int) -> Array:
     """Points (count, D) of the unit cube of a study's noise, with its rank correlations."""
     from scipy.stats import qmc
 
-    rng, dimensions = np.random.default_rng(seed), noise_dimensions(study)
-    points = np.asarray(qmc.LatinHypercube(dimensions, rng=rng).random(count))
-    return with_correlation(points, _correlation(study), rng) if count > dimensions + 1 else points
+    rng, size = np.random.default_rng(seed), noise_dimensions(study)
+    points = np.asarray(qmc.LatinHypercube(size, rng=rng).random(count))
+    return _tied_by_copula(study, _without_correlation(points, rng) if count > size + 1 else points)
 
 
 def noise_dimensions(study: Study) -> int:
     """Number of independent dimensions of a study's noise, D."""
     return len(dimensions(study.noise_alone))
-
-
-def _correlation(study: Study) -> Array:
-    """Correlation of the normal scores of a study's noise (D, D)."""
-    noise, names = study.noise or Noise(), [axis.name for axis in dimensions(study.noise_alone)]
-    wanted = np.eye(len(names))
-    if noise.correlated:
-        places = [names.index(name) for name in noise.correlated]
-        wanted[np.ix_(places, places)] = normal_correlation(np.array(noise.ranks))
-    return wanted
 
 
 def at_normals(study: Study, u: Array) -> list[dict[str, Any]]:
@@ -64,23 +63,53 @@ def at_normals(study: Study, u: Array) -> list[dict[str, Any]]:
 
 
 def noise_mixing(study: Study) -> Array:
-    """From independent standard normals (D,) to the scores of a study's noise (D,): a matrix (D, D)."""
-    return np.asarray(np.linalg.cholesky(_correlation(study)))
+    """From independent standard normals (D,) to the scores of a study's noise (D,), eq. (b): a matrix (D, D)."""
+    places, root = _copula(study)
+    mixing = np.eye(noise_dimensions(study))
+    mixing[np.ix_(places, places)] = root
+    return mixing
 
 
-def with_correlation(points: Array, wanted: Array, rng: np.random.Generator) -> Array:
-    """Points (n, d) with each column reordered so that normal scores of its ranks correlate as wanted, eq. (a)."""
+def _copula(study: Study) -> tuple[list[int], Array]:
+    """Dimensions of a study's noise that are correlated, as the study names them (K,), and chol(C) of these (K, K)."""
+    noise = study.noise or Noise()
+    names = [axis.factors[0].group or axis.name for axis in dimensions(study.noise_alone)]
+    places = [names.index(name) for name in noise.correlated]
+    wanted = normal_correlation(np.array(noise.ranks, dtype=float).reshape(len(places), len(places)))
+    return places, np.linalg.cholesky(wanted)
+
+
+def _tied_by_copula(study: Study, points: Array) -> Array:
+    """Points (n, D) whose correlated dimensions are tied, eq. (b); the others are what they were."""
+    from scipy.stats import norm
+
+    places, root = _copula(study)
+    normals = norm.ppf(np.clip(points[:, places], INMOST, 1.0 - INMOST))
+    tied_points = points.copy()
+    tied_points[:, places] = norm.cdf(normals @ root.T)
+    return tied_points
+
+
+def _without_correlation(points: Array, rng: np.random.Generator) -> Array:
+    """Points (n, d) with each column reordered so that normal scores of its ranks do not correlate, eq. (a).
+
+    Few rows may have two columns in one order, of which eq. (a) makes nothing: then as far as it went.
+    """
     from scipy.stats import norm, rankdata
 
     n, d = points.shape
     scores = np.asarray(norm.ppf(np.arange(1, n + 1) / (n + 1.0)))
     s = np.stack([rng.permutation(scores) for _ in range(d)], axis=1)
+    found = points
     for _ in range(TURNS):
-        own = np.linalg.cholesky(np.corrcoef(s, rowvar=False).reshape(d, d))
-        r = s @ np.linalg.inv(own).T @ np.linalg.cholesky(wanted).T
+        try:
+            own = np.linalg.cholesky(np.corrcoef(s, rowvar=False).reshape(d, d))
+        except np.linalg.LinAlgError:
+            break
+        r = s @ np.linalg.inv(own).T
         order = np.stack([rankdata(column, "ordinal") - 1 for column in r.T], axis=1)
-        s = scores[order]
-    return np.take_along_axis(np.sort(points, axis=0), order, axis=0)
+        s, found = scores[order], np.take_along_axis(np.sort(points, axis=0), order, axis=0)
+    return found
 
 
 def noise_rows(study: Study) -> list[dict[str, Any]]:

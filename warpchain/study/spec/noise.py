@@ -6,8 +6,9 @@ metric. A metric alone means its mean where it is an objective; a limit on it is
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +31,8 @@ _Row = Annotated[tuple[Annotated[float, Field(strict=True, ge=-1.0, le=1.0)], ..
 Ranks = Annotated[
     tuple[_Row, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
 ]
+DEFINITE = 1e-9
+"""Least eigenvalue of a matrix of correlations from which on it counts as positive definite."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Noise(Part):
     Attributes:
         count: rows of noise; each design is run with all of them.
         seed: seed of their sampling.
-        correlated: noise factors that vary together.
+        correlated: noise factors whose ranks correlate, a group of these by its name.
         ranks: rank correlations of these (Spearman's), a symmetric matrix with 1 on its diagonal.
         keep: share of the noise in which limits on metrics must be kept.
     """
@@ -84,14 +87,38 @@ class Noise(Part):
         if not names and not ranks:
             return
         if len(names) < 2 or len(set(names)) < len(names):
-            yield Problem(("correlated",), list(names), "must be at least 2 different noise factors")
+            yield Problem(("correlated",), list(names), "must be at least 2 different noise factors or groups of these")
         elif not _square(ranks, len(names)):
             text = f"must be a symmetric matrix of {len(names)} rows with 1 on its diagonal"
             yield Problem(("ranks",), None, text, BARE)
-        elif np.linalg.eigvalsh(normal_correlation(np.array(ranks, dtype=float))).min() <= 1e-9:
-            yield Problem(
-                ("ranks",), None, "no factors can be correlated so: the matrix is not positive definite", BARE
-            )
+        elif (why := _impossible(names, np.array(ranks, dtype=float))) is not None:
+            yield Problem(("ranks",), None, why, BARE)
+
+
+def _impossible(names: Sequence[Any], ranks: Any) -> str | None:
+    """Why a Gaussian copula does not give names these rank correlations (K, K); None where it does."""
+    for i, j in itertools.combinations(range(len(names)), 2):
+        if abs(ranks[i, j]) == 1.0:
+            how = "give their factors the same group" if ranks[i, j] > 0.0 else "make one an expression of the other"
+            return f"{names[i]} and {names[j]}, correlated by {ranks[i, j]:g}, are one random variable: {how}"
+    if _least(normal_correlation(ranks)) > DEFINITE:
+        return None
+    if _least(ranks) <= DEFINITE:
+        return f"no factors can be correlated so: the matrix is not positive definite (eigenvalue {_least(ranks):.2g})"
+    apart = ranks - np.eye(len(ranks))
+    part = next(
+        k for k in range(99, -1, -1) if _least(normal_correlation(np.eye(len(ranks)) + 0.01 * k * apart)) > DEFINITE
+    )
+    return (
+        "the matrix is positive definite, but not 2 sin(pi r / 6) of its numbers r, by which normal variables must "
+        f"correlate for such ranks (eigenvalue {_least(normal_correlation(ranks)):.2g}): take at most "
+        f"{0.01 * part:.2g} times what is off the diagonal"
+    )
+
+
+def _least(matrix: Any) -> float:
+    """Least eigenvalue of a symmetric matrix."""
+    return float(np.linalg.eigvalsh(matrix).min())
 
 
 def _square(ranks: Any, size: int) -> bool:
@@ -148,11 +175,7 @@ def noise_rules(node: Any) -> Iterator[Problem]:
             get(factor, "kind") == NOISE
         ):
             yield Problem(("factors", i, "group"), group, "factors of a group must be of one kind")
-    for name in elements(get(node, "noise"), "correlated"):
-        grouped = [get(f, "group") for f in factors if get(f, "name") == name]
-        if name not in own or grouped[0] is not None:
-            text = f"{name} is not a noise factor without a group; they are {', '.join(own)}"
-            yield Problem(("noise", "correlated"), name, text)
+    yield from _correlated_rules(node, [f for f in factors if get(f, "kind") == NOISE])
     for i, constraint in enumerate(elements(node, "constraints")):
         reached = [name for name in _names_in(get(constraint, "require")) if name in noise]
         if reached:
@@ -165,6 +188,23 @@ def noise_rules(node: Any) -> Iterator[Problem]:
                 yield Problem((key, i, "metric"), metric, "is noise, which nobody can choose")
             elif isinstance(metric, str) and statistic_of(metric) is not None and not noise:
                 yield Problem((key, i, "metric"), metric, 'is a statistic over noise: needs a factor of kind "noise"')
+
+
+def _correlated_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
+    """The names that are correlated are those of noise factors, or of groups of these."""
+    groups = {str(get(f, "name")): get(f, "group") for f in factors}
+    free = [name for name, group in groups.items() if group is None]
+    known = list(dict.fromkeys(name if group is None else str(group) for name, group in groups.items()))
+    for name in elements(get(node, "noise"), "correlated"):
+        text = None
+        if name in free and name in groups.values():
+            text = f"{name} is a noise factor and a group of others: rename one"
+        elif name not in known:
+            is_ = "is not a noise factor or a group of these"
+            is_ = f"is of the group {groups[name]}, which varies as one" if groups.get(name) else is_
+            text = f"{name} {is_}; allowed are {', '.join(known)}"
+        if text is not None:
+            yield Problem(("noise", "correlated"), name, text)
 
 
 def with_sample(factor: Factor, folder: Path) -> Factor:
