@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from command import refused, run
-from scipy.stats import t
+from scipy.stats import binom, t
 from study_helpers import NOISY, STUDY, tiny_drive, write_study
 
 from warpchain.drive import dumps_drive
@@ -33,6 +33,105 @@ def test_equal_drives_are_told_apart_in_5_of_100_cases_at_most(draw, most):
     for differences in draw(np.random.default_rng(7), (REPETITIONS, PAIRS)):
         told += any(mean_difference(differences[:n], 0.95).sign for n in range(2, PAIRS + 1))
     assert told <= most * REPETITIONS
+
+
+def blows(probability, size):
+    """Noise of 0.3, and rare blows on one side that the rest makes up for in the mean: 0.2 for +10 at 0.02."""
+    return lambda rng, shape: (
+        0.3 * rng.standard_normal(shape) + size * ((rng.random(shape) < probability) - probability)
+    )
+
+
+HEAVY_TAILED = {
+    "normal": DRAWS["normal"][0],
+    "exponential": DRAWS["exponential"][0],
+    "lognormal": DRAWS["lognormal"][0],
+    "student 2": lambda rng, shape: rng.standard_t(2, shape),  # without a variance
+    "student 3": lambda rng, shape: rng.standard_t(3, shape),
+    "blows of 10 in 1 of 50": blows(0.02, 10.0),
+    "blows of 10 in 1 of 20": blows(0.05, 10.0),
+    "blows of 10 in 1 of 100": blows(0.01, 10.0),
+    "blows of 3 in 1 of 50": blows(0.02, 3.0),
+    "blows both ways": lambda rng, shape: blows(0.02, 10.0)(rng, shape) - blows(0.01, 20.0)(rng, shape),
+}
+"""Differences of mean 0, of which the pairs show little before they have a rare one."""
+
+
+def looked_at(sequences, event=None):
+    """What is sure of sequences, and what their pairs show, looked at after each batch of 8 pairs until it is told."""
+    sure, shown = [], []
+    for differences in sequences:
+        found = [mean_difference(differences[:n], 0.95, event) for n in range(8, sequences.shape[1] + 1, 8)]
+        sure.append(next((of for of in found if of.sure), None))
+        shown.append(next((of for of in found if of.sign), None))
+    return sure, shown
+
+
+def told(found):
+    return sum(of is not None for of in found)
+
+
+@pytest.mark.parametrize("draw", HEAVY_TAILED.values(), ids=HEAVY_TAILED)
+def test_nothing_is_sure_of_equal_means_also_where_rare_pairs_decide_them(draw):
+    """At most 5 % of sequences, by the 99 % quantile of a binomial, 23 of 300. Blows are 33 deviations of the rest,
+    beyond the 20 that are reckoned with, which the interval's own width makes up for. Differences that show their
+    tails, so all but those of few blows, are not said to show a sign either."""
+    sequences = draw(np.random.default_rng(11), (300, 160))
+    most = binom.ppf(0.99, 300, 0.05)
+    sure, shown = looked_at(sequences)
+    assert told(sure) <= most
+    if draw not in (HEAVY_TAILED[name] for name in HEAVY_TAILED if name.startswith("blows of 10")):
+        assert told(shown) <= most
+    else:  # before the first blow, they are normal differences with a mean other than 0: what tells is in no pair
+        assert told(shown) > 2 * most
+        assert all(abs(of.mean) < of.rarest * 10.0 for of in shown if of is not None)  # the blow that the line names
+
+
+@pytest.mark.parametrize("probability", [0.1, 0.05, 0.02, 0.01, 0.005])
+def test_known_size_of_rare_blows_keeps_the_promise_at_any_probability(probability):
+    """Looked at to 160 pairs; a blow is missed by all n pairs with (1 - p)^n, and q of eq. (c) is larger then."""
+    sequences = blows(probability, 10.0)(np.random.default_rng(12), (300, 160))
+    assert told(looked_at(sequences, event=10.0)[0]) <= binom.ppf(0.99, 300, 0.05)
+
+
+def test_pairs_that_normal_differences_take():
+    """What pairs show takes half as many pairs again at most where the interval alone takes some 18 for a mean of one
+    deviation; a sure sign takes e q more, of means above four deviations no more than 24 pairs. Medians of 100."""
+    rng = np.random.default_rng(13)
+    for effect, most_shown, most_sure in ((1.0, 32, 120), (2.0, 16, 56), (5.0, 16, 24)):
+        sure, shown = looked_at(effect + rng.standard_normal((100, 160)))
+        assert np.median([of.pairs if of else np.inf for of in shown]) <= most_shown
+        assert np.median([of.pairs if of else np.inf for of in sure]) <= most_sure
+
+
+def test_no_rule_is_sure_of_normal_differences_soon_and_right_about_blows():
+    """Without a blow, of (1 - p)^n, blows are normal differences of mean p B: who decides these by n pairs with a
+    probability P is wrong about blows with P (1 - p)^n. At most 5 % of those leaves P = 0.05 / 0.98^96 = 35 %."""
+    rng = np.random.default_rng(14)
+    sure, shown = looked_at(0.3 * rng.standard_normal((200, 96)) - 0.2)
+    assert told(shown) > 0.9 * 200
+    assert told(sure) * 0.98**96 <= 0.05 * 200
+
+
+def test_events_that_pairs_may_have_missed():
+    """Half of 5 %: 1 - q = 0.025^(1/n). A mean of 1 less the half width at 97.5 %, over q, is what may reverse it."""
+    of = mean_difference(np.tile([1.1, 0.9], 20), 0.95)
+    assert of.rarest == pytest.approx(1.0 - 0.025 ** (1.0 / 40.0), rel=1e-12)
+    half = half_width(40, of.deviation, 0.0, 0.975)
+    assert of.reversal == pytest.approx((1.0 - half) / of.rarest, rel=1e-12)
+    assert of.sign == 1 and of.reckoned == pytest.approx(20.0 * of.deviation) and of.sure == 1
+    differences = np.tile([1.1, 0.9], 20)
+    for event, sure in ((0.99 * of.reversal, 1), (1.01 * of.reversal, 0)):
+        assert mean_difference(differences, 0.95, event).sure == sure
+    assert mean_difference(differences, 0.95, 0.0).reckoned == pytest.approx(0.1)  # the largest that was there
+
+
+def test_few_pairs_with_half_of_the_scatter_are_heavy_tails():
+    """One of 32 off by 10 has 31 / 32 of it: all others are off by 10 / 32. Normal: half is with 1 of 8 pairs."""
+    assert mean_difference(np.r_[np.zeros(31), 10.0], 0.95).carriers == 1
+    assert mean_difference(np.r_[np.zeros(31), 10.0], 0.95).heavy
+    normal = mean_difference(np.random.default_rng(0).standard_normal(8000), 0.95)
+    assert normal.carriers == pytest.approx(1000, rel=0.05) and not normal.heavy  # P(z^2 > 2.37) = 0.124
 
 
 def test_fixed_interval_would_not_keep_that_promise():
@@ -63,11 +162,14 @@ def test_half_width_is_where_the_likelihood_ratio_reaches_1_over_alpha():
     assert half_width(4, 1.0, 0.0, 0.95) == np.inf  # four normal numbers never tell a sign with 95 %
 
 
-def test_forecast_of_pairs_is_where_the_interval_leaves_zero():
-    of = mean_difference(np.tile([1.3, -0.7], 10), 0.95)
-    needed = of.pairs_needed()
-    before, after = half_width(np.array([needed - 1, needed]), of.deviation, of.skewness, 0.95)
-    assert of.sign == 0 and after < of.mean <= before
+def test_forecast_of_pairs_is_where_the_sign_becomes_sure():
+    """Where the interval at 97.5 % leaves zero by what events shift the mean that a pair in 1 / q may have missed."""
+    for event, reckoned in ((0.0, 1.0), (5.0, 5.0)):
+        of = mean_difference(np.tile([1.3, -0.7], 10), 0.95, event)
+        needed = of.pairs_needed()
+        n = np.array([needed - 1, needed])
+        before, after = half_width(n, of.deviation, of.skewness, 0.975) + reckoned * (1.0 - 0.025 ** (1.0 / n))
+        assert of.sign == 0 and after < of.mean <= before
     assert mean_difference(np.tile([1.0, -1.0], 10), 0.95).pairs_needed() is None
 
 
@@ -110,6 +212,17 @@ def test_two_stiffnesses_are_told_apart(tmp_path, capsys):
     status, lines, _ = run(capsys, *line, "--sense", "max", "--quiet")
     other = {"A": "B", "B": "A"}[found["better"]]
     assert status == 0 and any(line.startswith(f"{other} is better, surely: 95 %") for line in lines), lines
+    assert any(line.startswith("  16 pairs may miss an event rarer than 1 in 4.9: it reverses") for line in lines)
+    known = ("--event", 2.0 * found["event_to_reverse"], "--budget", "32", "--quiet")
+    status, lines, _ = run(capsys, *line, *known)
+    assert status == 1 and any(of.startswith("not sure which is better; cost: 32 runs of 32") for of in lines)
+    assert f"  {found['better']} is better in what the pairs show: 95 %" in lines
+    assert any(
+        "go on with --budget" in of and of.endswith("or a lower --event if rare events are smaller") for of in lines
+    )
+    found = json.loads("\n".join(run(capsys, *line, *known, "--json")[1]))
+    assert found["better"] is None and found["better_in_what_pairs_show"] in "AB"
+    assert found["event_reckoned_with"] == known[1] and found["missed_rarer_than"] == pytest.approx(1 - 0.025**0.0625)
     assert when == {file: file.stat().st_mtime_ns for file in out.rglob("rows.parquet")}  # nothing was run again
     assert run(capsys, *line[:3], a, *line[4:])[2] == [f"warpchain: error: {a} and {a}: are the same drive"]
 
@@ -175,6 +288,7 @@ def test_mistakes_are_said_in_one_line(tmp_path, capsys):
         (("--metric", "tension_mx"), "no such metric; ", good),
         (("--metric", "q95(tension_max)"), "is a statistic over noise", good),
         ((*metric, "--level", "1"), "level = 1.0: must be a number from 0.5 to below 1", good),
+        ((*metric, "--event", "-1"), "event = -1.0: must be a finite number of at least 0", good),
         ((*metric, "--budget", "15"), "budget = 15: must be at least 16", good),
         (metric, "none is noise", STUDY.format(points=2, shard=1000)),
         (metric, "metrics.keep of the study leaves it out", good + '[metrics]\nkeep = ["tension_mean"]\n'),

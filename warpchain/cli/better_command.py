@@ -22,6 +22,12 @@ OPTIONS: Options = {
     "--level": {"type": number, "default": 0.95, "metavar": "P", "help": "how sure (default 0.95)"},
     "--budget": {"type": whole_number, "default": 200, "metavar": "RUNS", "help": "runs of both at most (default 200)"},
     "--batch": {"type": whole_number, "default": 8, "metavar": "PAIRS", "help": "run at once (default 8)"},
+    "--event": {
+        "type": number,
+        "metavar": "X",
+        "help": "change of a difference by rare events that is reckoned with though no pair had it, in SI units "
+        "(default 20 deviations of the differences; 0 leaves it at the largest that was there)",
+    },
     "--json": {"action": "store_true", "help": "as JSON, in SI units"},
 }
 
@@ -37,7 +43,7 @@ def add_better(commands: Any) -> None:
 def _better(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.better import Comparison, find_better
 
-    by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch")))
+    by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch", "event")))
     say = say_unless_quiet(arguments)
     report = None if say is None else lambda now: say(_status(now))
     drives = tuple(arguments.drives)
@@ -79,7 +85,12 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
         lines.append(f"{found.better} is better{where}, surely: {100.0 * of.level:g} %; cost: {cost}")
     else:
         lines.append(f"not sure which is better{where}; cost: {cost}")
+        if found.shown is not None:
+            lines.append(f"  {found.shown} is better in what the pairs show: {100.0 * of.level:g} %")
         lines.append(f"  {_what_would_help(found)}")
+    if of.heavy:
+        lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean hangs on few")
+    lines.append(f"  {_what_is_missed(found)}")
     for name in "AB":
         count, reason = found.lost(name)
         if count:
@@ -99,7 +110,21 @@ def _what_would_help(found: Better) -> str:
         return f"the means differ by at most {quantity(max(abs(of.low), abs(of.high)), found.unit)}"
     every = len(found.differences) / of.pairs
     runs = round(2 * found.copies * needed * every)
-    return f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
+    text = f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
+    return f"{text}, or a lower --event if rare events are smaller" if of.largest < of.reversal < of.reckoned else text
+
+
+def _what_is_missed(found: Better) -> str:
+    """A line on the rare events that the pairs may have missed, and on those that are reckoned with."""
+    from warpchain.results.units import quantity
+
+    of = found.found
+    text = f"{of.pairs} pairs may miss an event rarer than 1 in {1.0 / of.rarest:.2g}"
+    if of.reversal > 0.0:
+        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversal, found.unit)
+        text += f": it reverses the sign if it changes the difference by more than {least}"
+    deviations = f", {of.reckoned / of.deviation:.3g} deviations" if of.deviation else ""
+    return f"{text}; reckoned with: {quantity(of.reckoned, found.unit)}{deviations}"
 
 
 def _values(found: Better) -> dict[str, Any]:
@@ -120,10 +145,15 @@ def _values(found: Better) -> dict[str, Any]:
         "unit": found.unit,
         "sense": found.sense,
         "better": found.better,
+        "better_in_what_pairs_show": found.shown,
         "level": of.level,
         "difference": of.mean,
         "interval": [of.low if isfinite(of.low) else None, of.high if isfinite(of.high) else None],
+        "missed_rarer_than": of.rarest,
+        "event_to_reverse": of.reversal,
+        "event_reckoned_with": of.reckoned,
         "pairs": of.pairs,
+        "pairs_with_half_of_the_scatter": of.carriers,
         "pairs_left_out": len(found.differences) - of.pairs,
         "runs": found.runs,
         "budget": found.budget,

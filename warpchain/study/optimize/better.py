@@ -4,7 +4,8 @@
 
 A pair has the same noise and, with replicates, begins in the same ways. Noise factors are made of independent standard
 normals by their rank correlations and distributions; design factors are held where each drive has them. The same study
-asks for the same runs, so that it can be killed and gone on with, also with a larger budget or for another metric.
+asks for the same runs, so that it can be killed and gone on with, also with a larger budget or for another metric. Rare
+events that no pair had are reckoned with (`warpchain.study.analysis.paired`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from warpchain.arguments import Count, Range, Workers, checked
+from warpchain.arguments import Count, NonNegativeNumber, Range, Workers, checked
 from warpchain.drive import Drive
 from warpchain.drive.schema import nearest
 from warpchain.engine.simulation import MEMORY
@@ -51,6 +52,8 @@ class Comparison:
         level: probability with which no wrong sign is told, however often it is looked for.
         budget: most runs of both drives.
         batch: pairs that are run at once.
+        event: change of a pair's difference by rare events that is reckoned with though no pair had it, in SI units;
+            None takes `paired.EVENT` deviations of the differences.
 
     Raises:
         StudyError: a number that is not allowed.
@@ -61,6 +64,7 @@ class Comparison:
     level: Annotated[float, Range("a number from 0.5 to below 1", lambda x: 0.5 <= x < 1.0)] = 0.95
     budget: Count = 200
     batch: Annotated[int, Range("a whole number of at least 4", lambda n: n >= 4)] = 8
+    event: NonNegativeNumber | None = None
 
     def batches(self, copies: int) -> int:
         """Most batches, with so many runs of each drive in a pair.
@@ -105,9 +109,16 @@ class Better:
 
     @property
     def better(self) -> str | None:
-        """ "A" or "B" where it is sure, else None."""
-        sign = self.found.sign * (1 if self.sense == "max" else -1)
-        return {1: "B", -1: "A"}.get(sign)
+        """ "A" or "B" where it is sure, also if the pairs missed rare events, else None."""
+        return self._of_sign(self.found.sure)
+
+    @property
+    def shown(self) -> str | None:
+        """ "A" or "B" where the pairs show it, apart from events larger than all they had; else None."""
+        return self._of_sign(self.found.sign)
+
+    def _of_sign(self, sign: int) -> str | None:
+        return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))
 
     @property
     def runs(self) -> int:
@@ -180,7 +191,7 @@ def find_better(
             bench.round(number, [own | row for row in noise], progress)
             write_table(folder / "results.parquet", together(folder, number + 1))
         both = tuple(read_results(folder / "results.parquet", first.shown) for folder in folders)
-        found = _differences(both, metric, by.level)
+        found = _differences(both, metric, by)
         better = Better(metric, way, both, *found, study.design.copies, by.budget, folders)
         if report is not None:
             report(better)
@@ -189,7 +200,9 @@ def find_better(
     return better
 
 
-def _differences(both: Sequence[Results], metric: str, level: float) -> tuple[Array, MeanDifference, tuple[float, ...]]:
+def _differences(
+    both: Sequence[Results], metric: str, by: Comparison
+) -> tuple[Array, MeanDifference, tuple[float, ...]]:
     """Differences of the pairs, B less A, NaN where one is not ok; their mean, and those of the metric of A and B.
 
     Raises:
@@ -200,7 +213,8 @@ def _differences(both: Sequence[Results], metric: str, level: float) -> tuple[Ar
     if whole.sum() < 2:
         reasons = [text for each in both for _, text, _ in each.reasons()] or [f"runs have no {metric}"]
         raise StudyError(f"{metric}: {int(whole.sum())} of {len(whole)} pairs have both runs ok: {reasons[0]}")
-    return differences, mean_difference(differences[whole], level), tuple(values[:, whole].mean(axis=1).tolist())
+    found = mean_difference(differences[whole], by.level, by.event)
+    return differences, found, tuple(values[:, whole].mean(axis=1).tolist())
 
 
 def _values(results: Results, metric: str) -> Array:
