@@ -15,7 +15,7 @@ from warpchain.drive.viscosity import by_slope
 from warpchain.engine.fill_bodies import fill_tensioner
 from warpchain.engine.rig import SAMPLES, Shake, shake
 from warpchain.errors import DriveError, SimulationError
-from warpchain.kernels.structs import Tensioner
+from warpchain.kernels.structs import Tensioner, Valve
 
 ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
 ELSEWHERE += ("check", "relief", "vent", "supply_table")
@@ -53,6 +53,21 @@ def test_a_row_has_the_numbers_of_its_drive(drive):
     assert spring["bottom"] == -math.inf
 
 
+OUTLETS = {
+    "tensioners.0.relief": {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4},
+    "tensioners.0.vent": {"diameter": 2e-4},
+}
+"""What `RELIEF` and `VENT` of the rig are in drive files; both discharge at 0.6."""
+
+
+@pytest.mark.parametrize("valve", ["relief", "vent"])
+@pytest.mark.parametrize("field", Valve.numpy_dtype()["names"])
+def test_a_row_has_the_relief_valve_and_the_vent_of_its_drive(drive, valve, field):
+    """Hole pi d^2 / 4 and curtain pi d y of the one, C_d pi d^2 / 4 of the other, by hand in the rig."""
+    row = filled(drive.with_values(OUTLETS), 0)[valve]
+    assert row[field] == pytest.approx(getattr(getattr(tensioner(**RELIEF, **VENT), valve), field), rel=1e-14)
+
+
 def test_at_rest_the_valve_feeds_the_leak(drive):
     part = drive.tensioners[0]
     rest = oil.static_pressure(part)
@@ -80,8 +95,7 @@ def test_python_and_kernels_have_one_oil_and_one_valve(drive):
 
 def test_python_and_kernels_have_one_relief_valve_and_one_vent(drive):
     """One step each, so short that P stays, of a chamber that is so large that nothing changes it."""
-    relief = {"pressure": 5e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}
-    part = drive.with_values({"tensioners.0.relief": relief, "tensioners.0.vent": {"diameter": 2e-4}}).tensioners[0]
+    part = drive.with_values(OUTLETS).tensioners[0]
     for pressure in (9e4, 1.02e5, 4e5, 5.1e5, 1e6, 4e6):
         got = moved(still(pressure, volume=1e3, **RELIEF, **VENT), [0.0, 0.0], 1e-6)
         relieved, vented = oil.outlet_flows(part, pressure)
