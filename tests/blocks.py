@@ -303,6 +303,12 @@ def folded():
             for drive in swung()]  # fmt: skip
 
 
+def folded_led():
+    """The same, the pivot of what carries that arm led along a table."""
+    table = led()[0].arms[0].pivot_table.model_dump(exclude_none=True)
+    return [drive.with_values({"arms.base.pivot_table": table}) for drive in folded()]
+
+
 def folded_light():
     return [drive.with_values(LIGHT) for drive in folded()]
 
@@ -426,7 +432,7 @@ def rubbing_on_moving_sprockets():
     return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
-SWUNG = (swung, led, folded)
+SWUNG = (swung, led, folded, folded_led)
 SWUNG_LIGHT = (swung_light, led_light, folded_light)
 TRAINS = (trains, gear_changes, valves, light_trains)
 MOVING = (moving_sprockets, rubbing_on_moving_sprockets)

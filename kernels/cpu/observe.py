@@ -16,18 +16,20 @@ from ..physics.body import (
     arm_dissipation,
     arm_energy,
     body_energy,
+    body_rates,
     heading_of,
     held_by,
+    mass_moment_now,
     pivot_power,
     pose_of,
 )
-from ..physics.hub import against
+from ..physics.hub import against, turning_force
 from ..physics.motion import load_moment_at_speed
 from ..physics.mount import off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
 from ..physics.valve import cam_energy
-from ..structs import Drive, Now, Sums, types
+from ..structs import Drive, Now, Sums, Wrench, types
 from ..sums import (
     MERGE_EVERY,
     add_arm,
@@ -46,6 +48,7 @@ from ..sums import (
     add_valve,
 )
 from .chain_sums import chain_sums
+from .contact_pairs import with_reaction
 from .jointed import carrier_of, joint_energy
 from .joints import joint_passes
 from .rollers import passes, rows
@@ -204,10 +207,27 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = load + whole.bearing
             off = off_home(body.center, mount)
-            held, power = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
+            heading = heading_of(body)
+            rates = body_rates(now.time, off, body, heading, whole, motion, mount, ensemble)
+            held, power = held_by(off, body, heading, whole, rates, motion, mount)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
         sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
+
+    @wp.func
+    def with_turning(ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now):
+        """The wrench on arm a of the drive with what arms on it leave on their pivots, and its accelerations with
+        them (`physics.hub`, (b) and (c)).
+        """
+        for k in range(drive.arms):
+            arm = ensemble.arms[drive.first_arm + k]
+            if arm.on == a + 1:
+                b = drive.first_body + drive.bodies - drive.arms + k
+                body = body_now(ensemble, state, b, now.time, now.lag)
+                force = turning_force(body.speed, state.rates[b][2], mass_moment_now(heading_of(body), arm))
+                wrench = with_reaction(wrench, force, wp.float64(0.0))
+                rates[2] = state.rates[carrier_of(drive, arm.on)][2]
+        return wrench, rates
 
     @wp.func
     def add_arm_body(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
@@ -224,8 +244,10 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = bodies.load_on(ensemble, state, drive, body, b, now.time) + whole.bearing
-            off, motion = off_home(body.center, mount), ensemble.motions[b]
-            held, led = held_by(now.time, off, body, heading_of(body), whole, motion, mount, ensemble)
+            off, motion, heading = off_home(body.center, mount), ensemble.motions[b], heading_of(body)
+            rates = body_rates(now.time, off, body, heading, whole, motion, mount, ensemble)
+            whole, rates = with_turning(ensemble, state, drive, a, whole, rates, now)
+            held, led = held_by(off, body, heading, whole, rates, motion, mount)
             led = pivot_power(led, body, ensemble.arms[i])
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, now.weight)
 

@@ -14,7 +14,16 @@ from ..native import accessors
 from ..number import difference, leading
 from ..physics.body import body_at, body_rates, in_plain, joint_moment, mass_moment_now, own_moment
 from ..physics.guide import from_frame
-from ..physics.hub import against, carried_by, eliminated, hanging_on, joint_energy, joint_terms, moment_of
+from ..physics.hub import (
+    against,
+    carried_by,
+    eliminated,
+    hanging_on,
+    joint_energy,
+    joint_terms,
+    moment_of,
+    turning_force,
+)
 from ..structs import Drive
 from .bodies import body_access, body_steps, prescribed_motion
 from .geometry import contact_geometry
@@ -46,6 +55,12 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         return of_joints(shared, b - wp.static(mounted), k)
 
     @wp.func
+    def put_force(shared: Shared, b: int, force: vec2):
+        """Shares a force [N] that body b, an arm, passes on to the one that carries it."""
+        put(shared, b, FORCE, force[0])
+        put(shared, b, FORCE + 1, force[1])
+
+    @wp.func
     def first_arm(drive: Drive, mine: Mine):
         """The body of the first arm of the chain of the thread's arm; the others come after it."""
         return mine.body - (mine.number - (drive.bodies - drive.arms))
@@ -75,12 +90,24 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         """The chain's moment and force on the thread's body with those on arms on it; all threads together."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
-                put(shared, mine.body, FORCE, acting[1])
-                put(shared, mine.body, FORCE + 1, acting[2])
+                put_force(shared, mine.body, vec2(acting[1], acting[2]))
             barrier()
             if mine.arm >= 0:
                 acting = with_hanging(ensemble, shared, mine, acting)
         return acting
+
+    @wp.func
+    def with_turning(ensemble: Ensemble, shared: Shared, mine: Mine, wrench: Wrench, rates: of_three):
+        """The wrench on the thread's arm with what arms on it leave on their pivots, and its accelerations with them
+        (`physics.hub`, (b) and (c)); once `couple` has found these.
+        """
+        drive = ensemble.drives[mine.row]
+        first = first_arm(drive, mine)
+        for k in range(drive.arms):
+            if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
+                wrench.force = wrench.force + vec2(got(shared, first + k, FORCE), got(shared, first + k, FORCE + 1))
+                rates[2] = got(shared, mine.body, ANGULAR)
+        return wrench, rates
 
     @wp.func
     def turned(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, k: int):
@@ -153,8 +180,10 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             angular = hanging_on(led, terms, inverse)
             seen = now_of(ensemble, shared, mine.body, angular, time, lag)
             carrier = now_of(ensemble, shared, on, led, time, lag)
-            lever, to = leading(from_frame(arm.lever, shared.poses[on])), heading(shared.poses[mine.body])
-            energy = joint_energy(seen.speed, mass_moment_now(to, arm), lever, carrier)
+            lever = leading(from_frame(arm.lever, shared.poses[on]))
+            s = mass_moment_now(heading(shared.poses[mine.body]), arm)
+            energy = joint_energy(seen.speed, s, lever, carrier)
+            put_force(shared, mine.body, turning_force(seen.speed, angular, s))
             put(shared, mine.body, TURNED + 1, seen.speed - carrier.speed)
         else:
             angular = together(ensemble, shared, drive, first, mine.body - first, lag)

@@ -16,6 +16,7 @@ from ..physics.body import (
     arm_dissipation,
     arm_energy,
     body_energy,
+    body_rates,
     heading_of,
     held_by,
     own_moment,
@@ -40,6 +41,7 @@ from ..sums import (
     merge_extremes,
 )
 from .bodies import body_access, body_steps
+from .jointed import block_jointed
 from .kind import START, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
@@ -271,7 +273,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
 def body_observing(kind: BlockKind) -> SimpleNamespace:
     """The functions that observe the body of a thread."""
     Real, sprockets, moving, paired = kind.Real, kind.parts.sprockets, kind.moving, kind.paired
-    kinds, Now, steps = kind.types, kind.types.Now, body_steps(kind)
+    kinds, Now, steps, joints = kind.types, kind.types.Now, body_steps(kind), block_jointed(kind)
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
     vec2, heading, of_joints = kinds.vec2, body_access(kind).heading, body_access(kind).of_joints
 
@@ -310,7 +312,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
                 acting = steps.with_bearing(whole)
-                held, power = held_by(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble)
+                rates = body_rates(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble)
+                held, power = held_by(off, seen, to, acting, rates, motion, mount)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
@@ -330,7 +333,10 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 if wp.static(kind.parts.jointed):
                     whole.load = whole.load + of_joints(shared, mine.arm, MOMENT)
                 acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
-                held, power = held_by(time, off, seen, to, acting, motion, mount, ensemble)
+                rates = body_rates(time, off, seen, to, acting, motion, mount, ensemble)
+                if wp.static(kind.parts.jointed):
+                    acting, rates = joints.with_turning(ensemble, shared, mine, acting, rates)
+                held, power = held_by(off, seen, to, acting, rates, motion, mount)
                 led = pivot_power(power, seen, arm)
         return led
 

@@ -28,7 +28,7 @@ OF_A_THREAD = 4
 
 OF_AN_ARM = 10
 """Values that each arm shares where arms carry arms (`jointed`):"""
-FORCE = wp.constant(0)  # of contacts on it (x, y) [N],
+FORCE = wp.constant(0)  # of contacts on it, then of its turning (x, y), passed on to the one that carries it [N],
 RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its angle, as if nothing hung on it,
 ANGULAR = wp.constant(5)  # that of its angle [rad/s^2],
 MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],

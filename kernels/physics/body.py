@@ -327,12 +327,11 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 
 @wp.func
-def held_by(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
+def held_by(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
     """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
-    Arguments as of `body_rates`, with the body's rates at `time`.
+    Arguments as of `body_rates`, with the body's rates at the instant and the accelerations `rates`.
     """
-    rates = body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 

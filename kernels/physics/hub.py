@@ -15,7 +15,11 @@ and s = m_2 (r_c - p_2) of the other,
     I_2 alpha_2 + d.s alpha_1 = M_2 - w_1^2 (r_d x s),                                                        (b)
 
 F_2 all forces on the other; its spring, damper and stops act on both, at alpha_2 - alpha_1. With several on one, each
-is eliminated from the first line.
+is eliminated from the first line. As it turns the other leaves on its pivot, beside what its mass there does,
+
+    F_2 + w_2^2 s - alpha_2 e_z x s,                                                                          (c)
+
+which whatever leads the pivot of the one has to hold, too.
 
 In leapfrog the center's velocity is alpha' x r_d of the arm's speed half a step behind, so that with the arm's
 acceleration, alpha'' x r_d, contacts have that of their instant, as of guides on arms.
@@ -81,6 +85,12 @@ def eliminated(moment: Any, inertia: Any, terms: Any, inverse: Any):
 def hanging_on(angular: Any, terms: Any, inverse: Any):
     """alpha_2 [rad/s^2] of (b) from alpha_1."""
     return inverse * (terms[1] - terms[0] * angular)
+
+
+@wp.func
+def turning_force(speed: Any, angular: Any, s: Any):
+    """Force [N] that an arm leaves on its pivot as it turns: (c) without F_2."""
+    return speed * speed * s - angular * left(s)
 
 
 @wp.func
