@@ -359,6 +359,12 @@ def light_stages():
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
 
 
+def geared_light_stages():
+    """Two stages on gears between bodies so light that contacts want their accelerations before forces."""
+    drive = chains.light_gears(step=2e-6)
+    return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
+
+
 def stages_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in stages_of_two_chains()]
 
@@ -449,7 +455,7 @@ arms on arms, shafts, moving centers or valves stands one without.
 """
 RUBBING = (rubbing, bending, uneven)
 ON_ARMS = (*SWUNG, *SWUNG_LIGHT, arms, fed)
-VALVED = (geared_stages, cushed_stages, light_stages, stages_of_two_chains, valved_stages)
+VALVED = (geared_stages, cushed_stages, light_stages, geared_light_stages, stages_of_two_chains, valved_stages)
 V6 = (v6, v6_fed)
 USUAL = [
     (RUBBING, True, "float64"),

@@ -155,6 +155,20 @@ def cushed_stages(**settings):
     return plus(two_stages(**settings), PUMP + CUSH)
 
 
+def light_gears(**settings):
+    """Two stages whose shafts, lighter than the rollers on them, a pair of gears ties: rho = -1/2."""
+    pair = gears("pair", ["mid in", "mid out"], [20, 40])
+    found = tomllib.loads(dumps_drive(two_stages(**settings)) + pair)
+    del found["shafts"]
+    found["chains"][1]["plane"] = "behind"
+    for sprocket in found["sprockets"]:
+        if sprocket.pop("shaft", None) is not None:
+            sprocket["inertia"] = 2e-3
+        if sprocket["chain"] == "second":
+            sprocket["wrap"] = "cw"
+    return Drive(**found)
+
+
 def motored_stages(**settings):
     """Geared stages that a motor starts, on the crank's shaft."""
     motor = shaft("engine", inertia=0.4, motor={"torque": 300.0, "power": 3e3})

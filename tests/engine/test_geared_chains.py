@@ -5,14 +5,17 @@ import math
 import chains
 import numpy as np
 import pytest
+from blocks import pack_for
 from drives import STARTING, assert_alone_as_in_a_crowd, periods, ran, swing
 from parts import gears, shaft
+from raw import stepped
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.rings import rings_of
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.schedule import Schedule
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
 
@@ -48,6 +51,20 @@ def test_two_equal_chains_with_gears_are_one_of_twice_the_mass_stiffness_and_con
     rows = beside_each_other.metrics.to_pylist()
     for name in ("pair.torque_mean", "pair.tooth_force_max", "output_work", "energy_change", "links.dissipated"):
         assert rows[0][name] == pytest.approx(rows[2][name], rel=1e-8), name
+
+
+def test_contacts_expect_of_light_geared_bodies_what_they_then_give_them():
+    """Forces are linear in what is expected, M_0 - S (alpha - alpha_0), so that alpha = (M_0 + S alpha_0) / (J + S) is
+    what they come to, to round-off: with S of all bodies of the train, rho^2 that of one at rho; rho = -1/2 here.
+    """
+    packed = pack_for([chains.light_gears(step=2e-6)], [Schedule(2e-6, 5000, 0, 5000, 0)], "float64")
+    assert packed.drives["light"].all()
+    engine, _ = stepped(packed, 5001)
+    expected, found = engine.bodies()["angular"], np.asarray(engine.state.rates.numpy())[:, 2]
+    moment = engine.state.wrenches.numpy()["moment"]
+    assert (np.abs(moment[[1, 3]]) > 10.0).all() and (np.abs(found[[1, 3]]) > 10.0).all()
+    np.testing.assert_allclose(expected[1:], found[1:], rtol=1e-9)
+    assert found[1] == -2.0 * found[3]
 
 
 @pytest.mark.parametrize("lash", [0.0, 2e-3])
