@@ -360,8 +360,9 @@ def light_stages():
 
 
 def geared_light_stages():
-    """Two stages on gears between bodies so light that contacts want their accelerations before forces."""
-    drive = chains.light_gears(step=2e-6)
+    """Two tight stages on gears between bodies so light that contacts want their accelerations before forces."""
+    tight = {f"chains.{name}.elongation": -2e-3 for name in ("first", "second")}
+    drive = chains.light_gears(step=2e-6).with_values(tight)
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
 
 
