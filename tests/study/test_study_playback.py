@@ -78,6 +78,11 @@ def test_objectives_have_panels_whatever_else_is_shown(study):
     best = [words for path, words in stream.dots.items() if path.endswith("/best")]
     least = int(np.argmin(np.where(results.ok, results.values("driven.force_max"), np.inf)))
     assert [word.split(":")[0] for words in best for word in words] == [f"variant {least}"] * 2
+    noise = pa.field("torque", pa.float64(), metadata={"role": "factor", "kind": "noise"})
+    table = results.table.set_column(results.table.column_names.index("torque"), noise, results.table["torque"])
+    stream = Stream()
+    log_scatters(stream, read_results(table, ["torque", "law"]), [], **shown)
+    assert not any(words for path, words in stream.dots.items() if path.endswith("/best"))  # it has the luckiest noise
 
 
 def test_recorded_variants_come_from_the_archives(study):

@@ -122,7 +122,7 @@ def _print_found(found: Any) -> None:
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
                 unit = results.unit(name)
-                measured = f"its run{'s' if one.spreads else ''}: {quantity(one.measured[name], unit)}"
+                measured = "its runs" if one.spreads else f"its run: {quantity(one.measured[name], unit)}"
                 print(f"  {name}: {quantity(mean, unit, deviation)} ({measured})")
         for of in one.spreads:
             print(f"  spread of {of.metric} over the noise comes of: {of.parts_words()}")
@@ -131,7 +131,9 @@ def _print_found(found: Any) -> None:
             archive, number = found.archives[k]
             way = "play it, with noise as the drive has it" if one.spreads else "play it"
             print(f"  {way}: warpchain view {archive} --variant {number}")
-    print("\n± is one standard deviation of the metric itself, by a surrogate of all variants")
+    over_noise = "the standard error of a statistic over a design's runs; designs are compared over the same noise"
+    of = over_noise if found.results.noise else "one standard deviation of the metric itself, by a surrogate"
+    print(f"\n± is {of}")
     print(f"report: warpchain study report {found.folder} -o report.html")
 
 

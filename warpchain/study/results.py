@@ -123,9 +123,13 @@ class Results:
 
         Reasons that differ in their numbers only count as one, named by its first.
         """
-        reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
-        ended = zip(self.status, reasons, strict=True)
-        return common_reasons((status, reason or "no reason given") for status, reason in ended if status != "ok")
+        rows = np.flatnonzero(~self.ok).tolist()
+        return common_reasons((self.status[row], self.reason(row)) for row in rows)
+
+    def reason(self, row: int) -> str:
+        """Why a row is not ok, in words."""
+        held = self.table["reason"][row].as_py() if "reason" in self.table.column_names else None
+        return held or "no reason given"
 
     def numeric(self, name: str) -> bool:
         """Whether a column holds numbers.

@@ -1,12 +1,18 @@
 """Designs compared over noise: a row for each design with means, deviations and quantiles of its runs.
 
-Quantiles are Harrell and Davis's (1982) with their jackknife errors, by `scipy.stats.mstats`. Errors of deviations are
-jackknife errors, too. A design whose runs are not all ok counts as its worst one does.
+Quantiles are weighted sums of the sorted runs (Harrell and Davis 1982). What each run contributes to a statistic T is
+its jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
+
+    J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k),                                                               (a)
+
+which for a mean is the run itself. J has the mean T, and the standard error of T is the deviation of T_k about their
+mean times sqrt(n - 1). Two designs that were run over the same rows of noise are compared by the differences of their
+J, row by row (`analysis.paired`). A design whose runs are not all ok counts as its worst one does.
 
 The part of a design's spread that comes of a noise factor i is (Li et al. 2010), for an additive fit y = sum f_i(z_i)
 of straight lines and parabolas to its runs,
 
-    S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)),                                                 (a)
+    S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)),                                                 (b)
 
 also where factors are correlated; the second term is what p_i terms take up of mere scatter s^2.
 """
@@ -15,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +29,10 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR, ROLE_OF_ERRORS
+from warpchain.study.analysis.paired import LEAST as FEWEST_PAIRS
+from warpchain.study.analysis.paired import MeanDifference, mean_difference
 from warpchain.study.analysis.pareto import SENSES, Goals
+from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import ARCHIVED, Array, Results
 from warpchain.study.spec.noise import Statistic, metric_in, statistic_of
 from warpchain.study.spec.study_tables import Bound, Objective
@@ -66,6 +76,47 @@ class Designs(Results):
             f"runs; {100.0 * interval.low:.0f} to {100.0 * interval.high:.0f} % with 95 % confidence"
         )
 
+    @cached_property
+    def _by_noise(self) -> list[dict[tuple[Any, ...], int]]:
+        """Row of `runs` of each design, by its values of the noise factors."""
+        columns = [self.runs.table[name].to_pylist() for name in self.runs.noise_sources]
+        return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
+
+    def pairs(self, first: int, second: int, metric: str) -> Array:
+        """Values (n, 2) of a metric in runs of two designs with the same noise, of pairs that are ok."""
+        one, other = self._by_noise[first], self._by_noise[second]
+        rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
+        values = _values(self.runs, metric)[rows]
+        return values[np.isfinite(values).all(axis=1)]
+
+    def difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
+        """A statistic of the second design less that of the first, by their `pairs` (two at least), eq. (a)."""
+        before, after = (_pseudo_values(of, statistic) for of in self.pairs(first, second, statistic.metric).T)
+        return mean_difference(after - before, CONFIDENCE)
+
+    def surely(self, first: int, second: int, name: str) -> int | None:
+        """1 where a statistic of the second design is surely above that of the first, -1 where below, else 0.
+
+        Sure is what the `difference` shows with 95 %, and of means and quantiles what all pairs agree in.
+
+        Args:
+            first, second: rows of the designs.
+            name: of the statistic, such as "q95(tension_max)".
+
+        Returns:
+            None of a design factor, or where there are fewer pairs than tell a sign.
+        """
+        statistic = statistic_of(name)
+        if statistic is None:
+            return None
+        values = self.pairs(first, second, statistic.metric)
+        if len(values) < FEWEST_PAIRS:
+            return None
+        ways = np.sign(values[:, 1] - values[:, 0])
+        if statistic.word != "std" and (ways == ways[0]).all():
+            return int(ways[0])
+        return self.difference(first, second, statistic).sign
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -74,7 +125,7 @@ class Spread:
     Attributes:
         metric: its name.
         statistics: value and standard error by word of `SHOWN`.
-        parts: part of the variance by noise factor [-], eq. (a); empty where runs are too few to tell.
+        parts: part of the variance by noise factor [-], eq. (b); empty where runs are too few to tell.
     """
 
     metric: str
@@ -224,27 +275,48 @@ def _values(results: Results, metric: str) -> Array:
 
 def _taken(values: Array, statistic: Statistic) -> tuple[float, float]:
     """A statistic of the runs that are ok, and its standard error; NaN where fewer than `LEAST` are."""
-    from scipy.stats.mstats import hdquantiles
-
     values = values[np.isfinite(values)]
-    n = len(values)
-    if n < LEAST:
+    if len(values) < LEAST:
         return float("nan"), float("nan")
-    if statistic.word == "mean":
-        return float(values.mean()), float(values.std(ddof=1) / np.sqrt(n))
-    if statistic.level is None:
-        squares = (values - values.mean()) ** 2
-        left = (squares.sum() - squares * n / (n - 1)) / (n - 2)  # variances without one run each
-        deviations = np.sqrt(np.maximum(left, 0.0))
-        return float(values.std(ddof=1)), float(np.sqrt((n - 1) / n * ((deviations - deviations.mean()) ** 2).sum()))
+    whole, without = _jackknife(values, statistic)
+    return whole, float(np.sqrt(len(values) - 1) * without.std())
+
+
+def _pseudo_values(values: Array, statistic: Statistic) -> Array:
+    """Contributions (n,) of each of the values (n,) to a statistic, eq. (a)."""
+    whole, without = _jackknife(values, statistic)
+    return np.asarray(whole + (len(values) - 1) * (without.mean() - without))
+
+
+def _jackknife(values: Array, statistic: Statistic) -> tuple[float, Array]:
+    """A statistic of values (n,), and the same without each of them in turn (n,)."""
+    n, mean = len(values), float(values.mean())
     if np.ptp(values) == 0.0:
-        return float(values[0]), 0.0
-    value, variance = (float(part[0]) for part in hdquantiles(values, [statistic.level], var=True))
-    return value, float(np.sqrt(variance))
+        return (0.0 if statistic.word == "std" else float(values[0])), np.zeros(n)
+    if statistic.word == "mean":
+        return mean, (n * mean - values) / (n - 1)
+    if statistic.level is None:
+        squares = (values - mean) ** 2
+        left = (squares.sum() - squares * n / (n - 1)) / (n - 2)
+        return float(values.std(ddof=1)), np.sqrt(np.maximum(left, 0.0))
+    order = np.argsort(values, kind="stable")
+    ordered, weights = values[order], _quantile_weights(n - 1, statistic.level)
+    below = np.append(0.0, np.cumsum(weights * ordered[:-1]))
+    above = np.append(np.cumsum((weights * ordered[1:])[::-1])[::-1], 0.0)
+    without = np.empty(n)
+    without[order] = below + above
+    return float(_quantile_weights(n, statistic.level) @ ordered), without
+
+
+def _quantile_weights(count: int, level: float) -> Array:
+    """Weights (n,) of sorted values in Harrell and Davis's quantile."""
+    from scipy.special import betainc
+
+    return np.diff(betainc((count + 1) * level, (count + 1) * (1.0 - level), np.arange(count + 1) / count))
 
 
 def _parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
-    """Part of a metric's variance over runs of one design by noise factor, eq. (a)."""
+    """Part of a metric's variance over runs of one design by noise factor, eq. (b)."""
     terms = {name: of for name in results.noise_sources if (of := _terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y

@@ -1,10 +1,16 @@
 """Designs to recommend, out of the rows that were run, with what is believed of them and why.
 
-A row's metric scatters, and the best of many rows is the best partly by luck. So rows are compared by surrogates that
-all rows speak through (`study.surrogate`): the mean of each metric, how sure it is, and with which probability each
-limit is kept. Only rows that were run and ended well are recommended: each can be played. With noise, rows are designs
-and metrics are statistics of their runs (`analysis.over_noise`): what is recommended names design factors only, and
-tells how its metrics spread and in which share of the noise it keeps the limits.
+A row's metric scatters, and the best of many rows is the best partly by luck. So rows that were run once are compared
+by surrogates that all rows speak through (`study.surrogate`): the mean of each metric, how sure it is, and with which
+probability each limit is kept. A mean of several runs that is known better by itself counts as it was run. Only rows
+that were run and ended well are recommended: each can be played.
+
+With noise, rows are designs and metrics are statistics of their runs (`analysis.over_noise`). Each design is judged by
+its own runs, and compared with another in pairs of runs with the same noise: one beats another where it is surely
+better in one objective and, as it was run, no worse in any. Of designs that keep the limits as they were run, none is
+recommended that another one beats. Beside them stands the best of those that surely keep the limits. What beats that
+one, or has a run that is not ok, is named with the reason. What is recommended names design factors only, and tells how
+its metrics spread and in which share of the noise it keeps the limits.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import StudyError
+from warpchain.results.units import quantity
 from warpchain.study.analysis.over_noise import Designs, Spread, spread
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
 from warpchain.study.analysis.pure_error import standard_errors
@@ -34,10 +41,11 @@ SURE = 0.95
 
 @dataclass(frozen=True)
 class Believed:
-    """A metric as a surrogate has it at the rows.
+    """A metric at the rows, as it is believed to be.
 
     Attributes:
-        mean, deviation: (R,) of the metric itself, without the noise of a run; NaN where rows were not ok.
+        mean, deviation: (R,) of the metric itself, without the scatter of a run; NaN where rows were not ok, but of
+            designs what their runs that are ok give.
         source: where they come from, in words.
     """
 
@@ -54,10 +62,10 @@ class Recommended:
         row: of the table.
         variant: its number.
         reasons: why, one line each.
-        believed: mean and standard deviation by metric.
+        believed: mean and standard deviation by metric; with noise, as its runs have them.
         measured: what its run gave, by metric.
         chance: probability that it keeps all limits; with noise, the share of its runs that do.
-        alike: number of other rows that do not differ from it, within their deviations, in what it is recommended for.
+        alike: number of other rows that cannot be told from it in what it is recommended for.
         spreads: with noise, how metrics of its runs spread.
     """
 
@@ -72,20 +80,24 @@ class Recommended:
 
 
 def believed(results: Results, metric: str) -> Believed:
-    """A metric at the rows: by a Gaussian process, a quadratic surface, or as measured."""
+    """A metric at the rows: as their runs gave it where that is known, else by a surrogate, else as measured."""
     values, rows = results.values(metric), results.rows_for(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
+    own, errors = np.where(rows, values, np.nan), standard_errors(results, metric)
+    if isinstance(results, Designs) and errors is not None:
+        return Believed(values, errors, "as its runs gave it")
     with suppress(StudyError):
         found = best_surrogate(results, metric, 0.0)  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
         taken = rows & results.rows_for(metric, found.factors)
         mean[taken], deviation[taken] = found.predict(results.table.filter(taken))
+        if results.replicated and errors is not None:
+            known = rows & (errors < deviation)
+            mean, deviation = np.where(known, own, mean), np.where(known, errors, deviation)
         return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
-    if isinstance(results, Designs) and (errors := standard_errors(results, metric)) is not None:
-        scatter = errors
-    return Believed(np.where(rows, values, np.nan), scatter, "as measured; no surrogate predicts it")
+    return Believed(own, scatter, "as measured; no surrogate predicts it")
 
 
 @dataclass(frozen=True)
@@ -98,7 +110,10 @@ class Judged:
         costs: (R, M) means of the objectives, all to be small.
         spread: (R, M) their deviations.
         measured: (R, M) the objectives as they were run, all to be small.
+        within: (R,) rows that keep all limits as they were run, whether they are ok or not.
         chance: (R,) probability of keeping all limits; 0 where a row was not ok.
+        held: (R,) rows that count as keeping the limits: of designs those that do as they were run, of others those
+            that surely do; where there are none, those that are likeliest to.
     """
 
     goals: Goals
@@ -106,12 +121,9 @@ class Judged:
     costs: Array
     spread: Array
     measured: Array
+    within: NDArray[np.bool_]
     chance: Array
-
-    @property
-    def sure(self) -> NDArray[np.bool_]:
-        """Rows that keep the limits, or where none surely does, those that are likeliest to."""
-        return self.chance >= min(SURE, float(self.chance.max(initial=0.0)))
+    held: NDArray[np.bool_]
 
 
 def judge(results: Results, goals: Goals) -> Judged:
@@ -132,7 +144,11 @@ def judge(results: Results, goals: Goals) -> Judged:
         chance = chance * np.where(
             chance > 0.0, keeping(bound, np.nan_to_num(of.mean), np.nan_to_num(of.deviation)), 0.0
         )
-    return Judged(goals, found, costs, spread, measured.costs, chance)
+    within = np.isfinite(costs).all(axis=1) & (measured.excess <= 0.0).all(axis=1)
+    held = measured.kept & isinstance(results, Designs)
+    if not held.any():
+        held = (chance > 0.0) & (chance >= min(SURE, float(chance.max(initial=0.0))))
+    return Judged(goals, found, costs, spread, measured.costs, within, chance, held)
 
 
 def front_of(judged: Judged) -> NDArray[np.intp]:
@@ -140,7 +156,7 @@ def front_of(judged: Judged) -> NDArray[np.intp]:
 
     Of these only the ones that are on the front as measured, too, if there are any.
     """
-    rows = np.flatnonzero(judged.sure & (judged.chance > 0.0))
+    rows = np.flatnonzero(judged.held)
     front = rows[non_dominated(judged.costs[rows])] if len(rows) else rows
     both = np.intersect1d(front, rows[non_dominated(judged.measured[rows])]) if len(rows) else rows
     front = both if len(both) else front
@@ -170,10 +186,13 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
         picks.append(
             (best, f"{word} {name} of the variants that keep the limits" if goals.bounds else f"{word} {name}", m)
         )
-    cautious = judged.costs + 2.0 * judged.spread
-    held = np.flatnonzero(judged.sure & (judged.chance > 0.0))
-    safe = int(held[int(np.argmin(cautious[held, 0]))])
-    picks.append((safe, f"{words[0]} {names[0]} that is sure: at two standard deviations to the worse", 0))
+    if not isinstance(results, Designs):
+        rows, cautious = np.flatnonzero(judged.held), judged.costs + 2.0 * judged.spread
+        safe = int(rows[int(np.argmin(cautious[rows, 0]))])
+        picks.append((safe, f"{words[0]} {names[0]} that is sure: at two standard deviations to the worse", 0))
+    elif goals.bounds and len(rows := np.flatnonzero(judged.held & (judged.chance >= SURE))):
+        safe = int(min(rows[non_dominated(judged.costs[rows])].tolist(), key=lambda row: judged.costs[row, 0]))
+        picks.append((safe, f"{words[0]} {names[0]} of the variants that surely keep the limits", 0))
     found: dict[int, list[tuple[str, int]]] = {}
     for row, reason, m in picks:
         if row in found or len(found) < most:
@@ -181,31 +200,87 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
     return [_recommended(results, judged, row, reasons) for row, reasons in found.items()]
 
 
+def _compared(results: Results, judged: Judged, row: int, others: NDArray[np.intp], m: int) -> Array:
+    """Sign of objective m's cost of other rows less that of a row (K,), 0 where it is not sure.
+
+    Designs over noise are told apart by pairs of runs where these are enough, other rows by two standard deviations.
+    """
+    gap = judged.costs[others, m] - judged.costs[row, m]
+    alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
+    signs = np.where(alike, 0.0, np.sign(gap))
+    if isinstance(results, Designs):
+        for k, other in enumerate(others.tolist()):
+            sign = results.surely(row, other, judged.goals.objectives[m].metric)
+            if sign is not None:
+                signs[k] = judged.goals.signs[m] * sign
+    return signs
+
+
+def _beating(results: Results, judged: Judged, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of other rows that are surely better than a row in one objective, and no worse in any as they were run."""
+    others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
+    better = [_compared(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
+    return np.asarray(others[np.any(better, axis=0)])
+
+
+def _passed_over(results: Results, judged: Judged, row: int) -> list[str]:
+    """Why a recommended design stands although another one that keeps the limits as it was run beats it.
+
+    Of several, the likeliest to keep the limits is named.
+    """
+    others = _beating(results, judged, row, np.flatnonzero(judged.within))
+    if not len(others):
+        return []
+    other = int(others[int(np.argmax(judged.chance[others]))])
+    better = []
+    for m, objective in enumerate(judged.goals.objectives):
+        if _compared(results, judged, row, np.array([other]), m)[0] < 0.0:
+            unit, values = results.unit(objective.metric), results.values(objective.metric)
+            better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
+    why = f"is only {_sure(judged, other)} to keep the limits, this one {_sure(judged, row)}"
+    if not results.ok[other]:
+        why = f"one of its runs is {results.status[other]}: {results.reason(other)}"
+    more = f"; so with {len(others) - 1} more" if len(others) > 1 else ""
+    beats = f"{' and '.join(better)}, surely better over the same noise"
+    return [f"variant {results.variants[other]} has {beats}, but {why}{more}"]
+
+
+def _sure(judged: Judged, row: int) -> str:
+    return f"{100.0 * judged.chance[row]:.0f} % sure"
+
+
 def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple[str, int]]) -> Recommended:
     goals = judged.goals
     objectives = [m for _, m in reasons if m >= 0] or list(range(len(goals.objectives)))
-    others = np.flatnonzero(judged.sure & (judged.chance > 0.0))
-    gap = judged.costs[others] - judged.costs[row]
-    width = np.hypot(judged.spread[others], judged.spread[row])
-    alike = int((np.abs(gap) <= 2.0 * width)[:, objectives].all(axis=1).sum()) - 1
+    others = np.flatnonzero(judged.held)
+    same = np.all([_compared(results, judged, row, others, m) == 0.0 for m in objectives], axis=0)
+    alike = int(same.sum()) - 1
     lines = [reason for reason, _ in reasons]
     chance = float(judged.chance[row])
     spreads: tuple[Spread, ...] = ()
     if isinstance(results, Designs):
         metrics = dict.fromkeys(metric_in(n) for n in goals.metrics if n not in results.factors)
         spreads = tuple(spread(results, row, metric) for metric in metrics)
+    over = isinstance(results, Designs)
     if isinstance(results, Designs) and results.bounds:
-        wanted = f"no design surely keeps them in {100.0 * goals.keep:g} % of the noise"
-        lines.append(results.kept_words(row) + ("" if chance >= SURE else f"; {wanted}"))
+        lines.append(results.kept_words(row))
         kept, count = results.kept(row)
         chance = kept / count
     elif goals.bounds:
-        words = f"keeps the limits with a probability of {100.0 * chance:.0f} %"
-        lines.append(words if chance >= SURE else f"{words}; no variant does so with {100.0 * SURE:.0f} %")
+        lines.append(f"keeps the limits with a probability of {100.0 * chance:.0f} %")
+    if goals.bounds and judged.chance[row] < SURE:
+        kept_in = f"in {100.0 * goals.keep:g} % of the noise"
+        if over and (judged.chance >= SURE).any():
+            lines[-1] += f"; that it keeps them {kept_in} is only {_sure(judged, row)}"
+        elif over:
+            lines[-1] += f"; no design surely keeps them {kept_in}, this one is {_sure(judged, row)}"
+        else:
+            lines[-1] += f"; no variant does so with {100.0 * SURE:.0f} %"
     if alike > 0:
-        lines.append(
-            f"{alike} other variant{'s' if alike > 1 else ''} cannot be told from it within two standard deviations"
-        )
+        how = "over the same noise" if over else "within two standard deviations"
+        lines.append(f"{alike} other variant{'s' if alike > 1 else ''} cannot be told from it {how}")
+    if isinstance(results, Designs):
+        lines += _passed_over(results, judged, row)
     return Recommended(
         row,
         int(results.variants[row]),

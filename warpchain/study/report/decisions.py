@@ -33,6 +33,15 @@ FRONT, LISTED = 30, 60
 """Most variants in the tables of the front, and of those that are not ok."""
 MOST_AXES, MATRIX = 12, 5
 """Columns that parallel coordinates show at first, and columns of the scatter matrix."""
+SURROGATE = (
+    "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it, or of "
+    "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
+    "takes that out."
+)
+OVER_NOISE = (
+    "Designs are judged by their own runs, and compared in pairs of runs with the same noise. \N{PLUS-MINUS SIGN} is "
+    "the standard error of a statistic over a design's runs."
+)
 
 
 @dataclass(frozen=True)
@@ -118,12 +127,7 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | No
     over = isinstance(results, Designs)
     parts = [
         html.text(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
-        html.text(
-            f"\N{PLUS-MINUS SIGN} is one standard deviation of the {'statistic' if over else 'metric'} itself as a "
-            f"surrogate of all {'designs' if over else 'variants'} has it: "
-            "the best of many runs is the best partly by luck, and this takes that out.",
-            muted=True,
-        ),
+        html.text(OVER_NOISE if over else SURROGATE, muted=True),
     ]
     if isinstance(results, Designs):
         parts.append(html.text(noise_words(results, wanted.keep)))
@@ -167,12 +171,13 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
     lines = []
     for name in goals.metrics:
         mean, deviation = one.believed[name]
-        unit = results.unit(name)
-        if name in results.factors:
-            lines.append((name, quantity(mean, unit), "", "set"))
-            continue
-        lines.append((name, quantity(mean, unit, deviation), quantity(one.measured[name], unit), ""))
-    lines_table = html.table(("metric", "believed", "its runs gave" if one.spreads else "its run gave", ""), lines)
+        unit, is_set = results.unit(name), name in results.factors
+        words = [quantity(mean, unit) if is_set else quantity(mean, unit, deviation)]
+        if not one.spreads:
+            words.append("" if is_set else quantity(one.measured[name], unit))
+        lines.append((name, *words, "set" if is_set else ""))
+    heads = ("its runs gave",) if one.spreads else ("believed", "its run gave")
+    lines_table = html.table(("metric", *heads, ""), lines)
     if one.spreads:
         lines_table += html.table(("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one))
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
@@ -229,8 +234,7 @@ def ends_section(results: Results) -> html.Section:
     status = results.status
     rank = {"suspect": 0, "diverged": 1}
     rows = sorted(np.flatnonzero(~results.ok).tolist(), key=lambda row: (rank.get(status[row], 2), row))
-    held = results.table["reason"].to_pylist() if "reason" in results.table.column_names else [None] * len(status)
-    listed = [(int(results.variants[row]), status[row], held[row] or "no reason given") for row in rows[:LISTED]]
+    listed = [(int(results.variants[row]), status[row], results.reason(row)) for row in rows[:LISTED]]
     return html.section(
         "ends",
         "How the variants ended",

@@ -47,6 +47,7 @@ def view_study(
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric, which are drawn too: marks the Pareto front, of one objective the best.
+            Runs over noise are not marked, as the best of them has but the luckiest noise.
         save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
 
     Raises:
@@ -133,7 +134,9 @@ def log_scatters(
     up = tuple(dict.fromkeys((*measured, *(tuple(metrics) or telling_metrics(results)[:METRICS]))))
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
-    front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
+    front = np.zeros(0, dtype=np.intp)
+    if objectives and not results.noise:
+        front = pareto_front(results, objectives)
     played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
         Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
