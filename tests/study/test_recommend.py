@@ -59,8 +59,9 @@ def random_runs(seed, count=16):
 )
 def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(seed, objectives):
     """A design is beaten by another that is no worse in any objective as both were run, and surely better in one: of
-    means by the pairs' differences themselves. Only the one that stands there because it surely keeps the limits may be
-    beaten, by one that does not surely keep them, and then it says so."""
+    means by the pairs' differences themselves. One that keeps the limit in 15 of 16 runs does not keep it in 95 %. Only
+    the design that stands there because it surely keeps the limits may be beaten, by one that does not surely keep
+    them, and any of the two is named."""
     results = random_runs(seed)
     goals = Goals(tuple(Objective(metric=m, sense=sense) for m, sense in objectives), (Bound(metric="t", max=110.0),))
     over, goals = designs_of(results, goals)
@@ -78,8 +79,9 @@ def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(see
                     pairs = mean_difference(differences, 0.95)
                 all_better = statistic.word != "std" and (sign * differences < 0.0).all()
                 if all_better or sign * pairs.sign < 0:
-                    assert k > 0 and "surely keep the limits" in one.reasons[0]
-                    assert "surely better over the same noise" in one.reasons[-1] and "% sure" in one.reasons[-1]
+                    assert "surely better over the same noise" in one.reasons[-1]
+                    if np.divide(*over.kept(other)) >= goals.keep:
+                        assert k > 0 and "surely keep the limits" in one.reasons[0] and "% sure" in one.reasons[-1]
 
 
 @pytest.mark.parametrize("seed", [3, 5, 7, 9])

@@ -112,8 +112,8 @@ class Judged:
         measured: (R, M) the objectives as they were run, all to be small.
         within: (R,) rows that keep all limits as they were run, whether they are ok or not.
         chance: (R,) probability of keeping all limits; 0 where a row was not ok.
-        held: (R,) rows that count as keeping the limits: of designs those that do as they were run, of others those
-            that surely do; where there are none, those that are likeliest to.
+        held: (R,) rows that count as keeping the limits: of designs those that do as they were run, quantiles and in
+            enough runs, of others those that surely do; where there are none, those that are likeliest to.
     """
 
     goals: Goals
@@ -145,7 +145,10 @@ def judge(results: Results, goals: Goals) -> Judged:
             chance > 0.0, keeping(bound, np.nan_to_num(of.mean), np.nan_to_num(of.deviation)), 0.0
         )
     within = np.isfinite(costs).all(axis=1) & (measured.excess <= 0.0).all(axis=1)
-    held = measured.kept & isinstance(results, Designs)
+    held = np.zeros(len(chance), dtype=bool)
+    if isinstance(results, Designs):
+        kept = [np.divide(*results.kept(design)) >= goals.keep for design in range(len(results.rows))]
+        held = measured.kept & (np.array(kept) if results.bounds else True)
     if not held.any():
         held = (chance > 0.0) & (chance >= min(SURE, float(chance.max(initial=0.0))))
     return Judged(goals, found, costs, spread, measured.costs, within, chance, held)
@@ -226,18 +229,20 @@ def _beating(results: Results, judged: Judged, row: int, others: NDArray[np.intp
 def _passed_over(results: Results, judged: Judged, row: int) -> list[str]:
     """Why a recommended design stands although another one that keeps the limits as it was run beats it.
 
-    Of several, the likeliest to keep the limits is named.
+    Of several, one that counts as keeping the limits is named, and the likeliest to.
     """
     others = _beating(results, judged, row, np.flatnonzero(judged.within))
     if not len(others):
         return []
-    other = int(others[int(np.argmax(judged.chance[others]))])
+    other = int(others[int(np.argmax(judged.chance[others] + judged.held[others]))])
     better = []
     for m, objective in enumerate(judged.goals.objectives):
         if _compared(results, judged, row, np.array([other]), m)[0] < 0.0:
             unit, values = results.unit(objective.metric), results.values(objective.metric)
             better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
     why = f"is only {_sure(judged, other)} to keep the limits, this one {_sure(judged, row)}"
+    if isinstance(results, Designs) and not judged.held[other]:
+        why = "keeps the limits in {} of {} runs only".format(*results.kept(other))
     if not results.ok[other]:
         why = f"one of its runs is {results.status[other]}: {results.reason(other)}"
     more = f"; so with {len(others) - 1} more" if len(others) > 1 else ""
