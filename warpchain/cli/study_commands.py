@@ -155,7 +155,9 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 @resumable("the shards that are done are")
 def _grow(arguments: argparse.Namespace) -> int:
+    from warpchain.study.analysis.left_out import LeftOut
     from warpchain.study.grow_until import Reached, Until, grow_until
+    from warpchain.study.results import read_results
 
     until = Until.of(arguments.until)
 
@@ -167,6 +169,8 @@ def _grow(arguments: argparse.Namespace) -> int:
     found = grow_until(arguments.folder, until, most=arguments.most, report=say, **run_options(arguments))
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")
+    for line in LeftOut(read_results(arguments.folder / TABLES[0])).lines():
+        print(line)
     print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
     return DONE if found.done else UNFINISHED
 

@@ -11,6 +11,7 @@ import numpy as np
 from warpchain.results.measured import source
 from warpchain.results.signals import amplitude_spectrum
 from warpchain.results.units import quantity, shown_unit
+from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.posterior import UNIDENTIFIED, Direction
 from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.optimize.calibrate import Calibrated
@@ -97,7 +98,8 @@ def _trust_lines(found: Calibrated) -> list[str]:
     """Whether the surrogates can be trusted."""
     inside, of = found.checked
     lines = [
-        f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands"
+        f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",
+        *LeftOut(found.results).lines(),
     ]
     poor = [f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2, strict=True) if q < TRUSTED]
     if poor:

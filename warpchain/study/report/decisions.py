@@ -13,6 +13,7 @@ import numpy as np
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
+from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import SHOWN, Designs
 from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_front
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
@@ -226,8 +227,8 @@ def front_section(results: Results, objectives: Mapping[str, str], by_default: b
     )
 
 
-def ends_section(results: Results) -> html.Section:
-    """The section on how the variants ended, why, and which ones are not to be trusted."""
+def ends_section(results: Results, left_out: LeftOut) -> html.Section:
+    """The section on how the variants ended, why, which ones are not to be trusted, and what is lost with them."""
     reasons = results.reasons()
     if not reasons:
         return html.section("ends", "How the variants ended", html.text("Every variant is ok."))
@@ -244,10 +245,31 @@ def ends_section(results: Results) -> html.Section:
         ),
         html.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
         html.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
+        *_lost_tables(left_out),
         html.heading("Each of them"),
         html.table(("variant", "status", "reason"), listed),
         html.text(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
     )
+
+
+def _lost_tables(left_out: LeftOut) -> list[str]:
+    """Which parts of the factors' ranges were lost with rows that ran, and with those that could not be built."""
+    found = []
+    heads = ("factor", "most were lost", "there", "elsewhere", "")
+    for parts, words in ((left_out.parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
+        lines = [
+            (
+                one.factor,
+                one.part,
+                f"{one.lost} of {one.rows}",
+                f"{one.lost_elsewhere} of {one.rows_elsewhere}",
+                "" if one.sure else "as chance may",
+            )
+            for one in parts
+        ]
+        if lines:
+            found += [html.heading(f"Lost of each factor's range: variants {words}"), html.table(heads, lines)]
+    return found
 
 
 def rows_data(

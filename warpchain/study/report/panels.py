@@ -141,8 +141,14 @@ def over_noise(designs: Designs, chosen: Sequence[int], letters: str) -> list[Pa
     return panels
 
 
-def effects(results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect]) -> list[Panel]:
-    """Mean of a metric in each group of each factor, with two standard errors, and its median; one axis for all."""
+def effects(
+    results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
+) -> list[Panel]:
+    """Mean of a metric in each group of each factor, with two standard errors, and its median; one axis for all.
+
+    Args:
+        shares: whether the panels say what part of the variance each factor explains.
+    """
     axis = Axis(results, metric)
     shown = list(found)[:8]
     bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
@@ -176,7 +182,7 @@ def effects(results: Results, metric: str, found: Sequence[Effect], medians: Seq
         panels.append(
             {
                 "title": f"{effect.rows} variants: share not known"
-                if np.isnan(effect.adjusted)
+                if np.isnan(effect.adjusted) or not shares
                 else f"explains {100.0 * effect.adjusted:.0f} %",
                 "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
                 "y": {"label": axis.name if first else "", "range": axis.of([low - pad, high + pad])},

@@ -162,10 +162,11 @@ def log_scatters(
 def _most_telling(results: Results) -> tuple[str, ...]:
     """The numeric factors that explain most of any telling metric, in the study's order."""
     from warpchain.study.analysis import main_effects
+    from warpchain.study.analysis.left_out import LeftOut
 
-    numeric = results.independent_factors()
+    numeric, left_out = results.independent_factors(), LeftOut(results)
     weights = dict.fromkeys(numeric, 0.0)
-    for metric in telling_metrics(results)[:METRICS]:
+    for metric in (name for name in telling_metrics(results)[:METRICS] if not left_out.selects(name)):
         for effect in main_effects(results, metric, numeric):
             weights[effect.factor] = max(weights[effect.factor], effect.explained)
     best = sorted(numeric, key=lambda name: -weights[name])[:INPUTS]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from warpchain.results.units import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.interactions import Interaction, interactions
+from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
 from warpchain.study.analysis.sensitivity import Indices
@@ -127,11 +128,13 @@ def _report(
     designs, over = designs_of(results, sought.goals)
     chosen = over.senses
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
-    effects = {metric: main_effects(results, metric) for metric in enough}
+    left_out = LeftOut(results)
+    unranked = frozenset(metric for metric in enough if left_out.selects(metric))
+    effects = {metric: _effects_of(results, metric, metric not in unranked) for metric in enough}
     chances = {metric: scatter_share(results, metric) for metric in enough}
     pairs = {metric: interactions(results, metric) for metric in enough}
-    summary = _summary(results, effects, pairs, chances, notes or {})
-    ends = ends_section(results)
+    summary = _summary(results, left_out, (effects, pairs, chances, unranked), notes or {})
+    ends = ends_section(results, left_out)
     if not enough:
         few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
         return panels.report_page(title, [summary, _inputs(results), ends, few]), designs, []
@@ -149,16 +152,18 @@ def _report(
         html.section(
             "distributions",
             "How the metrics are distributed",
+            _of_the_rest(left_out, unranked),
             panels.chart(panels.distributions(results, enough), "histograms of the metrics"),
             _spread(results, enough),
         ),
-        _effects(results, effects, pairs, chances),
-        _correlation(results, shown),
-        _surfaces(results, surrogates),
+        _effects(results, left_out, (effects, pairs, chances, unranked)),
+        _correlation(results, shown, _of_the_rest(left_out, unranked)),
+        _surfaces(results, surrogates, _of_the_rest(left_out, unranked)),
         _sobol(results, surrogates, wanted.folder),
-        _extremes(results, enough),
+        _extremes(results, enough, _of_the_rest(left_out, unranked)),
     ]
-    telling = [name for name in _telling_factors(effects) if name in designs.factors]
+    ranked = {metric: found for metric, found in effects.items() if metric not in unranked}
+    telling = [name for name in _telling_factors(ranked) or results.factors if name in designs.factors]
     explored = designs.metrics if results.noise else shown
     data = rows_data(designs, explored, telling, chosen, judged, recommended)
     return panels.report_page(title, [section for section in sections if section], data), designs, recommended
@@ -180,21 +185,35 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
     return sorted(weight, key=lambda name: -weight[name])
 
 
-def _summary(
-    results: Results,
-    effects: Mapping[str, list[Effect]],
-    pairs: Mapping[str, list[Interaction]],
-    chances: Mapping[str, float | None],
-    notes: Mapping[str, str],
-) -> html.Section:
+Analyzed: TypeAlias = (
+    "tuple[Mapping[str, list[Effect]], Mapping[str, list[Interaction]], Mapping[str, float | None], frozenset[str]]"
+)
+"""Of each metric its effects, interactions and share of scatter, and the metrics that rank no factor."""
+
+
+def _effects_of(results: Results, metric: str, ranked: bool) -> list[Effect]:
+    """Main effects on a metric, the largest span first, or in the study's order where factors are not ranked."""
+    found = main_effects(results, metric)
+    return found if ranked else sorted(found, key=lambda effect: results.factors.index(effect.factor))
+
+
+def _of_the_rest(left_out: LeftOut, unranked: frozenset[str]) -> str:
+    """A line for each section whose figures hold for the rows that are left alone; "" where they are a fair sample."""
+    return html.text(f"{left_out.rest()}: see How the variants ended.") if unranked else ""
+
+
+def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Mapping[str, str]) -> html.Section:
+    effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
         f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in STATUSES
     )
-    lines = [
-        f"{_range(results, metric)}; {_verdict(results, metric, found, pairs[metric], chances[metric])}"
-        for metric, found in effects.items()
-    ]
+    lines = left_out.lines()
+    for metric, found in effects.items():
+        words = "variants that are left out may lie beyond, so no factor is ranked."
+        if metric not in unranked:
+            words = _verdict(results, metric, found, pairs[metric], chances[metric])
+        lines.append(f"{_range(results, metric)}; {words}")
     noted = html.table(("about the study", ""), list(notes.items())) if notes else ""
     return html.section("summary", "In short", boxes + "</div>", html.bullets(lines) if lines else "", noted)
 
@@ -283,14 +302,11 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
     return html.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
 
-def _effects(
-    results: Results,
-    effects: Mapping[str, list[Effect]],
-    pairs: Mapping[str, list[Interaction]],
-    chances: Mapping[str, float | None],
-) -> html.Section:
+def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Section:
+    effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
-    shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in shown.values()]
+    fair = {metric: found for metric, found in shown.items() if metric not in unranked}
+    shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in fair.values()]
     several = repeats(results)
     parts = [
         html.text(
@@ -300,18 +316,19 @@ def _effects(
             "group has one variant.",
             muted=True,
         ),
+        _of_the_rest(left_out, unranked),
         html.heading("Scatter against effect"),
         panels.chart(
-            panels.scatter_shares(list(shown), shares, [chances[metric] for metric in shown]),
+            panels.scatter_shares(list(fair), shares, [chances[metric] for metric in fair]) if fair else [],
             "parts of the variance",
         ),
         html.bullets(_error_line(results, m, chances[m]) for m in shown) if several else html.text(ALONE),
     ]
     for metric, found in shown.items():
         parts.append(html.heading(metric))
-        means = panels.effects(results, metric, found, median_effects(results, metric))
+        means = panels.effects(results, metric, found, median_effects(results, metric), metric in fair)
         parts.append(panels.chart(means, f"main effects on {metric}"))
-        sure = [one for one in pairs[metric] if one.sure]
+        sure = [one for one in pairs[metric] if one.sure and metric in fair]
         parts.append(html.text(f"Beyond chance {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
         parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
     return html.section("effects", "Effects and interactions", *parts)
@@ -335,7 +352,7 @@ CORRELATED = 40
 """Metrics of the correlations, at most."""
 
 
-def _correlation(results: Results, first: tuple[str, ...]) -> html.Section | None:
+def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.Section | None:
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.rows_for(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
@@ -344,6 +361,7 @@ def _correlation(results: Results, first: tuple[str, ...]) -> html.Section | Non
     return html.section(
         "correlation",
         "Correlation",
+        rest,
         html.text(
             f"Rank correlation: +1 where the metric always rises with the factor, -1 where it always falls. Values "
             f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
@@ -365,7 +383,7 @@ def _surrogates(results: Results, metrics: tuple[str, ...]) -> dict[str, Surroga
     return found
 
 
-def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]) -> html.Section:
+def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str) -> html.Section:
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
@@ -379,6 +397,7 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
     return html.section(
         "surface",
         "Between the variants",
+        rest,
         html.text(
             "Surrogates of the metrics, cut along each factor with the others midway between their ends. The inner "
             "band is where the metric is with 95 %, the outer one where a single run would come out. Q\u00b2 tells how "
@@ -433,8 +452,8 @@ def _more(results: Results, folder: str) -> str:
     )
 
 
-def _extremes(results: Results, metrics: tuple[str, ...]) -> html.Section:
-    parts = []
+def _extremes(results: Results, metrics: tuple[str, ...], rest: str) -> html.Section:
+    parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.rows_for(metric))
         order = rows[np.argsort(results.values(metric)[rows], kind="stable")]

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.analysis.sensitivity import Indices, saltelli_block, sobol_indices, surface_indices
 from warpchain.study.analysis.surface import TRUSTED, fit_surface
@@ -46,8 +47,15 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
         surrogate: of the metric, if it was fitted already.
 
     Raises:
-        StudyError: neither a Saltelli design nor a surface or Gaussian process that can be trusted.
+        StudyError: neither a Saltelli design nor a surface or Gaussian process that can be trusted, or rows that are
+            selected by their results (`analysis.left_out`).
     """
+    if (left_out := LeftOut(results)).selects(metric):
+        lost = f"{int(left_out.by_result.sum())} of {int((~left_out.unbuilt).sum())} variants that ran"
+        raise StudyError(
+            f"Sobol' indices of {metric!r}: {lost} are left out by their own results, and the others are no sample of "
+            "what was varied"
+        )
     if saltelli_block(results, results.independent_factors()):
         found = sobol_indices(results, metric)
         lost = f", {found.dropped} left out with blocks that did not end well" if found.dropped else ""
