@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -35,6 +36,11 @@ def _of(value: Any) -> str:
 def plain(values: Mapping[str, str]) -> dict[str, str]:
     """Metadata without their digest."""
     return {name: value for name, value in values.items() if name != DIGEST}
+
+
+def plain_channel(channel: Channel) -> Channel:
+    """A channel without its digest."""
+    return replace(channel, metadata=plain(channel.metadata))
 
 
 def of_metadata(name: str, values: Mapping[str, str]) -> str:

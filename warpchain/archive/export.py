@@ -49,16 +49,13 @@ def _recorded(archive: str | Path, variant: int | None) -> Trajectory:
     """The trajectory of a variant, None for the first recorded.
 
     Raises:
-        ArchiveError: an archive that cannot be read, or that holds no trajectory.
-        SimulationError: a variant that was not recorded.
+        ArchiveError: an archive that cannot be read, or that lacks the frames.
+        SimulationError: a variant that was not recorded, or none at all.
     """
     from warpchain.archive.writer import read_archive
 
     run = read_archive(archive)
-    recorded = list(run)
-    if not recorded:
-        raise ArchiveError(f"{archive}: holds no trajectory to export")
-    return run[recorded[0] if variant is None else variant]
+    return run[run.first if variant is None else variant]
 
 
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -211,10 +212,30 @@ class McapFile:
             )
         )
 
-    def finish(self) -> None:
-        """Writes the summary, flushes to the disk and gives the file its name."""
+    @contextmanager
+    def draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
+        """The temporary file while it is whole, with a last metadata record, to be read back; then all that goes."""
+        at, held = self._at, len(self._metadata)
+        self.metadata(name, values)
+        self._end()
+        try:
+            with refusals(self.path, ArchiveError):
+                self._file.stream.flush()
+            yield self.partial
+        finally:
+            del self._metadata[held:]
+            with refusals(self.path, ArchiveError):
+                self._file.stream.seek(at)
+                self._file.stream.truncate()
+            self._at = at
+
+    def _end(self) -> None:
         self._put(_bytes(kinds.DataEnd(data_section_crc=0)))
         self._put(self._summary())
+
+    def finish(self) -> None:
+        """Writes the summary, flushes to the disk and gives the file its name."""
+        self._end()
         with refusals(self.path, ArchiveError):
             try:
                 self._file.finish()

@@ -35,6 +35,25 @@ class Archive(Run):
 
     trajectories: Tracks = field(repr=False)
 
+    def __getitem__(self, variant: int) -> Trajectory:
+        self._check_frames([variant])
+        return super().__getitem__(variant)
+
+    @property
+    def first(self) -> int:
+        """The first recorded variant; raises SimulationError where there is none, ArchiveError where all are lost."""
+        if not self.trajectories:
+            self._check_frames(self.numbers)
+        return super().first
+
+    def _check_frames(self, variants: Sequence[int]) -> None:
+        """Refuses variants whose frames the run recorded and the files do not have, as where a topic was left out."""
+        absent = [variant for variant in variants if variant not in self.trajectories]
+        recorded = self.metadata.get("recorded", "").split() if absent and self.info.ended == "complete" else ()
+        for variant in absent:
+            if str(variant) in recorded:
+                raise ArchiveError(f"{self.files[0]}: lacks the frames of variant {variant}, which the run recorded")
+
     @property
     def files(self) -> tuple[Path, ...]:
         """The archive's files, in order."""
@@ -126,23 +145,33 @@ def read_archive(path: str | Path) -> Archive:
     paths = archive_files(name)
     if not paths[0].exists():
         _missing(name)
-    files = tuple(McapIndex(file) for file in paths)
+    return open_files(name, tuple(map(McapIndex, paths)))
+
+
+def open_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
+    """The archive of a name, whose files these are, in order; raises as `read_archive` does."""
     heads = [_head(file) for file in files]
     ends = [file.values(archive_format.END_METADATA) for file in files]
     _check_set(name, files, heads, ends)
     head, end, last = heads[0], ends[-1] or {}, files[-1]
     try:
-        info, variants = _info(head, end), int(head["variants"])
-        if not 1 <= variants < 2**31:
-            raise ValueError(f"variants = {variants}")
-        numbers = [int(word) for word in head["numbers"].split()] if "numbers" in head else range(variants)
-        if len(numbers) != variants or len(set(numbers)) < variants or min(numbers) < 0:
-            raise ValueError(f"numbers = {head['numbers'][:40]} for {variants} variants")
+        info, numbers = _info(head, end), numbers_of(head)
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
     drives = LazyDrives(files, numbers, gaps=info.ended == RECOVERED)
     metrics = _metrics(last, numbers, info.ended)
     return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
+
+
+def numbers_of(head: Mapping[str, str]) -> Sequence[int]:
+    """Numbers of a run's variants, from the metadata at an archive's start; raises KeyError or ValueError."""
+    variants = int(head["variants"])
+    if not 1 <= variants < 2**31:
+        raise ValueError(f"variants = {variants}")
+    numbers = [int(word) for word in head["numbers"].split()] if "numbers" in head else range(variants)
+    if len(numbers) != variants or len(set(numbers)) < variants or min(numbers) < 0:
+        raise ValueError(f"numbers = {head['numbers'][:40]} for {variants} variants")
+    return numbers
 
 
 def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
@@ -205,13 +234,21 @@ def _metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
 
     if ended == RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
         return pa.table({"variant": pa.array(numbers, pa.int64())})
-    data = file.attachment(archive_format.METRICS_ATTACHMENT)
+    try:
+        return metrics_of(file.attachment(archive_format.METRICS_ATTACHMENT), numbers)
+    except ValueError as error:
+        raise ArchiveError(f"{file.path}: its metrics are damaged ({error}); see warpchain recover") from None
+
+
+def metrics_of(data: bytes, numbers: Sequence[int]) -> pa.Table:
+    """The metrics table of variants of these numbers, from its attachment; raises ValueError, of one line."""
+    import pyarrow as pa
+
     try:
         table = plain_table(data)
         if table.num_rows != len(numbers) or "variant" not in table.column_names:
             raise ValueError(f"{table.num_rows} rows for {len(numbers)} variants")
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, MemoryError, StopIteration, struct.error) as error:
-        line = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ArchiveError(f"{file.path}: its metrics are damaged ({line}); see warpchain recover") from None
+        raise ValueError((str(error).splitlines() or [type(error).__name__])[0]) from None
     return table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, overload
@@ -123,13 +123,14 @@ class Tracks(Mapping[int, Trajectory]):
                     topics = numbers.setdefault(named[0], {})
                     if topics.setdefault(named[1], channel.id) != channel.id:
                         raise ArchiveError(f"{file.path}: has two channels {channel.topic}; {SEE}")
-            here, known = {}, set(self._drives.numbers)
+            here: dict[int, Place] = {}
+            known = set(self._drives.numbers)
             for variant, topics in numbers.items():
                 if variant not in known:
                     raise ArchiveError(f"{file.path}: has frames of variant {variant} of {len(self._drives)}")
                 if "rollers" in topics and "state" in topics:
                     place = Place(file, file.channels[topics["rollers"]], topics)
-                    here[topics["rollers"]] = here[topics["state"]] = place
+                    here |= {topics[topic]: place for topic in READ if topic in topics}
                     found.setdefault(variant, []).append(place)
             for chunk in file.chunks:
                 for place in {id(here[n]): here[n] for n in chunk.channels if n in here}.values():
@@ -221,17 +222,19 @@ class Tracks(Mapping[int, Trajectory]):
 
     def _frames(self, variant: int, layout: FrameLayout, low: int, high: int) -> Iterator[Any]:
         """Arrays of frames of the chunks that overlap a range of log times [ns]."""
+        last = np.zeros(0, dtype=HEADER)
         for place in self._places[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
             for k, chunk in enumerate(chosen):
-                data = place.file.chunk(chunk)
-                frames = _laid_out(data, layout, place.numbers)
+                frames = _laid_out(place.file.chunk(chunk), layout, place.numbers)
                 if frames is None:  # another program has written the chunks anew
-                    rest = [data, *(place.file.chunk(other) for other in chosen[k + 1 :])]
+                    rest = map(place.file.chunk, chosen[k:])
                     with reading(place.file.path):
-                        frames = _gathered(rest, layout, place.numbers, low, high)
+                        frames = _gathered(rest, layout, place.numbers, low, high, self._gaps)
                     chosen = []
                 if len(frames):
+                    frames = _counted(frames, last)
+                    last = frames["state"]["head"][-1:].copy()
                     yield frames
                 if not chosen:
                     break
@@ -245,6 +248,20 @@ def _joined(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
         out[at : at + len(part)] = part
         at += len(part)
     return out
+
+
+def _counted(frames: Any, last: Any) -> Any:
+    """Frames with numbers: their own, or where whoever wrote them gave none, which MCAP allows, one after the other.
+
+    Args:
+        last: (1,) head of the frame before them, (0,) where they are the first.
+    """
+    head = frames["state"]["head"]
+    if head["sequence"].any() or len(last) + len(head) == 1 or (last["log_time"] >= head["log_time"][:1]).any():
+        return frames
+    frames = frames.copy()
+    frames["state"]["head"]["sequence"] = np.arange(len(head)) + (last["sequence"] + 1 if len(last) else 0)
+    return frames
 
 
 def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any:
@@ -261,23 +278,34 @@ def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any
     return frames
 
 
-def _gathered(chunks: Sequence[Any], layout: FrameLayout, numbers: Mapping[str, int], low: int, high: int) -> Any:
-    """Frames from the messages of chunks that mix topics and variants in any way."""
+def _gathered(
+    chunks: Iterable[Any], layout: FrameLayout, numbers: Mapping[str, int], low: int, high: int, gaps: bool
+) -> Any:
+    """Frames from the messages of chunks that mix topics and variants in any way, in order of their log times.
+
+    Args:
+        gaps: a frame may lack a topic's message, and is left out then.
+
+    Raises:
+        ValueError: a frame that lacks a message or has two of a topic, or a message of another size.
+    """
     topics = [topic for topic in layout.form.topics if topic in READ]
-    found: dict[int, list[bytes]] = {numbers[topic]: [] for topic in topics}
+    found: dict[int, dict[int, bytes]] = {numbers[topic]: {} for topic in topics}
     for data in chunks:
         for opcode, begin, end in records(data):
             if opcode == MESSAGE:
                 head = np.frombuffer(data, HEADER, 1, begin - LENGTH_STARTS)[0]
                 if head["channel"] in found and low <= head["log_time"] <= high:
-                    found[head["channel"]].append(bytes(data[begin - LENGTH_STARTS : end]))
-    counts = {len(messages) for messages in found.values()}
-    if len(counts) != 1:
-        raise ValueError("its topics have unlike numbers of frames")
-    frames = np.zeros(counts.pop(), dtype=layout.dtype)
+                    message = bytes(data[begin - LENGTH_STARTS : end])
+                    if found[head["channel"]].setdefault(int(head["log_time"]), message) != message:
+                        raise ValueError(f"there are two messages of a topic at {head['log_time']} ns")
+    stamps = set.intersection(*map(set, found.values()))
+    if not gaps and any(len(messages) > len(stamps) for messages in found.values()):
+        raise ValueError("its topics have unlike frames")
+    frames = np.zeros(len(stamps), dtype=layout.dtype)
     for topic in topics:
-        message = layout.dtype[topic]
-        if any(len(data) != message.itemsize for data in found[numbers[topic]]):
+        size, messages = layout.dtype[topic].itemsize, [found[numbers[topic]][stamp] for stamp in sorted(stamps)]
+        if any(len(data) != size for data in messages):
             raise ValueError(f"messages of {topic} are not as warpchain writes them")
-        frames[topic] = np.frombuffer(b"".join(found[numbers[topic]]), dtype=message)
+        frames[topic] = np.frombuffer(b"".join(messages), dtype=layout.dtype[topic])
     return frames

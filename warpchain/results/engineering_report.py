@@ -239,6 +239,6 @@ def handed_in(run: Run, variant: int | None = None, wear: Wear | None = None) ->
     Raises:
         SimulationError: a variant that was not recorded.
     """
-    index = next(iter(run), 0) if variant is None else variant
+    index = run.first if variant is None else variant
     trajectory = run[index]
     return HandedIn(trajectory, *window_of(run.metrics.to_pylist()[run.row_of(index)], trajectory), wear)

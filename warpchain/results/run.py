@@ -298,6 +298,13 @@ class Run(Mapping[int, Trajectory]):
             recorded = ", ".join(map(str, self.trajectories)) or "none"
             raise SimulationError(f"variant {variant} was not recorded (recorded: {recorded})") from None
 
+    @property
+    def first(self) -> int:
+        """The first recorded variant; raises SimulationError where there is none."""
+        for variant in self.trajectories:
+            return variant
+        raise SimulationError("no variant was recorded: nothing to draw or export")
+
     def __contains__(self, variant: object) -> bool:
         return variant in self.trajectories
 

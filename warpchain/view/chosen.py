@@ -53,10 +53,7 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
     from warpchain.archive import read_archive
 
     run = source if isinstance(source, Run) else read_archive(source)
-    held = list(run)
-    if not held:
-        raise SimulationError("no variant was recorded: nothing to draw")
-    index = held[0] if variant is None else variant
+    index = run.first if variant is None else variant
     trajectory = run[index]
     need(trajectory, *needed, name=f"variant {index}")
     if len(trajectory.time) < 2:
