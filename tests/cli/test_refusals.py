@@ -362,7 +362,13 @@ TABLES = {
 """Rows that make no drive are infeasible, each with its reason."""
 REFUSED_TABLES = {
     "date": ("rows.csv", "torque,links\n2024-01-01,44\n2024-01-02,45\n", "column torque: holds date32"),
-    "twice": ("rows.csv", "torque,links,torque\n1.0,44,2.0\n", "several columns of one name"),
+    "twice": (
+        "rows.csv",
+        "torque,links,torque\n1.0,44,2.0\n",
+        "columns 1 and 3 are both named torque; rename or remove",
+    ),
+    "semicolons": ("rows.csv", "torque;links\n1;44\n", "'torque;links': cells are separated by commas, and numbers"),
+    "commas": ("rows.csv", 'torque,links\n1.249,44\n"2,5",44\n', "column torque, row 1: '2,5': cells are separated"),
     "none": ("rows.csv", "", "not a table"),
     "dates": ("rows.parquet", [datetime.date(2024, 1, 1)] * 2, "column torque: holds date32"),
     "times": ("rows.parquet", [datetime.datetime(2024, 1, 1)] * 2, "column torque: holds timestamp"),

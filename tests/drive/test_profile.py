@@ -241,6 +241,8 @@ def test_a_drive_takes_its_points_in(tmp_path):
 
 FILES = [
     ("x,y\n0,0\n1,a\n", 'row 3: "a" is not a finite number'),
+    ('x,y\n0,0\n1,"2,5"\n', 'row 3: "2,5" is not a finite number; numbers have decimal points'),
+    ("x;y\n0,5;1.249\n", "row 1: cells must be separated by commas, and numbers have decimal points"),
     ("x,y\n0,0\n1\n", "row 3: has 1 cells; must have 2, separated by a comma"),
     ("x,y\n0,0\n0,0\n", "row 3: 0,0 must be another point than that of the row before"),
     ("x,y\n0,0\n", "has 1 rows of numbers; must have at least 2"),

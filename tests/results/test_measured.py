@@ -197,3 +197,101 @@ def test_mat_and_mdf4_hold_the_signal_that_was_written(tmp_path):
         assert len(str(refused.value).splitlines()) == 1
     with pytest.raises(SimulationError, match="cannot be read"):
         read_signal(tmp_path / "none.mat", "a.tension", "N")
+
+
+TWICE = "time [s],force [N],force [kN],time [s]\n0,1500,1.4,0\n0.5,2500,2.4,1\n"
+
+
+@pytest.mark.parametrize(
+    ("columns", "values"),
+    [
+        (Columns("#2", "#1"), [1500.0, 2500.0]),
+        (Columns("#3", "#4"), [1400.0, 2400.0]),
+        (Columns("force [kN]", "#1"), [1400.0, 2400.0]),
+    ],
+)
+def test_a_column_can_be_chosen_by_its_number_or_its_whole_head(tmp_path, columns, values):
+    (tmp_path / "rig.csv").write_text(TWICE)
+    assert read_signal(tmp_path / "rig.csv", "a.tension", "N", columns).values.tolist() == values
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "said"),
+    [
+        (
+            TWICE,
+            Columns(time="#1"),
+            "'force' names the columns #2, force [N] and #3, force [kN]: say --column '#2', or",
+        ),
+        (TWICE, Columns("force", "#1"), "'force' names the columns #2, force [N] and #3, force [kN]: say --column"),
+        (TWICE, Columns("#2"), "'time' names the columns #1, time [s] and #4, time [s]: say --time '#1', or another"),
+        (TWICE, Columns("#5", "#1"), "no column '#5'"),
+        (TWICE, Columns("#0", "#1"), "no column '#0'"),
+        (TWICE.replace("kN", "N"), Columns("force [N]", "#1"), "'force [N]' names the columns #2, force [N] and #3"),
+    ],
+)
+def test_a_name_that_stands_twice_is_refused(tmp_path, text, columns, said):
+    (tmp_path / "rig.csv").write_text(text)
+    with pytest.raises(SimulationError) as caught:
+        read_signal(tmp_path / "rig.csv", "a.tension", "N", columns)
+    assert said in str(caught.value)
+
+
+def test_a_name_that_stands_twice_in_mat_and_mdf4(tmp_path):
+    """Of two variables of a name scipy takes the last, of two channels asammdf the first."""
+    asammdf, time = pytest.importorskip("asammdf"), np.linspace(0.0, 1.0, 50)
+    for k in range(2):
+        savemat(tmp_path / f"{k}.mat", {"t": time, "force": time + k})
+    whole, more = ((tmp_path / f"{k}.mat").read_bytes() for k in range(2))
+    (tmp_path / "rig.mat").write_bytes(whole + more[128:])  # behind the head of 128 bytes
+    with pytest.raises(SimulationError, match=r"rig.mat: variable 't' stands twice: must stand once"):
+        read_signal(tmp_path / "rig.mat", "a.tension", "N")
+    with asammdf.MDF(version="4.10") as mdf:
+        for k in range(2):
+            mdf.append([asammdf.Signal(time + k, time, unit="N", name="force")])
+        mdf.save(tmp_path / "rig.mf4", overwrite=True)
+    text = r"'force' names the columns #1, force of group 0 and #2, force of group 1: say --column '#1'"
+    with pytest.raises(SimulationError, match=text):
+        read_signal(tmp_path / "rig.mf4", "a.tension", "N")
+    assert read_signal(tmp_path / "rig.mf4", "a.tension", "N", Columns("#2")).values[0] == 1.0
+
+
+GERMAN = "Zeit [s];Kraft [N];am\n0,000022;1.249;24.12.2026\n0,5;2.500,5;24.12.2026\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "decimal", "values"),
+    [
+        (GERMAN, ",", [1249.0, 2500.5]),
+        ("t;F;n\n0;1.249;24.12.2026\n1;2.5;3\n", None, [1.249, 2.5]),  # a date is no number
+        ("t;F;n\n0;1,249;24.12.2026\n1;2,5;3\n", None, [1.249, 2.5]),
+        ("t;F\n0;1,249\n1;2,500.5\n", ".", [1249.0, 2500.5]),
+        ('t,F\n0,"1,249"\n1,"2,500.5"\n', ".", [1249.0, 2500.5]),
+        ('t,F\n"0,0","1.249"\n"0,5","2.500,5"\n', ",", [1249.0, 2500.5]),
+    ],
+)
+def test_a_file_has_one_decimal_sign(tmp_path, text, decimal, values):
+    """The other one is between thousands, where the sign is said; a guess would be wrong by a factor of 1000."""
+    (tmp_path / "rig.csv").write_text(text)
+    assert read_signal(tmp_path / "rig.csv", "a.tension", "N", Columns(decimal=decimal)).values.tolist() == values
+
+
+@pytest.mark.parametrize(
+    ("text", "decimal", "said"),
+    [
+        (GERMAN, None, "line 2: 1.249, but line 2 has 0,000022: numbers of one file have points and commas; say --dec"),
+        ("t;F\n0;1,5\n1;2\n2;2.5\n", None, "line 4: 2.5, but line 2 has 1,5: numbers of one file have"),
+        ("t;F;G\n0;1.249;0,5\n1;2.5;3\n", None, "line 2: 0,5, but line 2 has 1.249"),  # a column beside it tells
+        ("t;F\n0;1.249,5\n1;2\n", None, "line 2: 1.249,5: numbers of one file have points and commas"),
+        ("t\tF\n0\t1.249\n1\t2,5\n", None, "line 3: 2,5, but line 2 has 1.249"),
+        ("t;F\n0;1.24\n1;2\n", ",", "line 2: '0, 1.24': must be finite numbers"),  # no thousands
+        ('t,F\n0,"1,5"\n1,2\n', None, "line 2: '0, 1,5': must be finite numbers"),
+        ("t,F\n0,0,1,5\n0,5,2,5\n", None, "line 2: has 4 cells below 2 names; decimal commas need semicolons or tabs"),
+        ("t;F\n0;1\n1;2\n", "x", "--decimal x: must be . or ,"),
+    ],
+)
+def test_numbers_of_which_it_is_not_said_what_they_are(tmp_path, text, decimal, said):
+    (tmp_path / "rig.csv").write_text(text)
+    with pytest.raises(SimulationError) as caught:
+        read_signal(tmp_path / "rig.csv", "a.tension", "N", Columns(decimal=decimal))
+    assert said in str(caught.value) and "\n" not in str(caught.value)

@@ -267,10 +267,15 @@ def test_the_page_opens_without_errors_and_cuts_no_name_off(calibrated, width):
         ("count = 12", "count = 2", "calibrate.count = 2: must be an integer from 8 to 1000"),
         ('file = "rig.csv"', 'file = "none.csv"', "none.csv: "),
         ('file = "rig.csv"', 'file = "rig.csv"\nunit = "rpm"', "s1->s0.tension is in N; give unit"),
+        ('file = "rig.csv"', 'file = "rig.csv"\ndecimal = "x"', 'measured.0.decimal = "x": must be "." or ","'),
+        ('file = "rig.csv"', 'file = "mixed.csv"', "points and commas; give decimal , or ."),
+        ('file = "rig.csv"', 'file = "twice.csv"', "'F' names the columns #2, F [N] and #3, F [kN]: give column '#2'"),
     ],
 )
 def test_mistakes_are_said_in_a_line(tmp_path, capsys, old, new, words):
     (tmp_path / "rig.csv").write_text("time,F\n0,1\n1,1\n")
+    (tmp_path / "mixed.csv").write_text("time;F\n0,5;1.249\n1;1\n")
+    (tmp_path / "twice.csv").write_text("time,F [N],F [kN]\n0,1,1\n1,1,1\n")
     assert old in CALIBRATION
     path = write_study(tmp_path, text=CALIBRATION.replace(old, new).replace("{value}", "100.0"))
     assert words in refused(capsys, "calibrate", path, "-o", tmp_path / "out")

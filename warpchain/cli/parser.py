@@ -382,6 +382,9 @@ def _import(commands: Any) -> None:
     parser.add_argument("--unit", metavar="UNIT", help="of the values, such as kN; default what the head says, or SI")
     parser.add_argument("--time-unit", metavar="UNIT", help="of the time; default what the head says, or s")
     parser.add_argument(
+        "--decimal", choices=(".", ","), help="sign before decimals in CSV; default the one that all its numbers have"
+    )
+    parser.add_argument(
         "--offset", default="0", metavar="SECONDS", help="added to the measured time; auto: where both agree best"
     )
     add_options(parser, "--variant")

@@ -27,7 +27,7 @@ def compare(arguments: argparse.Namespace) -> list[str]:
     offset = _offset(arguments.offset)
     one = recorded(arguments.archive, arguments.variant)
     unit = source(one.trajectory, arguments.name, "--as ").unit
-    columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit)
+    columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
     lines = _lines(found)
     for path in arguments.output:

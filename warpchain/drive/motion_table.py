@@ -391,11 +391,14 @@ def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
         DriveError: if it cannot be read, in one line.
     """
     lines = read_text(path, "CSV", DriveError).splitlines()
-    return [
+    rows = [
         (number, _cells(line, number))
         for number, line in enumerate(lines, 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
+    if rows and any(sign in cell for cell in rows[0][1] for sign in ";\t"):
+        raise DriveError(f"row {rows[0][0]}: cells must be separated by commas, and numbers have decimal points")
+    return rows
 
 
 def _cells(line: str, row: int) -> list[str]:
@@ -416,5 +419,6 @@ def read_number(cell: str, row: int) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise DriveError(f"row {row}: {value_text(cell)} is not a finite number")
+        hint = "; numbers have decimal points" if "," in cell else ""
+        raise DriveError(f"row {row}: {value_text(cell)} is not a finite number{hint}")
     return value

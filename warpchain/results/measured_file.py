@@ -7,8 +7,10 @@ import io
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,15 +73,19 @@ class Columns:
     """Columns and units of a file of measured values.
 
     Attributes:
-        column: name of the values' column, variable or channel; None is the first after the time.
-        time: name of the column of time; None is the first. Channels of MDF4 have their own.
+        column: the values' column, variable or channel: its name, its name and unit as they stand in the file, or its
+            number, "#2"; None is the first after the time.
+        time: the same of the column of time; None is the first. Channels of MDF4 have their own.
         unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
+        decimal: "." or ",", which ends the whole part of numbers in CSV; the other one is then between thousands. None
+            takes the one that all numbers of the file have.
     """
 
     column: str | None = None
     time: str | None = None
     unit: str | None = None
     time_unit: str | None = None
+    decimal: str | None = None
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None = None) -> Measured:
@@ -87,17 +93,20 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
 
     CSV has a head of names, then numbers, separated by commas, semicolons or tabs. Names may end in a unit,
     "tension [kN]" or "time (ms)", or the line below the names may hold the units. With semicolons or tabs numbers may
-    have decimal commas. Lines that begin with # are passed over. The variables of a MAT file are vectors.
+    have decimal commas, all of them or none. Lines that begin with # are passed over. The variables of a MAT file are
+    vectors.
 
     Args:
         name: what was measured.
         unit: SI unit that it must have.
 
     Raises:
-        SimulationError: a file, column, unit or number that is not understood, a time that does not ascend, or MDF4
-            without the package asammdf.
+        SimulationError: a file, column, unit or number that is not understood, a name that stands twice, points and
+            commas in numbers, a time that does not ascend, or MDF4 without the package asammdf.
     """
     columns = columns or Columns()
+    if columns.decimal not in (None, ".", ","):
+        raise SimulationError(f"{path}: --decimal {columns.decimal}: must be . or ,")
     read = {".mat": _of_mat, ".mf4": _of_mdf}.get(Path(path).suffix.lower(), _of_csv)
     (head, said, time), (column, its, signal) = read(path, columns)
     second, to_seconds = _factor(path, columns.time_unit or said or "s")
@@ -114,19 +123,22 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
     return Measured(name, unit, time, signal)
 
 
+_TWICE = re.compile(r'Duplicate variable name "(.*)" in stream')
+"""What scipy warns of, before it takes the last one."""
+_TIMES = ("time", "t", "Time")
+"""Channels of MDF4 that have the time of others."""
 _Column = tuple[str, str, Array]
 """Name, unit ("" where it is not said) and values (K,)."""
 
 
 def _of_csv(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     text = read_text(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
-    heads, below, rows = _table(str(path), text)
-    at = _index(path, heads, columns.time, 0)
-    of = _index(path, heads, columns.column, 1 if at == 0 else 0)
-    values = np.array([_numbers(path, k, row, (at, of)) for k, row in rows]).reshape(-1, 2)
-    time, signal = (
-        (heads[k][0], heads[k][1] or below[k], column) for k, column in zip((at, of), values.T, strict=True)
-    )
+    heads, rows, decimal = _table(str(path), text, columns.decimal)
+    named = [(name, f"{name} [{unit}]" if unit else name) for name, unit in heads]
+    at = _index(path, named, columns.time, 0, "time")
+    of = _index(path, named, columns.column, 1 if at == 0 else 0)
+    values = np.array([_numbers(path, k, [row[at], row[of]], decimal) for k, row in rows])
+    time, signal = ((*heads[k], column) for k, column in zip((at, of), values.reshape(-1, 2).T, strict=True))
     return time, signal
 
 
@@ -134,21 +146,25 @@ def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     from scipy.io import loadmat
 
     try:
-        with open(open_regular(path), "rb") as file:
+        with open(open_regular(path), "rb") as file, warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
             held = loadmat(file)
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
         raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({str(error).splitlines()[0]})") from None
+    twice = [found[1] for found in (_TWICE.match(str(warning.message)) for warning in warned) if found]
+    if twice:
+        raise SimulationError(f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two")
     vectors = {
         name: np.asarray(value, dtype=float).ravel()
         for name, value in held.items()
         if not name.startswith("__") and value.dtype.kind in "iuf" and value.size == max(value.shape, default=0) > 1
     }
-    heads = [(name, "") for name in vectors]
-    at = _index(path, heads, columns.time, 0)
-    of = _index(path, heads, columns.column, 1 if at == 0 else 0)
-    time, signal = ((heads[k][0], "", _finite(path, heads[k][0], vectors[heads[k][0]])) for k in (at, of))
+    names = [(name, name) for name in vectors]
+    at = _index(path, names, columns.time, 0, "time")
+    of = _index(path, names, columns.column, 1 if at == 0 else 0)
+    time, signal = ((names[k][0], "", _finite(path, names[k][0], vectors[names[k][0]])) for k in (at, of))
     if len(time[2]) != len(signal[2]):
         raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
     return time, signal
@@ -162,9 +178,10 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     try:
         os.close(open_regular(path))
         with asammdf.MDF(path) as mdf:
-            names = [name for name in mdf.channels_db if name not in ("time", "t", "Time")]
-            at = _index(path, [(name, "") for name in names], columns.column, 0)
-            signal = mdf.get(names[at], *mdf.channels_db[names[at]][0])
+            places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
+            names = [(name, f"{name} of group {group}") for name, group, _ in places]
+            name, group, channel = places[_index(path, names, columns.column, 0)]
+            signal = mdf.get(name, group, channel)
     except SimulationError:
         raise
     except OSError as error:
@@ -172,9 +189,9 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
     except Exception as error:  # of many kinds, where a file is damaged
         raise SimulationError(f"{path}: is not MDF4 ({str(error).splitlines()[0]})") from None
     if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
-        raise SimulationError(f"{path}: channel {names[at]!r}: must hold numbers")
+        raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
     time = _finite(path, "time", np.asarray(signal.timestamps, dtype=float))
-    return ("time", "s", time), (names[at], signal.unit or "", _finite(path, names[at], signal.samples.astype(float)))
+    return ("time", "s", time), (name, signal.unit or "", _finite(path, name, signal.samples.astype(float)))
 
 
 def _finite(path: str | Path, name: str, values: Array) -> Array:
@@ -183,9 +200,10 @@ def _finite(path: str | Path, name: str, values: Array) -> Array:
     return values
 
 
-def _table(path: str, text: str) -> tuple[list[tuple[str, str]], list[str], list[tuple[int, list[str]]]]:
-    """Names with their units, units of the line below (or ""), and the lines of numbers with their numbers in the
-    file."""
+def _table(
+    path: str, text: str, decimal: str | None
+) -> tuple[list[tuple[str, str]], list[tuple[int, list[str]]], Callable[[str], float]]:
+    """Names with their units (or ""), the lines of numbers with their numbers in the file, and what reads a number."""
     lines = [(k + 1, line) for k, line in enumerate(text.splitlines()) if line.strip() and not line.startswith("#")]
     if len(lines) < 2:
         raise SimulationError(f"{path}: must have a line of names and lines of numbers below it")
@@ -194,27 +212,88 @@ def _table(path: str, text: str) -> tuple[list[tuple[str, str]], list[str], list
         cells = [(k, next(csv.reader(io.StringIO(line), delimiter=mark))) for k, line in lines]
     except csv.Error as error:  # a cell of more than 131,072 characters, say
         raise SimulationError(f"{path}: is not CSV ({error})") from None
-    if mark != ",":
-        cells = [cells[0], *((k, [cell.replace(",", ".") for cell in row]) for k, row in cells[1:])]
     heads = []
-    for cell in cells[0][1]:
+    for cell in cells.pop(0)[1]:
         found = re.fullmatch(r"\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
         heads.append((found[1] or found[2] or "", found[2] or "") if found else (cell.strip(), ""))
-    below = [""] * len(heads)
-    if not any(_is_number(cell) for cell in cells[1][1]):
-        below = [cell.strip(" []()") for cell in cells.pop(1)[1]] + below
-    return heads, below, cells[1:]
+    if all(math.isnan(_plain(cell.replace(",", "."))) for cell in cells[0][1]):
+        below = [cell.strip(" []()") for cell in cells.pop(0)[1]] + [""] * len(heads)
+        heads = [(name, unit or under) for (name, unit), under in zip(heads, below, strict=False)]
+    for k, row in cells:
+        if any(cell.strip() for cell in row[len(heads) :]):
+            text = "; decimal commas need semicolons or tabs between the columns" if mark == "," else ""
+            raise SimulationError(f"{path}: line {k}: has {len(row)} cells below {len(heads)} names{text}")
+        row += [""] * (len(heads) - len(row))
+    if decimal:
+        return heads, cells, partial(_grouped, decimal=decimal)
+    sign = "." if mark == "," else _decimal(path, cells)
+    return heads, cells, lambda cell: _plain(cell if sign == "." else cell.replace(",", "."))
 
 
-def _index(path: str | Path, heads: list[tuple[str, str]], wanted: str | None, default: int) -> int:
-    names = [name for name, _ in heads]
-    if wanted is None:
-        if default < len(names):
-            return default
+_SIGNS = re.compile(r"\s*[+-]?(?=.*\d)\d*([.,])\d*(?:([.,])\d*)?(?:[eE][+-]?\d+)?\s*")
+"""A number with a point or a comma, or two."""
+
+
+def _decimal(path: str, rows: list[tuple[int, list[str]]]) -> str:
+    """The sign before the decimals of a file's numbers: the one that all of them have, a point if none has one."""
+    first: dict[str, tuple[int, str]] = {}
+    for k, row in rows:
+        for cell in row:
+            found = _SIGNS.fullmatch(cell)
+            if found and found[1] != found[2]:  # 24.12.2026 is a date
+                for sign in filter(None, found.groups()):
+                    first.setdefault(sign, (k, cell.strip()))
+        if len(first) == 2:
+            (one, this), (other, that) = first.values()
+            both = f"{that}, but line {one} has {this}" if this != that else that
+            text = (
+                "numbers of one file have points and commas; say --decimal , or . and the other sign is for thousands"
+            )
+            raise SimulationError(f"{path}: line {other}: {both}: {text}")
+    return next(iter(first), ".")
+
+
+def _plain(cell: str) -> float:
+    """The number of a cell with a decimal point, NaN if it is none."""
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _grouped(cell: str, decimal: str) -> float:
+    """The number of a cell whose thousands may be apart by the sign that is not the decimal one, NaN if it is none."""
+    other = re.escape("." if decimal == "," else ",")
+    if re.search(other, cell) and not re.fullmatch(
+        rf"\s*[+-]?\d{{1,3}}({other}\d{{3}})+({re.escape(decimal)}\d*)?\s*", cell
+    ):
+        return math.nan
+    return _plain(re.sub(other, "", cell).replace(decimal, "."))
+
+
+def _index(
+    path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
+) -> int:
+    """The place of a column among all, each given by its name, and by its name with its unit.
+
+    Raises:
+        SimulationError: there is none of that name, or several.
+    """
+    known = [name for name, _ in names]
+    if wanted is None and default >= len(known):
         raise SimulationError(f"{path}: has one column: must have a time and values")
-    if wanted not in names:
-        raise SimulationError(f"{path}: no column {wanted!r}: allowed are {', '.join(names)}")
-    return names.index(wanted)
+    name = known[default] if wanted is None else wanted
+    numbered = [(each, whole, f"#{k + 1}") for k, (each, whole) in enumerate(names)]
+    for form in range(3):
+        at = [k for k, forms in enumerate(numbered) if forms[form] == name]
+        if len(at) > 1:
+            all_of = " and ".join(f"{numbered[k][2]}, {numbered[k][1]}" for k in at)
+            raise SimulationError(
+                f"{path}: {name!r} names the columns {all_of}: say --{option} '#{at[0] + 1}', or another"
+            )
+        if at:
+            return at[0]
+    raise SimulationError(f"{path}: no column {name!r}: allowed are {', '.join(known)}")
 
 
 def _factor(path: str | Path, word: str) -> tuple[str, float]:
@@ -224,16 +303,8 @@ def _factor(path: str | Path, word: str) -> tuple[str, float]:
     raise SimulationError(f"{path}: unit {word!r}: allowed are {', '.join(sorted(SPELLED, key=str.lower))}")
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(path: str | Path, line: int, row: list[str], places: tuple[int, int]) -> list[float]:
-    cells = [row[k] if k < len(row) else "" for k in places]
-    if not all(_is_number(cell) and abs(float(cell)) <= HUGE for cell in cells):
+def _numbers(path: str | Path, line: int, cells: list[str], read: Callable[[str], float]) -> list[float]:
+    values = [read(cell) for cell in cells]
+    if not all(abs(value) <= HUGE for value in values):
         raise SimulationError(f"{path}: line {line}: {', '.join(cells)!r}: must be finite numbers within {HUGE:g} of 0")
-    return [float(cell) for cell in cells]
+    return values

@@ -76,7 +76,8 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
         study: the study that a table must belong to, under the name that it has; None takes any table.
 
     Raises:
-        StudyError: a file that is missing, of another kind, another one's, or damaged; one line.
+        StudyError: a file that is missing, of another kind, another one's, or damaged, a name that several columns
+            have, or numbers with decimal commas; one line.
     """
     import pyarrow as pa
 
@@ -87,6 +88,7 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
 
             with parquet.ParquetFile(path, page_checksum_verification=True) as file:
                 table = file.read(columns)
+            _check_names(table, path)
             if columns is None:
                 table.validate(full=True)
             return _known(table, path, columns is None, study)
@@ -94,8 +96,8 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
             from pyarrow import csv
 
             table = csv.read_csv(path)
-            if len(set(table.column_names)) < table.num_columns:
-                raise StudyError(f"{path}: has several columns of one name")
+            _check_names(table, path)
+            _check_points(table, path)
             return table
     except FileNotFoundError as error:
         raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
@@ -104,6 +106,28 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
     except (pa.ArrowException, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise StudyError(f"{path}: not a table ({(str(error).splitlines() or [type(error).__name__])[0]})") from None
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
+
+
+def _check_names(table: pa.Table, path: Path) -> None:
+    """Refuses a name that stands twice."""
+    for k, name in enumerate(table.column_names):
+        first = table.column_names.index(name)
+        if first < k:
+            raise StudyError(
+                f"{path}: columns {first + 1} and {k + 1} are both named {name}; rename or remove one of them"
+            )
+
+
+def _check_points(table: pa.Table, path: Path) -> None:
+    """Refuses a CSV file with decimal commas, which would be texts, or with semicolons, which would be one column."""
+    text = "cells are separated by commas, and numbers have decimal points"
+    if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
+        raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
+    for name in table.column_names:
+        if str(table.schema.field(name).type) == "string":
+            for row, cell in enumerate(table[name].to_pylist()):
+                if cell is not None and re.fullmatch(r"\s*[+-]?[\d.]*,\d+(\.\d*)?([eE][+-]?\d+)?\s*", cell):
+                    raise StudyError(f"{path}: column {name}, row {row}: {cell!r}: {text}")
 
 
 def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:

@@ -16,6 +16,7 @@ does, so the processes' own noise counts as an error of the measurement.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -185,11 +186,11 @@ class Rig:
         self.signals: dict[str, Measured] = {}
         for of in self.of:
             if of.signal is not None and of.file is not None:
-                columns = Columns(of.column, of.time, of.unit, of.time_unit)
+                columns = Columns(of.column, of.time, of.unit, of.time_unit, of.decimal)
                 try:
                     measured = read_signal(source.parent / of.file, of.signal, units[of.signal], columns)
                 except WarpchainError as error:
-                    raise StudyError(str(error).replace("say --unit", "give unit")) from None
+                    raise StudyError(re.sub(r"say --(\w+)", r"give \1", str(error))) from None
                 self.signals[of.signal] = measured
 
     def numbers(self, turns: float, results: Results) -> tuple[Number, ...]:

@@ -45,6 +45,7 @@ class Measurement(Part):
         file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
         column, time: its columns, variables or channels; see `results.measured_file.Columns`.
         unit, time_unit: their units; None takes what the file says, else SI.
+        decimal: "." or ",", in CSV.
         statistics: statistics of the signal that count, such as "mean", "std", "largest".
         orders: orders of the driver's revolution, whose amplitudes count.
         bands: bands of frequency, low and high end [Hz], whose root mean squares count.
@@ -60,6 +61,7 @@ class Measurement(Part):
     time: Text | None = None
     unit: Text | None = None
     time_unit: Text | None = None
+    decimal: Annotated[Literal[".", ","], Value('must be "." or ","')] | None = None
     statistics: Annotated[
         tuple[Literal[*STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_TEXT)  # type: ignore[valid-type]
     ] = ()
@@ -77,7 +79,7 @@ class Measurement(Part):
         if (get(node, "metric") is None) == (get(node, "signal") is None):
             yield Problem(("metric",), get(node, "metric"), "give metric and value, or signal and file", BARE)
             return
-        of_signal = ("file", "column", "time", "unit", "time_unit", "statistics", "orders", "bands")
+        of_signal = ("file", "column", "time", "unit", "time_unit", "decimal", "statistics", "orders", "bands")
         needed, other = ("file", ("value",)) if get(node, "signal") is not None else ("value", of_signal)
         if get(node, needed) is None:
             yield Problem((needed,), None, "missing", BARE)
