@@ -298,3 +298,144 @@ def test_without_ezdxf(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(WarpchainError, match="DXF: needs ezdxf; install it with"):
         read_edges(tmp_path / "a.dxf", None)
+
+
+STANDARD = {
+    1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5, 10: 0.9144, 11: 1e-10,
+    12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9, 18: 149597870700.0, 19: 299792458.0 * 31557600.0,
+    20: 149597870700.0 * 648000.0 / math.pi, 21: 1200.0 / 3937.0, 22: 100.0 / 3937.0, 23: 3600.0 / 3937.0,
+    24: 5280.0 * 1200.0 / 3937.0,
+}  # fmt: skip
+"""Meters in each unit of $INSUNITS: by definition of inch, astronomical unit, Julian year, parsec and survey foot."""
+
+
+@pytest.mark.parametrize("units", STANDARD)
+def test_every_unit_of_the_standard_is_read(tmp_path, units):
+    document, space = drawing(units)
+    space.add_line((0.0, 0.0), (0.25 / STANDARD[units], 0.0))
+    (edge,) = read_edges(saved(document, tmp_path), None)
+    # numbers in DXF have 16 digits
+    assert edge.points[1, 0] == pytest.approx(0.25, rel=1e-14)
+
+
+@pytest.mark.parametrize("units", [0, 25, -1])
+def test_a_drawing_without_a_unit_needs_a_key(tmp_path, units):
+    document, space = drawing(units)
+    face(space)
+    path = saved(document, tmp_path, "engine.dxf")
+    with pytest.raises(
+        DriveError, match=r"must be one such as millimeters .* be said in the drive file, as profile_unit = .mm.$"
+    ):
+        read_face(path, None)
+    assert off_the_shape(read_face(path, None, "mm")).max() < 1.1e-6
+    shape = 'points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25\narm = "tensioner arm"'
+    drawn = BLADE.replace(shape, 'profile = "engine.dxf"\nside = "right"')
+    assert drawn != BLADE
+    told = {"mm": None, "cubit": "must be one of in, ft, ", "km": "m large in the drawing's unit, km"}
+    for unit, said in told.items():
+        (tmp_path / "drive.toml").write_text(drawn.replace('.dxf"', f'.dxf"\nprofile_unit = "{unit}"'))
+        if said is None:
+            drive = load_drive(tmp_path / "drive.toml")
+            assert off_the_shape(drive.profile(0).points(0.002, caps=False)).max() < TOLERANCE + 1.1e-6
+            assert "profile_unit" not in dumps_drive(drive)
+        else:
+            with pytest.raises(DriveError, match=said):
+                load_drive(tmp_path / "drive.toml")
+    (tmp_path / "points.csv").write_text("x,y\n0,0\n0,1\n")
+    (tmp_path / "drive.toml").write_text(drawn.replace("engine.dxf", 'points.csv"\nprofile_unit = "mm'))
+    with pytest.raises(DriveError, match=r"profile_unit = .mm.: only together with the name of a DXF file"):
+        load_drive(tmp_path / "drive.toml")
+
+
+def test_the_unit_that_is_said_goes_before_the_drawings_own(tmp_path):
+    document, space = drawing(1)  # CAD programs write inches where nobody chose
+    outline(space)
+    path = saved(document, tmp_path)
+    own = read_teeth(path, None, 23, "mm")
+    assert own["pitch"] == pytest.approx(0.0127, rel=1e-6)
+    assert read_teeth(path, None, 23)["pitch"] == pytest.approx(25.4 * 0.0127, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "turn", "base"),
+    [((1.0, 1.0), 0.0, (0.0, 0.0)), ((2.0, 2.0), 30.0, (3.0, -4.0)), ((-1.0, 1.0), 70.0, (5.0, 1.0))],
+)
+def test_blocks_are_read_as_they_are_placed(tmp_path, scale, turn, base):
+    """Scaled, mirrored, turned about the base point and moved, one block within another: the same points."""
+    document, space = drawing()
+    inner, outer = (document.blocks.new(name, base_point=at) for name, at in (("FACE", base), ("ENGINE", (0.0, 0.0))))
+    face(inner)
+    placed = {"xscale": scale[0], "yscale": scale[1], "rotation": turn}
+    outer.add_blockref("FACE", (10.0, 20.0), dxfattribs=placed)
+    space.add_blockref("ENGINE", (-7.0, 1.0))
+    plain, at_once = drawing()
+    face(at_once)
+    drawn = np.array(read_face(saved(plain, tmp_path, "plain.dxf"), None))
+    angle = math.radians(turn)
+    turned = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    wanted = ((drawn * MM - base) * scale) @ turned.T + (3.0, 21.0)
+    found = MM * np.array(read_face(saved(document, tmp_path), None))
+    # an arc of twice the size has more points on it, all on the same line: those of the ends are the same
+    ends = np.array([wanted[0], wanted[-1]])
+    assert min(np.abs(found[[0, -1]] - ends).max(), np.abs(found[[-1, 0]] - ends).max()) < 1e-6
+    length = [np.hypot(*np.diff(points, axis=0).T).sum() for points in (found, wanted)]
+    assert length[0] == pytest.approx(length[1], rel=1e-5)
+    away = np.abs(found[:, None] - wanted[None]).max(axis=-1).min(axis=1)
+    assert away.max() < 6.0  # between the points of the other
+
+
+def test_a_block_of_unlike_scales_turns_its_arcs_into_ellipses(tmp_path):
+    document, space = drawing(6)
+    block = document.blocks.new("HALF")
+    block.add_arc((0.0, 0.0), 0.1, 0.0, 180.0)
+    space.add_blockref("HALF", (0.2, 0.0), dxfattribs={"xscale": 1.0, "yscale": 0.5})
+    points = np.array(read_face(saved(document, tmp_path), None))
+    np.testing.assert_allclose(((points[:, 0] - 0.2) / 0.1) ** 2 + (points[:, 1] / 0.05) ** 2, 1.0, atol=1e-6)
+
+
+def test_layers_of_blocks_are_those_of_cad(tmp_path):
+    """What lies on layer 0 of a block is on the layer of the reference; the rest keeps its own."""
+    document, space = drawing()
+    block = document.blocks.new("PART")
+    face(block)
+    block.add_circle((0.0, 0.0), 5.0, dxfattribs={"layer": "holes"})
+    block.add_attdef("NAME", (0.0, 0.0))
+    space.add_blockref("PART", (0.0, 0.0), dxfattribs={"layer": "blade"})
+    path = saved(document, tmp_path)
+    assert off_the_shape(read_face(path, "blade")).max() < 1.1e-6
+    with pytest.raises(DriveError, match=r"CIRCLE of INSERT [0-9A-F]+: is no edge of a contour"):
+        read_face(path, "holes")
+    with pytest.raises(DriveError, match='has nothing on layer "0"; allowed is one of blade, holes'):
+        read_face(path, "0")
+
+
+def test_rows_of_a_block_are_read(tmp_path):
+    document, space = drawing(6)
+    document.blocks.new("LINK").add_line((0.0, 0.0), (0.1, 0.0))
+    space.add_blockref("LINK", (0.0, 0.0), dxfattribs={"column_count": 3, "column_spacing": 0.1})
+    points = np.array(read_face(saved(document, tmp_path), None))
+    assert np.ptp(points[:, 0]) == pytest.approx(0.3)
+
+
+def test_blocks_without_end_are_refused(tmp_path, monkeypatch):
+    document, space = drawing()
+    names = [f"B{k}" for k in range(20)]
+    for name, inside in zip(names, [*names[1:], "B0"], strict=True):
+        document.blocks.new(name).add_blockref(inside, (0.0, 0.0))
+    space.add_blockref("B0", (0.0, 0.0))
+    with pytest.raises(DriveError, match="has blocks within blocks, 16 deep and more"):
+        read_face(saved(document, tmp_path), None)
+    document, space = drawing()
+    monkeypatch.setattr("warpchain.drive.dxf_files.MOST_ENTITIES", 1000)
+    for k in range(12):  # ten to the power of twelve references, and nothing drawn
+        block = document.blocks.new(f"B{k}")
+        for _ in range(10):
+            block.add_blockref(f"B{k + 1}", (0.0, 0.0))
+    document.blocks.new("B12")
+    space.add_blockref("B0", (0.0, 0.0))
+    with pytest.raises(DriveError, match="is one of more than 1000 entities of blocks"):
+        read_face(saved(document, tmp_path), None)
+    document, space = drawing()
+    space.add_blockref("NONE", (0.0, 0.0))
+    with pytest.raises(DriveError, match='its block "NONE" is not in the file'):
+        read_face(saved(document, tmp_path), None)

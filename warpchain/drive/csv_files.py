@@ -64,6 +64,24 @@ def dxf_name(file: str) -> tuple[str, str | None] | None:
     return (path, layer if mark else None) if path.lower().endswith(".dxf") else None
 
 
+def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
+    """The unit that a guide or sprocket says of its drawing, taken out of its values.
+
+    Raises:
+        DriveError: it is no unit of drawings, or there is no drawing.
+    """
+    from warpchain.drive.dxf_files import LENGTHS
+
+    if get(holder, key) is None:
+        return None
+    unit = holder.pop(key)
+    if not is_drawing:
+        raise DriveError(f"{key} = {value_text(unit)}: only together with the name of a DXF file")
+    if not isinstance(unit, str) or unit not in LENGTHS:
+        raise DriveError(f"{key} = {value_text(unit)}: must be one of {', '.join(LENGTHS)}")
+    return unit
+
+
 def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
     for i, guide in enumerate(elements(values, "guides")):
@@ -71,12 +89,13 @@ def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
         if isinstance(file, str):
             drawing = dxf_name(file)
             try:
+                unit = _drawn_unit(guide, "profile_unit", drawing is not None)
                 if drawing is None:
                     guide["profile"] = read_points(_inside(folder, file))
                 else:
                     from warpchain.drive.dxf_files import read_face
 
-                    guide["profile"] = read_face(_inside(folder, drawing[0]), drawing[1])
+                    guide["profile"] = read_face(_inside(folder, drawing[0]), drawing[1], unit)
             except DriveError as error:
                 where = f"guides.{_word(guide, i)}.profile = {value_text(file)}"
                 problems += [f"{where}: {line}" for line in error.errors]
@@ -97,7 +116,8 @@ def _teeth(values: dict[str, Any], folder: Path) -> list[str]:
         from warpchain.drive.dxf_files import read_teeth
 
         try:
-            found = read_teeth(_inside(folder, drawing[0]), drawing[1], teeth)
+            unit = _drawn_unit(sprocket, "tooth_unit", True)
+            found = read_teeth(_inside(folder, drawing[0]), drawing[1], teeth, unit)
         except DriveError as error:
             problems += [f"{where}: {line}" for line in error.errors]
             continue

@@ -1,14 +1,16 @@
 """Contours of DXF drawings: faces of guides, teeth of sprockets.
 
 A contour is what lies in the model space of a file, or on one of its layers, `FILE.dxf#LAYER`: lines, arcs, polylines,
-ellipses and splines that follow each other end to end. The file says its unit. A face is an open line; a sprocket's
-outline is closed, and its center is that of its seats.
+ellipses and splines that follow each other end to end, also in blocks. The file says its unit, or the drive file does.
+A face is an open line; a sprocket's outline is closed, and its center is that of its seats.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,23 @@ CORNER = math.radians(2.0)
 STRAIGHT = 1e3
 """Radius of a line [m]."""
 KINDS = ("LINE", "ARC", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE")
+INSUNITS = (
+    "", "in", "ft", "mile", "mm", "cm", "m", "km", "microinch", "mil", "yd", "angstrom", "nm", "um", "dm", "dam", "hm",
+    "Gm", "au", "ly", "pc", "US survey ft", "US survey in", "US survey yd", "US survey mile",
+)  # fmt: skip
+"""Units of drawings in the order of the numbers that DXF gives them; 0 is none."""
+LENGTHS = {
+    "in": 0.0254, "ft": 0.3048, "mile": 1609.344, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "microinch": 2.54e-8,
+    "mil": 2.54e-5, "yd": 0.9144, "angstrom": 1e-10, "nm": 1e-9, "um": 1e-6, "dm": 0.1, "dam": 10.0, "hm": 100.0,
+    "Gm": 1e9, "au": 149597870700.0, "ly": 9460730472580800.0, "pc": 3.0856775814913673e16,
+    "US survey ft": 1200 / 3937, "US survey in": 100 / 3937, "US survey yd": 3600 / 3937,
+    "US survey mile": 6336000 / 3937,
+}  # fmt: skip
+"""The same in meters: the international ones of 1959, and those of surveyors in the United States."""
+LARGEST = 1000.0
+"""Largest curve [m]; a larger one is drawn in another unit than is said."""
+DEEPEST, MOST_ENTITIES = 16, 100_000
+"""Blocks within blocks, and entities of all blocks where they are placed, at most."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +76,12 @@ class Edge:
         return replace(self, points=self.points[::-1])
 
 
-def read_edges(path: Path, layer: str | None) -> list[Edge]:
+def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str = "profile_unit") -> list[Edge]:
     """The entities of a contour [m].
+
+    Args:
+        unit: of the drawing, one of `LENGTHS`; None goes by what the file says.
+        key: the drive file's key of that unit.
 
     Raises:
         DriveError: in one line that names the entity, if it is one.
@@ -66,7 +89,6 @@ def read_edges(path: Path, layer: str | None) -> list[Edge]:
     """
     try:
         import ezdxf
-        from ezdxf import units
     except ImportError:
         raise without_package("DXF", "ezdxf", "dxf") from None
 
@@ -77,26 +99,67 @@ def read_edges(path: Path, layer: str | None) -> list[Edge]:
         raise DriveError(f"cannot be read: {(error.strerror or 'is no DXF file').lower()}") from None
     except (ezdxf.DXFError, ValueError, KeyError, IndexError):
         raise DriveError("cannot be read: is no dxf file, or is damaged") from None
-    unit = document.header.get("$INSUNITS", 0)
-    if unit not in (1, 2, 4, 5, 6, 8, 9, 10, 13, 14):
-        raise DriveError("says no unit of length ($INSUNITS); must be one such as millimeters (4) or meters (6)")
-    scale = units.conversion_factor(units.InsertUnits(unit), units.InsertUnits.Meters)
-    layers = sorted({entity.dxf.layer for entity in document.modelspace()})
+    if unit is None:
+        number = document.header.get("$INSUNITS", 0)
+        if not isinstance(number, int) or not 1 <= number < len(INSUNITS):
+            raise DriveError(
+                "says no unit of length ($INSUNITS); must be one such as millimeters (4) or meters (6), or be said in "
+                f'the drive file, as {key} = "mm"'
+            )
+        unit = INSUNITS[number]
+    entities = list(_entities(document.modelspace(), None, 0, count()))
+    if not entities:
+        raise DriveError("has no entities in its model space")
+    layers = sorted({on for on, _, _ in entities})
     if layer is not None and layer not in layers:
         raise DriveError(f'has nothing on layer "{layer}"; allowed is one of {", ".join(layers)}')
-    found: list[Edge] = []
-    for entity in document.modelspace():
-        if layer is None or entity.dxf.layer == layer:
-            found += _edges(entity, scale)
-    if not found:
-        raise DriveError("has no entities in its model space")
-    return found
+    chosen = [(entity, name) for on, entity, name in entities if layer in (None, on)]
+    return [edge for entity, name in chosen for edge in _edges(entity, name, unit)]
 
 
-def _edges(entity: Any, scale: float) -> list[Edge]:
+def _entities(
+    space: Any, insert: tuple[str, str] | None, depth: int, passed: Iterator[int]
+) -> Iterator[tuple[str, Any, str]]:
+    """Layer, entity and name of all that lies in a space, where references to blocks are what the blocks have.
+
+    What lies on layer 0 of a block is on the layer of the reference.
+
+    Args:
+        insert: layer and name of the reference whose block this is.
+        depth: references that lead here.
+        passed: counts the entities of blocks.
+
+    Raises:
+        DriveError: a reference to no block, to itself, or to a block that cannot be drawn so.
+    """
+    if depth > DEEPEST:
+        raise DriveError(f"{insert and insert[1]}: has blocks within blocks, {DEEPEST} deep and more")
+
+    def refuse(entity: Any, why: str) -> None:
+        raise DriveError(f"{entity.dxftype()} of {name}: cannot be drawn as its block is placed ({why})")
+
+    for entity in space:
+        on = insert[0] if insert and entity.dxf.layer == "0" else entity.dxf.layer
+        name = f"{entity.dxftype()} of {insert[1]}" if insert else f"{entity.dxftype()} {entity.dxf.handle}"
+        if insert and next(passed) >= MOST_ENTITIES:
+            raise DriveError(f"{name}: is one of more than {MOST_ENTITIES} entities of blocks")
+        if entity.dxftype() != "INSERT":
+            if entity.dxftype() not in ("ATTRIB", "ATTDEF"):  # texts of a block
+                yield on, entity, name
+            continue
+        if entity.block() is None or entity.block().block.is_xref:
+            raise DriveError(f'{name}: its block "{entity.dxf.name}" is not in the file')
+        inner = (
+            each
+            for one in (entity.multi_insert() if entity.mcount > 1 else (entity,))
+            for each in one.virtual_entities(skipped_entity_callback=refuse)
+        )
+        yield from _entities(inner, (on, name), depth + 1, passed)
+
+
+def _edges(entity: Any, name: str, unit: str) -> list[Edge]:
     """The edges of an entity."""
-    kind = entity.dxftype()
-    name = f"{kind} {entity.dxf.handle}"
+    kind, scale = entity.dxftype(), LENGTHS[unit]
     if kind not in KINDS:
         allowed = ", ".join(KINDS)
         raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
@@ -104,12 +167,30 @@ def _edges(entity: Any, scale: float) -> list[Edge]:
     found = []
     for piece in pieces:
         straight = piece.dxftype() == "LINE"
+        size = scale * _size(piece)
+        if not size <= LARGEST:
+            raise DriveError(
+                f"{name}: is {size:.3g} m large in the drawing's unit, {unit}; must be at most {LARGEST:g} m"
+            )
         ends = (piece.dxf.start, piece.dxf.end) if straight else piece.flattening(SAG / scale)
         points = np.array([(p.x, p.y) for p in ends]) * scale
         if not np.isfinite(points).all() or len(points) < 2 or np.ptp(points, axis=0).max() == 0.0:
             raise DriveError(f"{name}: has no length")
         found.append(Edge(name, points, straight))
     return found
+
+
+def _size(piece: Any) -> float:
+    """About the size of an entity, in the drawing's unit."""
+    kind = piece.dxftype()
+    if kind == "LINE":
+        return float(piece.dxf.start.distance(piece.dxf.end))
+    if kind == "ARC":
+        return float(abs(piece.dxf.radius))
+    if kind == "ELLIPSE":
+        return float(piece.dxf.major_axis.magnitude)
+    points = np.array([(p[0], p[1]) for p in (*piece.control_points, *piece.fit_points)])
+    return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
 
 
 def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
@@ -161,13 +242,13 @@ def _open(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
     )
 
 
-def read_face(path: Path, layer: str | None) -> list[list[float]]:
-    """The points of a guide's face [m].
+def read_face(path: Path, layer: str | None, unit: str | None = None) -> list[list[float]]:
+    """The points of a guide's face [m], of a drawing in a unit, or in the one that it says.
 
     Raises:
         DriveError, WarpchainError: as `read_edges`; or a contour that is closed, or open between its entities.
     """
-    edges, closed = joined(read_edges(path, layer))
+    edges, closed = joined(read_edges(path, layer, unit))
     if closed:
         raise DriveError(f"{edges[0].name}: the contour is closed; must be the open line that the chain rides on")
     points: list[Array] = []
@@ -223,14 +304,16 @@ def _arc(edge: Edge) -> _Arc:
     return _Arc(edge, middle + np.array([a, b]), radius, float(angle[-1] - angle[0]))
 
 
-def read_teeth(path: Path, layer: str | None, teeth: int) -> dict[str, float | None]:
+def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = None) -> dict[str, float | None]:
     """Tooth gap of a sprocket's outline: seat_radius, seat_angle, flank_radius, tip_radius, and pitch.
+
+    The drawing is in a unit, or in the one that it says.
 
     Raises:
         DriveError, WarpchainError: as `read_edges`; or an outline that is open, whose number of seats is not `teeth`,
             whose teeth differ, or whose flanks are not tangent to the seats.
     """
-    edges, closed = joined(read_edges(path, layer))
+    edges, closed = joined(read_edges(path, layer, unit, "tooth_unit"))
     if not closed:
         first, last = edges[0].name, edges[-1].name
         raise DriveError(f"the contour is open: nothing joins {last} and {first}; teeth are a closed outline")

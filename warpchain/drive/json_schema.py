@@ -21,6 +21,10 @@ QUANTITY = {"type": "string", "pattern": r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1
 
 FILE = {"type": "string", "description": "CSV file with the columns, in the drive file's folder or below it"}
 
+DRAWN = {"Guide": "profile", "Sprocket": "tooth"}
+"""Keys of parts that may name a drawing, whose unit a further key says."""
+UNIT = {"type": "string", "description": "unit of the DXF file, such as mm, in place of what the file says"}
+
 
 def file_schema(top: type[Part], title: str) -> dict[str, Any]:
     """The schema of a file whose whole is the part `top`."""
@@ -61,6 +65,8 @@ def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
     if issubclass(kind, Table):  # a file that it names has the columns
         table["properties"]["file"] = FILE
         free = table["properties"]
+    if kind.__name__ in DRAWN:
+        table["properties"][f"{DRAWN[kind.__name__]}_unit"] = UNIT
     table["required"] = [key for key in table.get("required", ()) if key not in free]
 
 
