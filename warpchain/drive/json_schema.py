@@ -58,7 +58,7 @@ def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
     table["description"] = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
     said = descriptions(kind)
     for key, value in table.get("properties", {}).items():
-        shape = _of_files(value, bool(unit_of(kind, key)))
+        shape = _of_files(value, bool(unit_of(kind, key)) or key in kind._quantities)
         words = [said.get(key, "").rstrip("."), allowed(kind, key)]
         table["properties"][key] = shape | {"description": "; ".join(filter(None, words))}
     free: Any = getattr(kind, "_filled", ())

@@ -262,6 +262,8 @@ class Part(BaseModel):
     """Keys that earlier versions wrote, and the keys that they are now."""
     _like: ClassVar[type[Part] | None] = None
     """The part that its keys override, where it is described."""
+    _quantities: ClassVar[frozenset[str]] = frozenset()
+    """Keys whose unit other values say, see `_unit`."""
     _judged: ClassVar[frozenset[str] | None] = None
     """Keys of the numbers whose size the rules depend on, not only whether they are given; None is any."""
 
@@ -291,6 +293,11 @@ class Part(BaseModel):
         return {key if now[key] != key and now[key] in values else now[key]: value for key, value in values.items()}
 
     @classmethod
+    def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        """The unit of a key's numbers, "" for none; those of its docstring, unless other values say it."""
+        return unit_of(cls, key)
+
+    @classmethod
     def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
         """The values, with numbers for quantities such as "540 rpm", and what is wrong with their units."""
         problems: list[Problem] = []
@@ -301,16 +308,19 @@ class Part(BaseModel):
                 return inner if isinstance(value, list) else tuple(inner)
             if not isinstance(value, str) or not QUANTITY.fullmatch(value):
                 return value
-            found = converted(value, unit_of(cls, key))
+            found = converted(value, units_of[key])
             if found is None:
-                units = ", ".join(fitting(unit_of(cls, key)))
+                units = ", ".join(fitting(units_of[key]))
                 problems.append(Problem(path, value, f"must be a number, or one with a unit that fits: {units}"))
             return value if found is None else found
 
         if not isinstance(values, Mapping):
             return values, problems
-        keys = [key for key, x in values.items() if isinstance(x, (str, list, tuple)) and unit_of(cls, key)]
-        return (dict(values) | {key: number(values[key], key, (key,)) for key in keys} if keys else values), problems
+        given = (key for key, x in values.items() if isinstance(x, (str, list, tuple)))
+        units_of = {key: unit for key in given if (unit := cls._unit(key, values))}
+        if not units_of:
+            return values, problems
+        return dict(values) | {key: number(values[key], key, (key,)) for key in units_of}, problems
 
     @classmethod
     def _completed(cls, values: Any) -> Any:

@@ -69,6 +69,10 @@ class Limits(Part):
     def _source(cls) -> str:
         return "limits"
 
+    @classmethod
+    def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        return "-"  # also in %
+
 
 Given = tuple[NDArray[Any], NDArray[np.bool_]]
 """Values of a column (V,), and where it is null."""

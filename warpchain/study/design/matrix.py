@@ -301,7 +301,7 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
-        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.unit or "", **distribution(factor)}
+        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.shown_unit, **distribution(factor)}
         if factor.name in noise:
             facts["kind"] = TIED if factor.form == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))

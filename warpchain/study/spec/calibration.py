@@ -5,8 +5,8 @@ The unknowns are the study's noise factors, and their distributions the priors.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -27,6 +27,7 @@ from warpchain.drive.schema import (
 from warpchain.results.measured_file import STATISTICS
 from warpchain.study.results import NOISE
 from warpchain.study.spec.factor import NEEDS, Texts, Whole, form_of
+from warpchain.study.spec.study_tables import metric_unit
 
 _STATISTICS_TEXT = "must be a list of " + ", ".join(f'"{name}"' for name in STATISTICS)
 _Band = Annotated[
@@ -53,6 +54,8 @@ class Measurement(Part):
         relative_error: standard deviation in parts of the value, instead.
     """
 
+    _quantities: ClassVar[frozenset[str]] = frozenset({"value", "error"})
+
     metric: Text | None = None
     value: Finite | None = None
     signal: Text | None = None
@@ -73,6 +76,12 @@ class Measurement(Part):
     bands: Annotated[tuple[_Band, ...], BeforeValidator(plain_sequence), Value(_BANDS_TEXT)] = ()
     error: Positive | None = None
     relative_error: Positive | None = None
+
+    @classmethod
+    def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        if key == "bands":
+            return "Hz"
+        return metric_unit(get(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from warpchain.drive import Drive
+from warpchain.drive.path_units import path_unit
+from warpchain.drive.quantities import unit
 from warpchain.drive.schema import (
     BARE,
     Direction,
@@ -137,8 +140,10 @@ class Factor(Part):
         integer: whether values are rounded to whole numbers; of a uniform range, each is as likely.
         points: number of grid points between the ends of the range, for a full factorial design.
         group: factors of one group vary together, as one dimension of the design.
-        unit: unit for tables and figures.
+        unit: unit of the values, for tables and figures; None is that of the path.
     """
+
+    _quantities: ClassVar[frozenset[str]] = frozenset({"range", "mean", "std", "sample", "levels", "choice"})
 
     name: Word
     path: Text | None = None
@@ -163,6 +168,17 @@ class Factor(Part):
     points: Points | None = None
     group: Text | None = None
     unit: Text | None = None
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit that tables and figures show, "" for none."""
+        return self.unit or _own_unit(self)
+
+    @classmethod
+    def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        if key not in cls._quantities:
+            return ""
+        return values_unit(values) or ("-" if get(values, "relative") is True else "")
 
     @property
     def form(self) -> str | None:
@@ -196,6 +212,10 @@ class Factor(Part):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         if get(node, "path") is not None and get(node, "paths"):
             yield Problem(("paths",), get(node, "paths"), "not together with path; give one of the two")
+        own, given = _own_unit(node), get(node, "unit")
+        if own and isinstance(given, str) and unit(given) != unit(own):
+            text = f'the values are in {own}: leave it out; values may have units of their own, such as "1 {own}"'
+            yield Problem(("unit",), given, text)
         yield from _place_rules(node)
         yield from _form_rules(cls, node)
         yield from _noise_rules(node)
@@ -206,6 +226,21 @@ class Factor(Part):
                 yield Problem(("range",), ends, "must be two finite numbers [low, high], low below high")
             elif get(node, "distribution") == "log-uniform" and ends[0] <= 0:
                 yield Problem(("range",), ends, "must be two positive numbers with a log-uniform distribution")
+
+
+def _own_unit(node: Any) -> str:
+    """The unit of a factor's values by what it sets; "" where that has none, or not all of it has the same."""
+    if get(node, "shift") is not None:
+        return "m"
+    paths = [path for path in (get(node, "path"), *elements(node, "paths")) if isinstance(path, str)]
+    units = {path_unit(Drive, path) for path in paths}
+    return units.pop() if len(units) == 1 and get(node, "relative") is not True else ""
+
+
+def values_unit(node: Any) -> str:
+    """The unit of a factor's values, by what it sets or else by what it says; "" for none that has quantities."""
+    given = get(node, "unit")
+    return _own_unit(node) or (given if isinstance(given, str) and unit(given) else "")
 
 
 def form_of(node: Any) -> str | None:

@@ -24,7 +24,7 @@ from warpchain.results.judgement import Limits
 from warpchain.results.replicate_metrics import COPY, COUNT
 from warpchain.study.spec.calibration import Calibrate, Measurement, calibration_rules
 from warpchain.study.spec.expression import Expression, parse
-from warpchain.study.spec.factor import NEEDS, Factor, form_of
+from warpchain.study.spec.factor import NEEDS, Factor, form_of, values_unit
 from warpchain.study.spec.noise import NOISE, Noise, metric_in, noise_names, noise_rules, with_sample
 from warpchain.study.spec.study_tables import (
     Adjust,
@@ -41,6 +41,7 @@ from warpchain.study.spec.study_tables import (
     adjust_rules,
     as_written,
     for_file,
+    measured_condition,
     named_adjustments,
     objective_rules,
     of_file,
@@ -298,6 +299,20 @@ class Study(Part):
     @classmethod
     def _completed(cls, values: Any) -> Any:
         return of_file(values)
+
+    @classmethod
+    def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
+        values, problems = super()._measured(values)
+        units = {get(factor, "name"): values_unit(factor) for factor in elements(values, "factors")}
+        constraints = list(elements(values, "constraints"))
+        for i, constraint in enumerate(constraints):
+            require = get(constraint, "require")
+            if isinstance(constraint, Mapping) and isinstance(require, str):
+                text, complaint = measured_condition(require, units)
+                constraints[i] = {**constraint, "require": text}
+                if complaint:
+                    problems.append(Problem(("constraints", i, "require"), require, complaint))
+        return ({**values, "constraints": constraints} if constraints else values), problems
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

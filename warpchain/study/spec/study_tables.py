@@ -6,11 +6,13 @@ limits on metrics (`Study.bounds`), the others together are that table. Its `adj
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
+from warpchain.drive.quantities import QUANTITY, converted, fitting, unit
 from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
@@ -29,7 +31,9 @@ from warpchain.drive.schema import (
     plain_sequence,
 )
 from warpchain.results.channels import DEFAULT, NAMES
+from warpchain.results.metric_columns import unit_of
 from warpchain.study.spec.factor import Switch, Texts, Whole
+from warpchain.study.spec.noise import metric_in
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table", "noise")
@@ -57,6 +61,14 @@ Wanted = Annotated[
 ]
 ENGINES = ("bayes", "population")
 _Few = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("must be an integer from 1 to 1000000")]
+
+
+def metric_unit(name: Any) -> str:
+    """The unit that numbers of a metric, or of a statistic of it over noise, are written in; "" where none can be."""
+    if not isinstance(name, str):
+        return ""
+    found = unit_of(metric_in(name))
+    return "-" if found == "1" else found if unit(found) else ""
 
 
 class Design(Part):
@@ -129,6 +141,35 @@ class Constraint(Part):
     """
 
     require: Text
+
+
+_MARKS = re.compile(r"(<=|>=|==|!=|<|>|\band\b|\bor\b|\bnot\b|[()])")
+_COMPARED = ("<=", ">=", "==", "!=", "<", ">")
+
+
+def measured_condition(text: str, units: Mapping[str, str]) -> tuple[str, str]:
+    """A condition with numbers for quantities that are compared with a factor, "torque <= 2 kN m"; and a complaint.
+
+    Args:
+        units: of the factors' values, "" for none.
+
+    Returns:
+        The condition, and "" or what is wrong with a quantity.
+    """
+    words = _MARKS.split(text)
+    for k in range(0, len(words), 2):
+        match = QUANTITY.fullmatch(words[k].strip())
+        if match is None or unit(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
+            continue  # 90 % m is a remainder
+        beside = [words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARED]
+        wanted = {units.get(word.strip(), "") for word in beside}
+        if len(wanted) != 1 or "" in wanted:
+            return text, f"{words[k].strip()} must be compared with a factor alone, whose values have a unit"
+        found = converted(words[k].strip(), *wanted)
+        if found is None:
+            return text, f"{words[k].strip()} must have a unit that fits: {', '.join(fitting(*wanted))}"
+        words[k] = f" {found!r} "
+    return "".join(words).strip(), ""
 
 
 class Adjust(Part):
@@ -306,9 +347,15 @@ class Bound(Part):
         min, max: least and largest value, in its unit.
     """
 
+    _quantities: ClassVar[frozenset[str]] = frozenset({"min", "max"})
+
     metric: Text
     min: Finite | None = None
     max: Finite | None = None
+
+    @classmethod
+    def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        return metric_unit(get(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
