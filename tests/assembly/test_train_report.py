@@ -5,9 +5,9 @@ import tomllib
 
 import pytest
 from drives import example, two_sprockets
-from parts import coupling, gears, shaft
+from parts import coupling, gears, part, shaft
 
-from warpchain import Drive
+from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.assembly.statics import at_rest
 from warpchain.assembly.summary import derive, report
 from warpchain.fit import fit_position
@@ -117,3 +117,51 @@ def test_coupled_sprockets_share_by_how_stiff_the_coupling_is():
         assert one["working_tension"] == pytest.approx(other["working_tension"], rel=1e-4)
     lost = [strand["working_tension"] for strand in soft["strands"]]
     assert lost[1] == pytest.approx(lost[0], rel=1e-2)
+
+
+def test_a_motor_that_nothing_balances_is_named(conveyor):
+    # 150 N m on 0.036 + 0.05 / 25 + (0.8 + 12) / 225 kg m^2 and the chain's own, with nothing against it, for 2 s less
+    # half the ramp: over 3000 rad/s; a viscous load balances it again
+    motor = {"torque": 150.0, "ramp_time": 0.15}
+    constant = conveyor.with_values({"shafts.motor.motor": motor, "shafts.drum.load": None})
+    motor = derive(constant)["shafts"][0]
+    inertia = 0.038 + 12.8 / 225.0 + conveyor.links * conveyor.chain.mass * conveyor.pitch_radius(0) ** 2 / 25.0
+    assert motor["speed"] == pytest.approx(150.0 / inertia * (2.0 - 0.075), rel=1e-9)
+    (line,) = (line for line in derive(constant)["advice"] if line.startswith("shafts"))
+    assert line.startswith(
+        f"shafts.motor.motor: no load balances it at any speed: this shaft comes to {motor['speed']:.4g} rad/s"
+    )
+    held = constant.with_values({"shafts.drum.load": {"viscous": 15.0}})
+    assert not [line for line in derive(held)["advice"] if line.startswith("shafts")]
+
+
+SPRING = {"preload": 100.0, "stiffness": 2e4}
+PROFILE = {"lift": 0.01, "rise": 60.0, "dwell": 10.0, "fall": 50.0}
+
+
+@pytest.mark.parametrize(("cam", "speed"), [({"prescribed": {"speed": 50.0}}, 50.0), ({"initial_speed": 50.0}, None)])
+def test_what_nothing_ties_to_the_chain_has_no_speed_of_the_drivers(cam, speed):
+    # led by itself at 50 rad/s, or left to itself: neither turns with the chain, which has no part in its valves' float
+    valves = part("valves", "inlets", on="cam", mass=0.1, spring=SPRING, profile=PROFILE)
+    drive = loads_drive(dumps_drive(two_sprockets()) + shaft("cam", inertia=0.1, **cam) + valves)
+    found = derive(drive)
+    assert found["shafts"][0]["speed"] == speed
+    assert found["valves"][0]["driver_float_speed"] is None and found["valves"][0]["float_speed"] > 0.0
+    (line,) = (line for line in found["advice"] if line.startswith("valves"))
+    assert line.startswith('valves.inlets.on = "cam": nothing ties this shaft to the chain')
+    rows = [line.split() for line in report(found).splitlines()]
+    assert next(row for row in rows if row[:2] == ["inlets", "cam"])[-1] == "-"
+
+
+def test_a_motor_that_nothing_ties_to_the_chain_drives_no_chain():
+    # the flywheel's 10 rad/s are the driver's; a fan beside it, with a motor of its own, has no part in that
+    values = tomllib.loads(
+        dumps_drive(two_sprockets(torque=0.0, viscous=40.0))
+        + shaft("fan", inertia=0.1, motor={"torque": 5.0})
+        + shaft("flywheel", inertia=20.0, initial_speed=10.0)
+    )
+    del values["sprockets"][0]["prescribed"]
+    values["sprockets"][0]["shaft"] = "flywheel"
+    drive = Drive(**values)
+    assert drive.driver_speed == 10.0 and drive.sprockets[drive.driver].name == "driver"
+    assert [of["speed"] for of in derive(drive)["shafts"]] == [None, 10.0]

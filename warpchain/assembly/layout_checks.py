@@ -21,6 +21,7 @@ Around curved and carried guides strands are drawn (`assembly.taut_string`). Of 
     bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
     shoes      the chain lies on curved and carried guides, between their rounded ends
     arms       no arm stands where it would without a chain, at the free angle of its spring
+    strain     the chain is not longer at assembly than where it breaks
     oil        what a tensioner's supply holds at rest is not lost through relief valve and vent, and does not jump
     safety     of the chain's strength is large enough (`warpchain.assembly.strength`)
 
@@ -41,9 +42,10 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import alone, chain_path, on_stops, stop_of
 from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
-from warpchain.assembly.strength import strength_advice
+from warpchain.assembly.strength import Hardest, strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import along, joined
+from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.oil import filled, filling_time, outlet_flows, static_pressure
 from warpchain.drive.tensioners import Tensioner
 
@@ -267,7 +269,11 @@ NEAR = 0.5
 
 
 def advice(
-    drive: Drive, path: ChainPath | None = None, tensions: Sequence[float] = (), working: ChainPath | None = None
+    drive: Drive,
+    path: ChainPath | None = None,
+    tensions: Sequence[float] = (),
+    working: ChainPath | None = None,
+    run_up: Hardest | None = None,
 ) -> tuple[str, ...]:
     """Advice, a line each: what, by how much, what to change; mostly nothing.
 
@@ -275,6 +281,7 @@ def advice(
         path: the chain's path, if it is known.
         tensions: of the strands at work [N]; without them there is no advice on the breaking load.
         working: the path with the arms where they stand at work, where that is known.
+        run_up: where the chain pulls harder on the way to work.
 
     Raises:
         DriveError: a path that cannot be drawn.
@@ -287,7 +294,7 @@ def advice(
         *shoes,
         *idle_arms(drive, path),
         *(line for tensioner in drive.tensioners if tensioner.hydraulic for line in _oil(drive, tensioner)),
-        *strength_advice(drive, tensions),
+        *strength_advice(drive, tensions, run_up),
     )
 
 
@@ -373,6 +380,17 @@ def _shoes(drive: Drive, path: ChainPath) -> list[str]:
                 "catch swings"
             )
     return lines
+
+
+def stretched(drive: Drive, strain: float) -> list[str]:
+    """A line on a chain that its assembly stretches beyond where it breaks; at most one."""
+    if strain <= ELONGATION_AT_BREAKING_LOAD:
+        return []
+    preload = drive.chain.mean_stiffness * drive.chain.pitch * strain
+    return [
+        f"chain: strain {100.0 * strain:+.2f} % at assembly, a preload of {preload:.4g} N, where chains break at about "
+        f"{100.0 * ELONGATION_AT_BREAKING_LOAD:g} %: take more links, or move a sprocket (warpchain fit)"
+    ]
 
 
 MOST_VENTED = 0.5

@@ -78,15 +78,15 @@ class Steady:
     failure: str | None
 
 
-def load_moments(drive: Drive, speed: float) -> Array:
-    """(S + H,) mean load moments against forward rotation [N m] of sprockets and shafts, at the driver's angular speed
-    [rad/s], less those of motors beside the one that drives.
+def load_moments(drive: Drive, speed: float | Array) -> Array:
+    """(S + H, ...) mean load moments against forward rotation [N m] of sprockets and shafts, at the driver's angular
+    speed (...) [rad/s], less those of motors beside the one that drives.
 
     Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on what is prescribed.
     """
-    found = np.zeros(len(drive.sprockets) + len(drive.shafts))
+    found = np.zeros((len(drive.sprockets) + len(drive.shafts), *np.shape(speed)))
     for b, load in loads_of(drive):
-        own = speed * speed_ratio(drive, b, drive.driver)
+        own: Any = speed * speed_ratio(drive, b, drive.driver)
         if b < len(drive.sprockets):
             own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
         found[b] = load.steady(own)
@@ -99,21 +99,30 @@ def load_moments(drive: Drive, speed: float) -> Array:
     return found
 
 
-def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
+def running(
+    drive: Drive, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
+) -> Steady:
     """The drive at its driver's top speed, all loads on; takes some tenths of a second.
+
+    Args:
+        assembly: its own, if that is known.
+        speed: of the driver, in place of its top speed [rad/s].
+        moments: (S + H,) against forward rotation of sprockets and shafts, in place of `load_moments` [N m].
 
     Raises:
         DriveError: a chain that does not fit.
     """
-    driver, speed = drive.sprockets[drive.driver], drive.driver_speed
-    frequency = speed * driver.teeth / math.tau
+    driver, top = drive.sprockets[drive.driver], drive.driver_speed
+    frequency = top * driver.teeth / math.tau
     assembly = assembly or assemble(drive)
     for sprocket in drive.sprockets:
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
             return _unknown(drive, assembly, frequency, words)
-    return _steady(drive, assembly, frequency, load_moments(drive, speed))
+    speed = top if speed is None else speed
+    moments = load_moments(drive, speed) if moments is None else moments
+    return _steady(drive, assembly, passing_rate(drive, speed), moments)
 
 
 def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:

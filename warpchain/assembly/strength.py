@@ -1,11 +1,12 @@
 """Strength of a chain of ISO 606 at work: safeties against its breaking load, yield, pressure in its joints.
 
-With F the largest tension at work, its centrifugal part with it, dF what the loads' harmonics and tables add at their
-peaks, all at once and without resonance, and F_B the breaking load:
+With F the largest tension at work, its centrifugal part with it, F_u the largest on the way there, as motors and
+motions speed inertias up (`warpchain.assembly.run_up`), dF what the loads' harmonics and tables add at their peaks, all
+at once and without resonance, P = max(F, F_u) + dF and F_B the breaking load:
 
-    static safety   F_B / F,            at least 7   }  as makers of chains ask for, after DIN 8195
-    dynamic safety  F_B / (F + dF),     at least 5   }
-    yield           0.7 F_B / (F + dF), at least 1: the elastic limit of a drive chain is at about 70 % of its ultimate
+    static safety   F_B / F,     at least 7   }  as makers of chains ask for, after DIN 8195
+    dynamic safety  F_B / P,     at least 5   }
+    yield           0.7 F_B / P, at least 1: the elastic limit of a drive chain is at about 70 % of its ultimate
                     strength (Tsubaki, The Complete Guide to Chain, section 2.1.1)
     pressure        F / (d_2 b_2), on the joint area of ISO 606, pin diameter times width over the inner link
 """
@@ -13,7 +14,9 @@ peaks, all at once and without resonance, and F_B the breaking load:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
+from warpchain.assembly.run_up import left_out
 from warpchain.drive import Drive
 from warpchain.drive.sprocket import Load
 from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
@@ -45,20 +48,31 @@ def peaks(drive: Drive) -> float:
     return found
 
 
-def strength(drive: Drive, tensions: Sequence[float]) -> dict[str, float | None] | None:
+class Hardest(NamedTuple):
+    """The largest tension on the way to work [N], and speed [rad/s] and acceleration [rad/s^2] of the driver there."""
+
+    tension: float
+    speed: float
+    acceleration: float
+
+
+def strength(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = None) -> dict[str, Any] | None:
     """Safeties and pressure by name, in SI units; None without a breaking load or a tension.
 
     Args:
         tensions: of the strands at work [N].
+        run_up: where the chain pulls harder on the way there.
     """
     load, area = drive.chain.breaking_load, drive.chain.joint_area
     if load is None or not len(tensions) or max(tensions) <= 0.0:
         return None
     largest = float(max(tensions))
-    peak = largest + peaks(drive)
+    peak = (largest if run_up is None else max(largest, run_up.tension)) + peaks(drive)
     return {
         "working": largest,
+        "run_up": None if run_up is None or run_up.tension <= largest else run_up._asdict(),
         "peak": peak,
+        "left_out": list(left_out(drive)),
         "static_safety": load / largest,
         "dynamic_safety": load / peak,
         "yield_load": YIELD * load,
@@ -69,9 +83,9 @@ def strength(drive: Drive, tensions: Sequence[float]) -> dict[str, float | None]
     }
 
 
-def strength_advice(drive: Drive, tensions: Sequence[float]) -> list[str]:
-    """Advice on the first of yield, static and dynamic safety that is too small; a line at most."""
-    found, load = strength(drive, tensions), drive.chain.breaking_load
+def strength_advice(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = None) -> list[str]:
+    """Advice on the first of yield, static and dynamic safety that is too small; a line at most. As `strength`."""
+    found, load = strength(drive, tensions, run_up), drive.chain.breaking_load
     if found is None or load is None:
         return []
     for name, of, least in (
@@ -80,9 +94,10 @@ def strength_advice(drive: Drive, tensions: Sequence[float]) -> list[str]:
         ("dynamic", "peak", LEAST_DYNAMIC),
     ):
         safety, force = found[f"{name}_safety"], found[of]
-        assert safety is not None and force is not None
         if safety < least:
-            when = "at work" if of == "working" else "at work with the loads at their peaks"
+            speeding = of == "peak" and found["run_up"] is not None
+            when = "on the way to work" if speeding else "at work"
+            when += " with the loads at their peaks" if of == "peak" else ""
             against = (
                 f"{1e-3 * YIELD * load:.4g} kN at which links yield"
                 if name == "yield"
@@ -91,5 +106,6 @@ def strength_advice(drive: Drive, tensions: Sequence[float]) -> list[str]:
             return [
                 f"chain: {1e-3 * force:.4g} kN {when} is a safety of {safety:.2g} against the {against}, where "
                 f"{least:g} is the least, before any vibration: take a larger chain.size or less load"
+                + (", or speed up more slowly" if speeding else "")
             ]
     return []

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from warpchain.assembly import guide_report, statics, train_report
+from warpchain.assembly import guide_report, run_up, statics, train_report
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
-from warpchain.assembly.layout_checks import advice, findings
+from warpchain.assembly.layout_checks import advice, findings, stretched
 from warpchain.assembly.path import ChainPath, path_at
+from warpchain.assembly.run_up import Passed
 from warpchain.assembly.statics import Steady
-from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, strength
+from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, Hardest, strength
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.geared import own_shafts
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import loaded_rings, shaft_ratios
+from warpchain.drive.rings import driver_ratios, inertias_beyond, loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, growth
-from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.trains import driving_body, turned_part
 from warpchain.drive.viscosity import REFERENCE
 
 _ROUND = 1e-3
@@ -33,28 +36,24 @@ _ROUND = 1e-3
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
 
-def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[float]:
-    """A quick estimate (microseconds) of each strand's working tension [N], from loads and centrifugal force alone.
+def working_tensions(
+    drive: Drive, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
+) -> list[float]:
+    """A quick estimate (under a millisecond) of each strand's working tension [N], from moments and centrifugal force.
 
-    It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does.
+    It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does, whose `speed` and
+    `moments` these are.
     Strand k leaves sprocket k. Past a driven sprocket the tension rises by load / pitch radius; the chain's length
     keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
     Centrifugal force adds (m / p) v^2 throughout.
     """
-    count = len(drive.sprockets)
-    chain_speed = drive.chain_speed
-    rise = [0.0] * count
-    for turn in range(1, count):
-        s = (drive.driver + turn) % count
-        radius, moment = drive.pitch_radius(s), 0.0
-        for b, load in loads_of(drive):
-            if nearest_sprocket(drive, b) == s and not stands(drive, s):
-                beside = 1.0 if b == s else speed_ratio(drive, b, s)
-                moment += beside * load.steady(beside * chain_speed / radius)
-        rise[s] = rise[s - 1] + moment / radius
+    speed = drive.driver_speed if speed is None else speed
+    moments = statics.load_moments(drive, speed) if moments is None else moments
+    rise = run_up.rises(drive, moments[:, None])[:, 0].tolist()
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))
-    return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
+    push = drive.chain.mass / drive.chain.pitch * (speed * drive.pitch_radius(drive.driver)) ** 2
+    return [tension + offset + push for tension in rise]
 
 
 def _links_and_joints(drive: Drive) -> dict[str, Any]:
@@ -86,18 +85,24 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    found = _derive_several(drive) if drive.chains else _derive_alone(drive)
+    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.passed(drive), {})
     return found | _temperature(drive)
 
 
-def _derive_alone(drive: Drive) -> dict[str, Any]:
-    """`derive` of one chain."""
+def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> dict[str, Any]:
+    """`derive` of one chain, with what its driver passes on the way to work.
+
+    Args:
+        beyond: as of `run_up.moments_of`.
+    """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = drive.sprockets[drive.driver], drive.driver_speed
-    resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly)
-    strands = _strands(drive, assembly, preload, resting, running)
+    moments = run_up.moments_of(drive, passed, beyond)
+    resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly, speed, moments[:, -1])
+    strands = _strands(drive, assembly, preload, resting, running, moments[:, -1])
+    hardest = _hardest(drive, assembly, preload, passed, moments)
     working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
     return {
         "links": drive.chain.links,
@@ -106,7 +111,8 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
         "roller_mass": drive.chain.mass,
         "size": drive.chain.size,
         "breaking_load": drive.chain.breaking_load,
-        "strength": strength(drive, [strand["working_tension"] for strand in strands]),
+        "driver": _driver(drive, passed),
+        "strength": strength(drive, [strand["working_tension"] for strand in strands], hardest),
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         **_links_and_joints(drive),
@@ -115,7 +121,7 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_findings(drive, path, strands, working),
+        **_findings(drive, assembly, strands, working, hardest),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -160,6 +166,31 @@ def _derive_alone(drive: Drive) -> dict[str, Any]:
     }
 
 
+def _driver(drive: Drive, passed: Passed) -> dict[str, Any]:
+    """The driver at the start and at work."""
+    speed, acceleration = passed.at(-1)
+    prescribed = turned_part(drive, driving_body(drive)).prescribed is not None
+    return {
+        "name": drive.sprockets[drive.driver].name,
+        "prescribed": prescribed,
+        "start": passed.at(0)[0],
+        "speed": speed,
+        "acceleration": acceleration,
+    }
+
+
+def _hardest(drive: Drive, assembly: Assembly, preload: float, passed: Passed, moments: NDArray[Any]) -> Hardest | None:
+    """Where on its way to work the chain pulls harder than there; None where it does nowhere."""
+    k = run_up.hardest(drive, passed, moments)
+    if k < 0:
+        return None
+    speed, acceleration = passed.at(k)
+    found = statics.running(drive, assembly, speed, moments[:, k])
+    links = [int(n) for n in assembly.strand_links]
+    tensions = working_tensions(drive, preload, links, speed, moments[:, k]) if found.failure else found.tension
+    return Hardest(float(max(tensions)), speed, acceleration)
+
+
 def _temperature(drive: Drive) -> dict[str, Any]:
     """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
     if drive.temperature is None:
@@ -193,10 +224,13 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
     ]
     step = _step(drive)
     assemble_chains(drive)
-    own = {}
-    for ring in loaded_rings(drive):
+    own, rings, begins = {}, loaded_rings(drive), driver_ratios(drive)
+    home = next(r for r, ring in enumerate(rings) if drive.driver in ring.places["sprockets"])
+    passed, beyond = run_up.passed(rings[home].drive), inertias_beyond(drive)
+    for ring, begin in zip(rings, begins, strict=True):
         automatic = ring.drive.run.model_copy(update={"step": "auto"})
-        own[ring.name] = derive(ring.drive.model_copy(update={"run": automatic})) | step
+        one = ring.drive.model_copy(update={"run": automatic})
+        own[ring.name] = _derive_alone(one, passed.times(begin / begins[home]), beyond) | step
         own[ring.name].pop("valves", None)  # below, by the speed of the whole drive's driver
     valves = {"valves": train_report.valves(drive)} if drive.valves else {}
     return {"chains": own, "shafts": shafts, **valves, **step}
@@ -220,13 +254,20 @@ def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], runnin
 
 
 def _findings(
-    drive: Drive, path: ChainPath, strands: list[dict[str, Any]], working: ChainPath
-) -> dict[str, list[str]]:  # fmt: skip
+    drive: Drive, assembly: Assembly, strands: list[dict[str, Any]], working: ChainPath, hardest: Hardest | None
+) -> dict[str, list[str]]:
     """Faults of the layout, and advice."""
-    tensions = [strand["working_tension"] for strand in strands]
+    path, strain = assembly.path, assembly.strain
+    rules = advice(drive, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
         "layout": list(findings(drive, path)),
-        "advice": [*advice(drive, path, tensions, working), *_step_advice(drive), *train_report.advice(drive)],
+        "advice": [
+            *stretched(drive, strain),
+            *rules,
+            *_step_advice(drive),
+            *train_report.advice(drive),
+            *train_report.tie_advice(drive),
+        ],
     }
 
 
@@ -242,7 +283,7 @@ def _step_advice(drive: Drive) -> list[str]:
 
 
 def _strands(
-    drive: Drive, assembly: Assembly, preload: float, resting: Steady, running: Steady
+    drive: Drive, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
 ) -> list[dict[str, Any]]:
     """Values of each strand; where no steady state was found, preload and `working_tensions`."""
     links = [int(n) for n in assembly.strand_links]
@@ -250,7 +291,7 @@ def _strands(
     if resting.failure:
         still = np.full(len(links), preload)
     if running.failure:
-        working = np.array(working_tensions(drive, preload, links))
+        working = np.array(working_tensions(drive, preload, links, moments=moments))
     speed = math.sqrt(running.centrifugal * drive.chain.pitch / drive.chain.mass)
     lengths = [float(length) for length in assembly.path.strand_length]
     free = [assembly.path.free_lengths(k) for k in range(len(links))]
@@ -306,12 +347,17 @@ def _strength_lines(found: dict[str, Any] | None) -> list[str]:
     """Safeties of the chain and the pressure in its joints; none without a tension at work."""
     if found is None:
         return []
+    way, passed = found["run_up"], ""
+    if way is not None:
+        at = f"{way['speed']:.4g} rad/s and {way['acceleration']:+.4g} rad/s^2"
+        passed = f"{way['tension']:.4g} N on the way there, at {at}, "
     lines = [
-        f"strength: {found['working']:.4g} N at work, {found['peak']:.4g} N with the loads at their peaks; safeties: "
-        f"static {found['static_safety']:.3g} (at least {LEAST_STATIC:g}), dynamic {found['dynamic_safety']:.3g} "
-        f"(at least {LEAST_DYNAMIC:g})",
+        f"strength: {found['working']:.4g} N at work, {passed}{found['peak']:.4g} N with the loads at their peaks; "
+        f"safeties: static {found['static_safety']:.3g} (at least {LEAST_STATIC:g}), "
+        f"dynamic {found['dynamic_safety']:.3g} (at least {LEAST_DYNAMIC:g})",
         f"yield: links stay longer from about {1e-3 * found['yield_load']:.4g} kN on, {100.0 * YIELD:g} % of the "
         f"breaking load (Tsubaki), {found['yield_safety']:.3g} times those peaks",
+        f"  none of these has {', '.join(found['left_out'])}",
     ]
     if found["joint_area"] is not None:
         lines.append(
@@ -329,6 +375,18 @@ def _step_lines(values: dict[str, Any]) -> list[str]:
         f'step: {step:.4g} s; the largest that keeps 1 % in means and losses is {largest:.4g} s ("auto")',
         f"  half of that, {0.5 * largest:.4g} s, keeps 1 % in the largest tension, too, and takes twice as long",
         f"  double the step is {double}: no step from {limit:.4g} s on is, because of {values['stiffest_part']}",
+    ]
+
+
+def _driver_lines(found: dict[str, Any]) -> list[str]:
+    """A line on the speed of a driver that motors and loads turn."""
+    if found["prescribed"]:
+        return []
+    gains = found["acceleration"]
+    end = "where motors and loads balance" if not gains else f"where the run ends, and changes by {gains:+.4g} rad/s^2"
+    return [
+        f'speed: "{found["name"]}" has {found["start"]:.4g} rad/s at the start and {found["speed"]:.4g} rad/s at work, '
+        f"{end}"
     ]
 
 
@@ -478,7 +536,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
             (
                 s["name"],
                 ", ".join(s["with"]) or "-",
-                f"{s['speed']:.4g} rad/s",
+                *_cells([s["speed"]], "{:.4g} rad/s"),
                 *_cells([s["inertia"]], "{:.4g} kg m^2"),
                 *_cells([s["motor_at_rest"], s["motor_at_work"]], "{:.4g} N m"),
             )
@@ -522,7 +580,7 @@ def _valve_lines(values: dict[str, Any]) -> list[str]:
             f"{1e3 * v['lift']:.4g} mm",
             f"{v['spring_force']:.4g} N",
             f"{v['float_speed']:.4g} rad/s",
-            f"{v['driver_float_speed']:.4g} rad/s",
+            *_cells([v["driver_float_speed"]], "{:.4g} rad/s"),
         )
         for v in values.get("valves", ())
     ]
@@ -602,6 +660,7 @@ def _chain_lines(values: dict[str, Any]) -> list[str]:
     return [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
+        *_driver_lines(values["driver"]),
         *_size_lines(values),
         *_joint_lines(values),
         *fit_and_findings(values),

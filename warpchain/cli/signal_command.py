@@ -79,7 +79,7 @@ def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Compariso
         from warpchain.view.figures.rig_figures import measured_figure
         from warpchain.view.figures.style import save_figures
 
-        save_figures({path.stem: measured_figure(one.trajectory.drive, found)}, path.parent, path.suffix[1:])
+        save_figures({path.stem: measured_figure(one.trajectory, found)}, path.parent, path.suffix[1:])
 
 
 def _values(found: Comparison) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 from warpchain.drive.chain_parts import PARTS, TRAIN_PARTS, Ring, by_own_angle, places_of, shaft_of
 from warpchain.drive.geared import geared_rings
 from warpchain.drive.sprocket import Led, Load, Prescribed, Sprocket
-from warpchain.drive.trains import speed_ratio
+from warpchain.drive.trains import own_inertia, speed_ratio
 from warpchain.drive.transmission import Transmission, is_geared, shafts_given, transmission_of, with_shafts
 from warpchain.drive.turned import turned_on
 
@@ -99,6 +99,30 @@ def loaded_rings(drive: Any) -> tuple[Ring, ...]:
         moment = _demand(found[name].drive, found[name].places["sprockets"].index(transmission.leaders[name]))
         found[str(turning.chain)] = _with_load(found[str(turning.chain)], drive.sprockets.index(turning), moment)
     return tuple(found[ring.name] for ring in rings)
+
+
+def inertias_beyond(drive: Any) -> dict[str, float]:
+    """Inertia of the chains that a sprocket's shaft turns, with that of their sprockets [kg m^2], by its name.
+
+    Of geared drives nothing: there shafts that stand for the sprockets have it (`warpchain.drive.shafts.Beside`).
+    """
+    found: dict[str, float] = {}
+    if is_geared(drive) or not drive.chains:
+        return found
+    rings, drive = {ring.name: ring for ring in rings_of(drive)}, shafts_given(drive)
+    transmission = transmission_of(drive.sprockets)
+    for name in reversed(transmission.leaders):
+        ring, leader = rings[name].drive, drive.sprockets[transmission.leaders[name]]
+        lead = rings[name].places["sprockets"].index(transmission.leaders[name])
+        inertia = ring.chain.links * ring.chain.mass * ring.pitch_radius(lead) ** 2
+        for s, sprocket in enumerate(ring.sprockets):
+            if s != lead:
+                own = own_inertia(ring, s) + found.get(sprocket.name, 0.0)
+                inertia += own * (ring.sprockets[lead].teeth / sprocket.teeth) ** 2
+        turning = next((s for s in companions(drive, leader) if _turned(rings, s) and s is not leader), None)
+        if turning is not None:
+            found[turning.name] = found.get(turning.name, 0.0) + inertia
+    return found
 
 
 def _turned(found: dict[str, Ring], sprocket: Sprocket) -> bool:

@@ -79,6 +79,12 @@ class Motor(Part):
             torque = np.minimum(torque, self.power / np.maximum(speed, 1e-9))
         return torque
 
+    def bounds(self, speed: Any) -> tuple[Any, Any]:
+        """The least and the largest moment [N m] at a forward speed [rad/s]: of a table over time or angle."""
+        if self.table is None or self.table.speed is not None:
+            return self.at(speed), self.at(speed)
+        return min(self.table.values), max(self.table.values)
+
     @property
     def largest(self) -> Any:
         """Largest moment, either way [N m]."""

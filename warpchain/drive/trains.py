@@ -247,13 +247,12 @@ def loads_of(drive: Any) -> Iterator[tuple[int, Load]]:
 
 
 def driving_body(drive: Any) -> int:
-    """The body that drives: the first sprocket or shaft that is prescribed, else with a motor, else started."""
+    """The body that drives: the first sprocket or shaft that is prescribed, else with a motor, else started; of those
+    that something ties to a chain, where there is one."""
     parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
-    for key in ("prescribed", "motor", "initial_speed", "load"):
-        for b, part in enumerate(parts):
-            if getattr(part, key, None) is not None:
-                return b
-    return 0
+    keys = ("prescribed", "motor", "initial_speed", "load")
+    driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
+    return next((b for b in driving if nearest_sprocket(drive, b) is not None), (driving or [0])[0])
 
 
 def driving_sprocket(drive: Any) -> int:

@@ -52,7 +52,7 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
                 for name, values in trajectory.channels().items()}  # fmt: skip
         held |= _other_sprockets(trajectory, ring, held)
         held = {name: values for name, values in held.items() if values.shape[1]}
-        found[ring.name] = Trajectory(ring.drive, trajectory.time, **held)
+        found[ring.name] = Trajectory(ring.drive, trajectory.time, **held, window=trajectory.window)
     return found
 
 

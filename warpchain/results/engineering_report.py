@@ -7,7 +7,7 @@ Each part is made when it is first asked for and kept; a part whose channels wer
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -79,9 +79,10 @@ class HandedIn:
         wear: Wear | None = None,
         alike: Mapping[str, str] | None = None,
     ) -> None:
-        self.whole, self.wear_law = trajectory, wear or Wear()
+        self.wear_law = wear or Wear()
         self.start = 0.5 * float(trajectory.time[-1]) if start is None else start
         self.end = float(trajectory.time[-1]) if end is None else end
+        self.whole = replace(trajectory, window=(self.start, self.end))
         self.part = windowed(trajectory, self.start, self.end)
         self.drive = trajectory.drive
         self.alike = turn_alike(self.drive) if alike is None else alike

@@ -111,6 +111,7 @@ class Trajectory:
         hub_force: (F, S, 2) forces of the chain on the sprockets, friction and all [N]. On request.
         valve_torque: (F, V) torques of the groups of valves against forward rotation [N m]; None without valves.
         valve_force: (F, V) least force of a cam of each group on its follower [N].
+        window: of the metrics, (from, to) [s]; None where they are not at hand.
     """
 
     drive: Drive
@@ -138,6 +139,7 @@ class Trajectory:
     hub_force: NDArray[np.floating] | None = None
     valve_torque: NDArray[np.floating] | None = None
     valve_force: NDArray[np.floating] | None = None
+    window: Any = None  # of any type to mypy, so that channels may be given as **mapping
 
     def __repr__(self) -> str:
         """One line: frames, time, channels."""
@@ -165,7 +167,7 @@ class Trajectory:
         except (IndexError, TypeError) as error:
             raise SimulationError(f"frames of a trajectory of {len(self.time)}: {error}") from None
         held = {name: values[frames] for name, values in self.channels().items()}
-        return Trajectory(self.drive, self.time[frames], **held)
+        return Trajectory(self.drive, self.time[frames], **held, window=self.window)
 
     def to_arrow(self) -> pa.Table:
         """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""

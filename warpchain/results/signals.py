@@ -55,6 +55,19 @@ def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
                 yield part.name, signal, channel, group, i
 
 
+def driver_speed(trajectory: Trajectory) -> tuple[float, float, float] | None:
+    """Mean forward speed of the driver in the window [rad/s], and from when to when that is [s]; where no window is
+    known, in the latter half. None without angles, or where nothing was recorded there.
+    """
+    time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
+    start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
+    start, end = max(start, float(time[0])), min(end, float(time[-1]))
+    if angle is None or start >= end:
+        return None
+    before, after = np.interp([start, end], time, angle[:, drive.driver])
+    return float(drive.sprockets[drive.driver].sign * (after - before) / (end - start)), start, end
+
+
 def latter_half(trajectory: Trajectory) -> slice:
     """Frames of the second half of the recording, which the start's transients have left."""
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)

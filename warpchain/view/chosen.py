@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.engineering_report import window_of
 from warpchain.results.run import Run, Trajectory, need
 
 NEEDED = (
@@ -58,7 +59,8 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
     need(trajectory, *needed, name=f"variant {index}")
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
-    return Recorded(run, index, trajectory, f"variant {index}")
+    (row,) = run.metrics.slice(run.row_of(index), 1).to_pylist()
+    return Recorded(run, index, replace(trajectory, window=window_of(row, trajectory)), f"variant {index}")
 
 
 def by_chain(one: Recorded) -> list[Recorded]:

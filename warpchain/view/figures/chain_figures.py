@@ -45,7 +45,7 @@ def displacement_figure(trajectory: Trajectory) -> Figure:
     """Transverse displacement of every strand at mid-span over time (the paper's Figures 9 and 10)."""
     names = trajectory.drive.strand_names
     title = "Transverse displacement of each strand at mid-span"
-    figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory.drive)
+    figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
         values = strand_displacement(trajectory, k)
         unit, factor = shown("m", values)
@@ -62,7 +62,7 @@ def displacement_figure(trajectory: Trajectory) -> Figure:
 def guide_figure(trajectory: Trajectory) -> Figure:
     """Force of every guide-bar on the chain over time, and how many rollers it presses."""
     drive, forces = trajectory.drive, guide_forces(trajectory)
-    figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", drive)
+    figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory)
     for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
         unit, factor = shown("N", force)
@@ -80,9 +80,9 @@ def guide_figure(trajectory: Trajectory) -> Figure:
 
 def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
-    trajectory = trajectory.at(last_round(trajectory))
+    whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     (tension,) = need(trajectory, "tension")
-    figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
+    figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
     unit, factor = shown("N", tension[:, link])
     curve(axis, trajectory.time, factor * tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
@@ -94,11 +94,9 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
-    trajectory = trajectory.at(last_round(trajectory))
+    whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
-    figure, (above, below) = panels(
-        2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
-    )
+    figure, (above, below) = panels(2, 5.8, f"Contact forces on roller {roller} over the chain's last round", whole)
     of_sprockets = above, sprocket_force, "sprockets", "tab:blue"
     for axis, forces, word, color in (of_sprockets, (below, guide_force, "guide-bars", "tab:red")):
         unit, factor = shown("N", forces[:, roller])
@@ -133,7 +131,7 @@ def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure
         top: tension at the red end of the color scale [N]; None takes `scale_top`.
     """
     (tension,) = need(trajectory, "tension")
-    figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
+    figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory)
     _, rows = peaks_over_time(tension, ROWS)
     top = scale_top([trajectory]) if top is None else top
     unit, factor = shown("N", top)
@@ -155,7 +153,7 @@ def spectrum_figure(trajectory: Trajectory) -> Figure | None:
     drive = trajectory.drive
     driver = drive.sprockets[drive.driver]
     title = "Order spectra, latter half of the run"
-    figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, drive)
+    figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, trajectory)
     for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
         for k, one in enumerate(spectra):
             color = LINES[k % len(LINES)]
@@ -176,7 +174,7 @@ def angle_figure(trajectory: Trajectory) -> Figure:
     drive = trajectory.drive
     count = len(drive.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"
-    figure, axes = panels(count, 2.5 * count + 0.9, title, drive, share=False)
+    figure, axes = panels(count, 2.5 * count + 0.9, title, trajectory, share=False)
     every = [contact_angles(trajectory, s) for s in range(count)]
     unit, factor = shown("N", max(float(found.force.max(initial=0.0)) for found in every))
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):

@@ -69,12 +69,12 @@ def drive_figure(
     arrows: list[Array] = []
     largest = 0.0
     if isinstance(of, Drive):
-        drive, title = of, "As it begins"
+        title = "As it begins"
         chains = [_at_start(ring.drive) for ring in rings_of(of)]
     else:
         need(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
-        drive, title = of.drive, f"At {of.time[f]:.4g} s"
+        title = f"At {of.time[f]:.4g} s"
         each = list(chain_trajectories(of).values())
         chains = [_Chain(one.drive, pose_at_frame(one, f), need(one, "position")[0][f]) for one in each]
         arrows, largest = _arrows(each, f)
@@ -107,7 +107,7 @@ def drive_figure(
         figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
     axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
-    words = textwrap.fill(about(drive), int(LETTERS * figure.get_figwidth()))
+    words = textwrap.fill(about(of), int(LETTERS * figure.get_figwidth()))
     axis.set_title(f"{title}\n{words}", fontsize=11)
     if isinstance(of, Drive):
         spread(axis, factor * np.concatenate([chain.pose.center for chain in chains]))

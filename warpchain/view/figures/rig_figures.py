@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.results.measured import Comparison
+from warpchain.results.run import Trajectory
 from warpchain.results.signals import SPECTRUM_FLOOR, TOOTH_PASSINGS
 from warpchain.results.units import shown
 from warpchain.view.figures.style import LINES, arrowed, curve, key, mark_teeth, panels
@@ -27,7 +28,7 @@ SHOWN = 2
 """Cycles that are drawn over time, the last ones."""
 
 
-def measured_figure(drive: Drive, found: Comparison) -> Figure:
+def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
     """Both signals over time where they overlap, or all of both, and below their order spectra."""
     measured = found.measured
     signals = [(found.time, found.simulated), (measured.time, measured.values)]
@@ -37,7 +38,7 @@ def measured_figure(drive: Drive, found: Comparison) -> Figure:
     unit, factor = shown(measured.unit, *(values for _, values in signals))
     spectra = any(spectrum is not None for spectrum in found.spectra)
     title = f"{arrowed(measured.name)}: simulated and measured"
-    figure, axes = panels(1 + spectra, 3.6 + 3.4 * spectra, title, drive, share=False)
+    figure, axes = panels(1 + spectra, 3.6 + 3.4 * spectra, title, trajectory, share=False)
     for (word, color), (time, values) in zip(KINDS, signals, strict=True):
         curve(axes[0], time, factor * values, color=color, label=word)
     axes[0].set_xlabel("time [s]")
@@ -45,7 +46,7 @@ def measured_figure(drive: Drive, found: Comparison) -> Figure:
     axes[0].set_ylabel(f"{quantity} [{unit}]")
     key(axes[0])
     if spectra:
-        _draw_orders(axes[1], drive, found, factor)
+        _draw_orders(axes[1], trajectory.drive, found, factor)
         axes[1].set_ylabel(f"amplitude of {quantity} [{unit}]")
     return figure
 

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
+from warpchain.drive.trains import driving_body, turned_part
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
-from warpchain.results.signals import TOOTH_PASSINGS, peak_frames
+from warpchain.results.run import Trajectory
+from warpchain.results.signals import TOOTH_PASSINGS, driver_speed, peak_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +26,8 @@ KINDS = ("png", "svg")
 PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
 """Colors of sprockets, where they must differ."""
 LINES = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+_STEADY = 0.01
+"""Relative: of the top speed, within which a mean is that."""
 POINTS = 4000
 """Spells that a curve is thinned out to, smallest and largest values kept."""
 
@@ -33,16 +37,30 @@ def arrowed(name: str) -> str:
     return name.replace("->", " \N{RIGHTWARDS ARROW} ")
 
 
-def about(drive: Drive) -> str:
-    """A line on what was run."""
+def about(of: Drive | Trajectory) -> str:
+    """A line on what was run, or is to be."""
+    drive = of if isinstance(of, Drive) else of.drive
     rings = rings_of(drive.as_read)
     pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(ring.drive.chain.pitch for ring in rings))
     several = f" in {len(drive.chains)} chains" if drive.chains else ""
-    return (
-        f"{drive.links} links of {pitches} mm{several}, "
-        f"{drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
-        + ("" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C")
+    return f"{drive.links} links of {pitches} mm{several}, {driver_at(of)}" + (
+        "" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C"
     )
+
+
+def driver_at(of: Drive | Trajectory) -> str:
+    """The driver and its speed: of a run the mean in the window, which is named where that is not the top speed."""
+    drive = of if isinstance(of, Drive) else of.drive
+    name, top = drive.sprockets[drive.driver].name, drive.driver_speed
+    if isinstance(of, Drive):
+        led = turned_part(drive, driving_body(drive)).prescribed is not None
+        return f"{name} {'at' if led else 'up to about'} {rpm(top):.4g} rpm"
+    found = driver_speed(of)
+    if found is None:
+        return name
+    mean, start, end = found
+    window = "" if abs(mean - top) <= _STEADY * top else f" in the mean of {start:.4g} to {end:.4g} s"
+    return f"{name} at {rpm(mean):.4g} rpm{window}"
 
 
 def rpm(speed: float) -> float:
@@ -50,20 +68,22 @@ def rpm(speed: float) -> float:
     return speed * 30.0 / np.pi
 
 
-def panels(rows: int, height: float, title: str, drive: Drive | None, share: bool = True) -> tuple[Figure, list[Any]]:
+def panels(
+    rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
+) -> tuple[Figure, list[Any]]:
     """A figure of panels below each other with a common horizontal axis.
 
     Args:
         height: of the figure [in].
         title: none where it is empty.
-        drive: what was run, for the line below the title.
+        of: what was run, for the line below the title.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
     if title:
-        figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
+        figure.suptitle(title if of is None else f"{title}\n{about(of)}", fontsize=12)
     for axis in axes:
         axis.grid(alpha=0.3)
         axis.margins(x=0.0)

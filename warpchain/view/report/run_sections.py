@@ -20,7 +20,7 @@ from warpchain.view import html
 from warpchain.view.chosen import recorded
 from warpchain.view.figures import chain_figures, load, shafts, sweep
 from warpchain.view.figures.drive_figure import drive_figure
-from warpchain.view.figures.style import about, arrowed, rpm
+from warpchain.view.figures.style import about, arrowed, driver_at
 from warpchain.view.report import numbers
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def summary(found: HandedIn, row: Row, info: RunInfo) -> html.Section:
         f'<div class="{kind}"><b>{html.escape(value)}</b>{html.escape(words)}</div>' for kind, value, words in boxes
     )
     window = f"window of the metrics: {found.start:g} to {found.end:g} s, {len(found.part.time)} frames"
-    lines = [about(found.drive), window]
+    lines = [about(found.whole), window]
     if row.get("reason"):
         lines.insert(0, f"{status}: {row['reason']}")
     step = "" if info.step is None else f", step {numbers.written(info.step, 's')}"
@@ -270,9 +270,8 @@ def sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.Section]:
 
 
 def heading(found: HandedIn) -> str:
-    """Heading of the page: the driver and its speed."""
-    drive = found.drive
-    return f"Chain drive, {drive.sprockets[drive.driver].name} at {rpm(drive.driver_speed):.4g} rpm"
+    """Heading of the page: the driver and its mean speed in the window."""
+    return f"Chain drive, {driver_at(found.whole)}"
 
 
 def report_html(

@@ -1,0 +1,159 @@
+"""The way of a drive from its start to work: speeds and accelerations of its driver, and where they pull hardest.
+
+All turns as one body (`warpchain.drive.train_speeds`), so that the chain pulls at what it turns with
+
+    T R = load + J w'                                                                               (a)
+
+for each sprocket, J the inertia behind it: what a body keeps of the motor's moment to speed up itself, the chain does
+not carry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.statics import load_moments
+from warpchain.drive.shafts import Beside
+from warpchain.drive.train_speeds import STEPS, as_one, steps
+from warpchain.drive.trains import (
+    driving_body,
+    is_free,
+    loads_of,
+    names_of,
+    nearest_sprocket,
+    own_inertia,
+    speed_ratio,
+    stands,
+    turned_part,
+)
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+Array = NDArray[np.float64]
+
+_BALANCED = 1e-9
+"""Of the largest moment: what is left where motors and loads are in balance."""
+
+
+class Passed(NamedTuple):
+    """Speeds (K,) [rad/s] that a driver passes and its accelerations there (K,) [rad/s^2], the last at work."""
+
+    speed: Array
+    acceleration: Array
+
+    def times(self, ratio: float) -> Passed:
+        """Those of what turns so much as fast."""
+        return Passed(ratio * self.speed, ratio * self.acceleration)
+
+    def at(self, k: int) -> tuple[float, float]:
+        """Speed and acceleration of one of them."""
+        return float(self.speed[k]), float(self.acceleration[k])
+
+
+def passed(drive: Drive) -> Passed:
+    """The way of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
+    b = driving_body(drive)
+    motion, top = turned_part(drive, b).prescribed, drive.driver_speed
+    if motion is None:
+        return _driven(drive)
+    table = motion.table
+    speed, acceleration = [], []
+    if motion.ramp_time > 0.0:
+        u = np.linspace(0.0, 1.0, STEPS + 1)
+        speed, acceleration = [top * u**2 * (3.0 - 2.0 * u)], [6.0 * top * u * (1.0 - u) / motion.ramp_time]
+    elif table is not None and table.time is not None:
+        ratio, time = speed_ratio(drive, drive.driver, b), np.array(table.over)
+        slope = ratio * np.diff(table.values) / np.diff(time)
+        slope = slope[time[:-1] < drive.run.duration]
+        rows = ratio * np.array(table.values)
+        speed, acceleration = [rows[: len(slope)], rows[1 : len(slope) + 1]], [slope, slope]
+    return Passed(np.concatenate([*speed, [top]]), np.concatenate([*acceleration, [0.0]]))
+
+
+def _driven(drive: Drive) -> Passed:
+    """`passed` of a drive that nothing prescribes."""
+    one, top = as_one(drive), drive.driver_speed
+    grid = steps(one.start, top)
+    least, most = one.extremes(grid)
+    at_work = float(one.moment(top))
+    if abs(at_work) <= _BALANCED * sum(r * motor.largest for r, motor in one.motors):
+        at_work = 0.0
+    moments = np.concatenate([least, most, [at_work]])
+    return Passed(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
+
+
+def moments_of(drive: Drive, of: Passed, beyond: Mapping[str, float] | None = None) -> Array:
+    """(S + H, K) mean moments [N m] that loads and inertias ask of sprockets and shafts against forward rotation, (a).
+
+    Args:
+        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `Beside`.
+    """
+    found = load_moments(drive, of.speed)
+    for b, name in enumerate(names_of(drive)):
+        if is_free(drive, b) and nearest_sprocket(drive, b) is not None:
+            part = turned_part(drive, b)
+            more = part.beyond if isinstance(part, Beside) else (beyond or {}).get(name, 0.0)
+            found[b] += (own_inertia(drive, b) + more) * speed_ratio(drive, b, drive.driver) * of.acceleration
+    return found
+
+
+def rises(drive: Drive, moments: Array) -> Array:
+    """(S, K) by how much the tension of the strand behind each sprocket is above that behind the driver [N]."""
+    count = len(drive.sprockets)
+    found = np.zeros((count, moments.shape[1]))
+    asked = np.zeros_like(found)
+    for b in range(len(moments)):
+        s = nearest_sprocket(drive, b)
+        if s is not None and not stands(drive, s):
+            asked[s] += (1.0 if b == s else speed_ratio(drive, b, s)) * moments[b] / drive.pitch_radius(s)
+    for turn in range(1, count):
+        s = (drive.driver + turn) % count
+        found[s] = found[s - 1] + asked[s]
+    return found
+
+
+def hardest(drive: Drive, of: Passed, moments: Array) -> int:
+    """Which of what is passed pulls the chain hardest; -1, that at work, where none does harder."""
+    rise = rises(drive, moments)
+    chain_speed = of.speed * drive.pitch_radius(drive.driver)
+    pull = np.ptp(rise, axis=0) + drive.chain.mass / drive.chain.pitch * chain_speed**2
+    k = int(pull.argmax())
+    return k if pull[k] > (1.0 + _BALANCED) * pull[-1] else -1
+
+
+def left_out(drive: Drive) -> Iterator[str]:
+    """Names of all that the peak of the pull does not contain."""
+    yield "vibration"
+    b = driving_body(drive)
+    names = names_of(drive)
+    motion = turned_part(drive, b).prescribed
+    if motion is not None and (motion.harmonics or (motion.table is not None and motion.table.angle is not None)):
+        yield f'the ups and downs of "{names[b]}", which is led'
+    for other, load in loads_of(drive):
+        s = nearest_sprocket(drive, other)
+        if (s is None or stands(drive, s)) and (load.harmonics or load.table is not None):
+            yield f'the ups and downs of the load on "{names[other]}", which drives'
+    for coupling in drive.couplings:
+        if coupling.ratios is not None and len({ratio for ratio in coupling.ratios.ratio if ratio}) > 1:
+            yield f'the other ratios of "{coupling.name}" than its first'
+        if coupling.clutch is not None:
+            yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.most:.4g} N m'
+    if motion is not None:
+        return
+    one, shafts = as_one(drive), list(enumerate(drive.shafts, len(drive.sprockets)))
+    for h, shaft in ((h, shaft) for h, shaft in shafts if nearest_sprocket(drive, h) is not None):
+        if shaft.motor is not None and shaft.motor.ramp_time <= 0.0:
+            yield f'the jerk of the motor on "{shaft.name}", which comes on at once: up to twice as much'
+        if shaft.initial_speed is None:
+            continue
+        with_driver = float(one.start) * speed_ratio(drive, h, drive.driver)
+        if abs(shaft.initial_speed - with_driver) > 1e-3 * max(shaft.initial_speed, with_driver):
+            yield (
+                f'how "{shaft.name}", which begins with {shaft.initial_speed:.4g} rad/s, comes to the '
+                f"{with_driver:.4g} rad/s that the driver has"
+            )
