@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
 _ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may miss
+_THERE = math.radians(0.1)  # off a wanted angle [rad] within which an arm on a stop stands there
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 
 
@@ -201,7 +202,8 @@ def fit_links(
         chain: name of the chain, where there are several.
 
     Raises:
-        DriveError: no such number gives a strain within 0.05, or none assembles; an unknown arm or chain.
+        DriveError: no such number gives a strain within 0.05, or none assembles; an arm with a wanted angle stands on a
+            stop or presses on nothing with all of them; an unknown arm or chain.
     """
     ring = fitted_chain(drive, chain)
     place = f"chains.{ring.name}.links" if drive.chains else "chain.links"
@@ -211,6 +213,7 @@ def fit_links(
 def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
     """The number of links for a chain; see `fit_links`."""
     wanted = _wanted_angles(drive, angle or {})
+    asked = [a for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
     path, found = path_at(drive, wanted), []
     for links in nearest_links(path, 0.0, odd):
         if abs(path.strain(links)) > MAX_STRAIN:
@@ -219,15 +222,17 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
             assembly = assemble(_with_links(drive, links))
         except DriveError:
             continue
-        angles = enumerate(assembly.arm_angle.tolist())
-        idle = any(stop_of(drive, a, angle) is not None or alone(drive, a, angle) for a, angle in angles)
-        spoiled = idle or abs(assembly.strain) > ELONGATION_AT_BREAKING_LOAD
-        off = [abs(assembly.arm_angle[a] - wanted[a]) for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
-        found.append((not off and spoiled, float(sum(off)) if off else abs(assembly.strain), links))
+        off = [abs(assembly.arm_angle[a] - wanted[a]) for a in asked]
+        idle = any(_is_idle(drive, assembly, a, wanted[a]) for a in asked or range(len(drive.arms)))
+        spoiled = idle or (not asked and abs(assembly.strain) > ELONGATION_AT_BREAKING_LOAD)
+        found.append((spoiled, float(sum(off)) if off else abs(assembly.strain), links, assembly))
         if not wanted:
             break
     if found:
-        return min(found)[-1]
+        spoiled, _, links, assembly = min(found, key=lambda one: one[:3])
+        if spoiled and angle:
+            raise DriveError(_missed(drive, angle, links, assembly, place))
+        return links
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
     strains = ", ".join(f"{n}: {100.0 * path.strain(n):+.2f} %" for n in around if math.isfinite(path.strain(n)))
@@ -235,6 +240,29 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
     raise DriveError(
         f"{place}: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
         f"{strains}); allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %"
+    )
+
+
+def _is_idle(drive: Drive, assembly: Assembly, a: int, wanted: float) -> bool:
+    """Whether an arm stands on a stop or at its free angle [rad], other than where it is wanted."""
+    angle = float(assembly.arm_angle[a])
+    idle = stop_of(drive, a, angle) is not None or alone(drive, a, angle)
+    return idle and abs(angle - wanted) > _THERE
+
+
+def _missed(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str) -> str:
+    """Why not even the best number of links has the arms at wanted angles [degrees]."""
+    states = []
+    for a in map(drive.arm_index, wanted):
+        assert a is not None  # as `_wanted_angles` has checked
+        reached = float(assembly.arm_angle[a])
+        stop = stop_of(drive, a, reached)
+        where = f"on its {stop} stop" if stop else "where it presses on nothing"
+        states.append(f'"{drive.arms[a].name}" stands at {math.degrees(reached):.4g}, {where}')
+    asked = " and ".join(f'{angle:g} degrees of arm "{name}"' for name, angle in wanted.items())
+    return (
+        f"{place}: no number of links gives {asked}: with {links} {' and '.join(states)}; move a sprocket (--sprocket "
+        "with --angle), or look at stops, springs and tensioners"
     )
 
 

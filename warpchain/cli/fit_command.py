@@ -7,9 +7,11 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitted_chain, strand_sag
-from warpchain.assembly.layout_checks import idle_arms
+from warpchain.assembly.layout_checks import findings, idle_arms, stretched
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.drive.rings import rings_of
@@ -17,6 +19,9 @@ from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
+
+NEAR = 1.0
+"""Of a wanted angle of an arm [degrees]: nearer is as near as wanted."""
 
 
 def fit_file(arguments: Namespace) -> list[str]:
@@ -67,7 +72,7 @@ def fit_file(arguments: Namespace) -> list[str]:
             strand=arguments.strand,
         )
     write_drive_text(edited(text, drive), output)
-    return [*_changes(before, drive), *_state(drive), f"written: {output}"]
+    return [*_changes(before, drive), *_state(drive), *_off(drive, angle or {}), f"written: {output}"]
 
 
 def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
@@ -121,7 +126,22 @@ def _changes(before: Drive, after: Drive) -> list[str]:
     for old, new in zip(before.as_read.sprockets, after.as_read.sprockets, strict=True):
         if old.center != new.center:
             lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
-    return lines or ["nothing changed: it fits as it is"]
+    return lines or ["nothing changed: as it is, it is the nearest to what was asked"]
+
+
+def _off(drive: Drive, wanted: dict[str, float]) -> list[str]:
+    """A line on each arm that does not stand where it was wanted [degrees]."""
+    lines = []
+    for ring in rings_of(drive):
+        mine = [(a, arm.name) for a, arm in enumerate(ring.drive.arms) if arm.name in wanted]
+        angles = np.degrees(assemble(ring.drive).arm_angle) if mine else ()
+        lines += [
+            f"LOOK AT arms.{name}: stands at {angles[a]:.4g} degrees, where {wanted[name]:g} was asked: --sprocket "
+            "with --angle moves a sprocket until it stands there"
+            for a, name in mine
+            if abs(angles[a] - wanted[name]) > NEAR
+        ]
+    return lines
 
 
 def _state(drive: Drive) -> list[str]:
@@ -154,5 +174,7 @@ def _chain_state(drive: Drive) -> list[str]:
         f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
         *([f"sag at rest: {sags}"] if sags else []),
         *([f"arms at assembly, degrees: {arms}"] if arms else []),
+        *(f"LAYOUT: {finding}" for finding in findings(drive, assembly.path)),
+        *(f"LOOK AT {line}" for line in stretched(drive, assembly.strain)),
         *(f"LOOK AT {line}" for line in idle_arms(drive, assembly.path)),
     ]
