@@ -8,6 +8,7 @@ import numpy as np
 from common.cases import Line, case, head
 from common.drives import example
 from matplotlib.figure import Figure
+from scipy.optimize import fsolve
 from scipy.signal import find_peaks
 
 import warpchain
@@ -19,36 +20,79 @@ from warpchain.results.scene import chain_line, pose_at_start
 PIVOT = (-0.02, 0.114)
 """Of the lower link that carries the rear axle [m], on the idler's axle (published as `link_lwr_front_loc`)."""
 RISE, TIME, BEGIN, END = 0.036, 0.036, 0.1, 0.7  # of the axle [m], in [s], from [s]; of the run [s]
+LOWER_LINK = (PIVOT, (-0.385, 0.010))
+ROCKER = ((0.025, 0.216), (-0.023, 0.229))
+"""Front and rear ends of the lower link and the rocker [m] (published as `link_lwr_*`, `rocker_mid_loc` and
+`rocker_rear_loc`): four bars with the frame and with the stay between their rear ends, which carries the axle."""
+LATE = 0.05
+"""Spell at the end of the run [s], in which the cage is at rest again."""
+PATHS = {
+    "about the idler": PIVOT,
+    "30 mm above it": (PIVOT[0], PIVOT[1] + 0.03),
+    "30 mm below it": (PIVOT[0], PIVOT[1] - 0.03),
+    "30 mm before it": (PIVOT[0] + 0.03, PIVOT[1]),
+    "30 mm behind it": (PIVOT[0] - 0.03, PIVOT[1]),
+    "about the crank": (-0.004, 0.0),
+    "straight up": None,
+    "by the linkage": "linkage",
+}
+"""Where the rear end turns about while its axle rises [m]; None turns nowhere, "linkage" as four bars lead it."""
 CASES = ((0.0, 1.0), (0.05, 1.0), (0.1, 1.0), (0.2, 1.0), (0.1, 0.0), (0.1, 2.0))
 """Friction in the joints, and the cage's damper over that of the example."""
 COG, JOCKEYS = 3, ("sprockets.lower jockey.center", "sprockets.upper jockey.center")
 
 
-def table_of(place: tuple[float, float], turn: float) -> dict[str, list[float]]:
-    """The way of a place that turns about `PIVOT` by an angle [rad], as half a wave of a cosine, as a table."""
+Point = tuple[float, float]
+Path = Point | str | None
+
+
+def by_linkage(place: Point, cog: Point, rise: float) -> Point:
+    """Displacement of a place of the stay [m] where the axle, at the cog, is so much higher [m]."""
+    if rise == 0.0:
+        return 0.0, 0.0
+    front, rear = (complex(*end) for end in LOWER_LINK)
+    mid, end = (complex(*end) for end in ROCKER)
+
+    def at(point: complex, angles: np.ndarray) -> complex:
+        lower, stay = np.exp(1j * angles)
+        return complex(front + lower * (rear - front) + stay * (point - rear))
+
+    def off(angles: np.ndarray) -> tuple[float, float]:
+        return abs(at(end, angles) - mid) - abs(end - mid), at(complex(*cog), angles).imag - cog[1] - rise
+
+    angles = fsolve(off, np.zeros(2), xtol=1e-12)
+    moved = at(complex(*place), angles) - complex(*place)
+    return moved.real, moved.imag
+
+
+def table_of(place: Point, cog: Point, about: Path) -> dict[str, list[float]]:
+    """The way of a place of the rear end until its axle, at the cog, is `RISE` higher, as a table: half a wave of a
+    cosine, on a path of `PATHS`."""
     time = np.linspace(0.0, TIME, 37)
-    angle = 0.5 * turn * (1.0 - np.cos(math.pi * time / TIME))
-    x, y = np.subtract(place, PIVOT)
-    c, s = np.cos(angle) - 1.0, np.sin(angle)
-    return {"time": (BEGIN + time).tolist(), "x": (c * x - s * y).tolist(), "y": (s * x + c * y).tolist()}
+    part = 0.5 * (1.0 - np.cos(math.pi * time / TIME))
+    if about is None:
+        x, y = 0.0 * part, RISE * part
+    elif isinstance(about, str):
+        x, y = np.array([by_linkage(place, cog, RISE * share) for share in part]).T
+    else:
+        dx, dy = np.subtract(cog, about)
+        radius = math.hypot(dx, dy)
+        angle = part * (math.asin(dy / radius) - math.asin((dy + RISE) / radius))
+        dx, dy = np.subtract(place, about)
+        c, s = np.cos(angle) - 1.0, np.sin(angle)
+        x, y = c * dx - s * dy, s * dx + c * dy
+    return {"time": (BEGIN + time).tolist(), "x": x.tolist(), "y": y.tolist()}
 
 
-def turn_of(drive: Drive) -> float:
-    """Angle [rad] by which the rear end turns until its axle is `RISE` higher."""
-    x, y = np.subtract(drive.sprockets[COG].center, PIVOT)
-    radius = math.hypot(x, y)
-    return math.asin(y / radius) - math.asin((y + RISE) / radius)
-
-
-def hit(drive: Drive) -> Drive:
+def hit(drive: Drive, about: Path = PIVOT) -> Drive:
     """The drive with its crank held and its cog free, whose rear end turns until its axle is `RISE` higher."""
-    turn, cog, pivot = turn_of(drive), drive.sprockets[COG].center, drive.arms[0].pivot
+    cog, pivot = drive.sprockets[COG].center, drive.arms[0].pivot
     return drive.with_values(
         {
             "sprockets.chainring.prescribed": {"speed": 0.0},
             "sprockets.cog.load": None,
-            "sprockets.cog.mount": {"kind": "prescribed", "table": table_of(cog, turn)},
-            "arms.cage.pivot_table": table_of(pivot, turn),
+            "sprockets.cog.mount": {"kind": "prescribed", "table": table_of(cog, cog, about)},
+            "arms.cage.pivot_table": table_of(pivot, cog, about),
             "run.duration": END,
         }
     )
@@ -65,11 +109,21 @@ def swing_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
     return time[late], height[late], level
 
 
-def moved(drive: Drive) -> Drive:
+def twitch_rate(run: Trajectory) -> str:
+    """Rate at which the cage gives chain, once at each half swing of a strand [Hz], while none is too small."""
+    angle = np.degrees(np.asarray(run.arm_angle)[:, 0])
+    after = run.time > BEGIN + TIME + 0.02
+    peaks, _ = find_peaks(angle[after], prominence=0.03)
+    gaps = np.diff(run.time[after][peaks])
+    gaps = gaps[: int(np.append(gaps > 1.5 * gaps.min(initial=np.inf), True).argmax())]
+    return f"{1.0 / gaps.mean():.1f}" if len(gaps) > 1 else "-"
+
+
+def moved(drive: Drive, about: Path = PIVOT) -> Drive:
     """The drive as it stands after the axle has moved."""
-    turn, places = turn_of(drive), {}
+    cog, places = drive.sprockets[COG].center, {}
     for keys in (("sprockets.cog.center",), ("arms.cage.pivot", "arms.cage.center", *JOCKEYS)):  # as their first
-        way = table_of(drive.get_value(keys[0]), turn)
+        way = table_of(drive.get_value(keys[0]), cog, about)
         for key in keys:
             x, y = drive.get_value(key)
             places[key] = [x + way["x"][-1], y + way["y"][-1]]
@@ -102,6 +156,23 @@ def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
     return figure
 
 
+def over_paths(drive: Drive) -> Iterator[Line]:
+    """A table of what the cage does by the path of the axle, with the friction and the damper of the example."""
+    result = simulate([hit(drive, about) for about in PATHS.values()], record=Record(rate=2000.0), window=(0.08, 0.68))
+    yield head(
+        "the rear end turns | back [mm] | before [deg] | largest [deg] | least [deg] | after [deg] | twitches [Hz] | "
+        "most [N]"
+    )
+    for v, (name, about) in enumerate(PATHS.items()):
+        run, cog = result[v], drive.sprockets[COG].center
+        angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
+        seen, late = run.time > BEGIN, run.time > END - LATE
+        before, back = angle[~seen][-1], 0.0 - 1e3 * table_of(cog, cog, about)["x"][-1]
+        numbers = before, angle[seen].max(), angle[seen].min(), angle[late].mean()
+        most = tension[run.time > BEGIN - 0.02].max()
+        yield (name, f"{back:.1f}", *(f"{x:.2f}" for x in numbers), twitch_rate(run), f"{most:.0f}")
+
+
 @case()
 def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     """The rear axle of the example `derailleur` rises by 36 mm in 36 ms, crank held: what its cage does.
@@ -111,6 +182,7 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     Prints the table of docs/derailleur.md and draws its figure.
     """
     drive = example("derailleur")
+    yield from over_paths(drive)
     damping = drive.arms[0].damping
     drives = [
         hit(drive).with_values({"chain.joint.friction": mu, "arms.cage.damping": part * damping}) for mu, part in CASES
@@ -122,16 +194,17 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     for k in range(2):
         yield f"mode {k + 1} at rest, linear, without friction: {modes.frequency[k]:.2f} Hz"
     yield head(
-        "friction | damper | before [deg] | largest [deg] | at [ms] | after [deg] | swing [Hz] | decay [1/s] | most [N]"
+        "friction | damper | before [deg] | largest [deg] | at [ms] | after [deg] | twitches [Hz] | swing [Hz] | "
+        "decay [1/s] | most [N]"
     )
     for (mu, part), run in zip(CASES, runs, strict=True):
         time, height, level = swing_of(run)
         angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
         before = angle[np.searchsorted(run.time, BEGIN) - 1]
-        top, found = angle.argmax(), ("-", "-")
+        top, found = angle.argmax(), [twitch_rate(run), "-", "-"]
         if len(time) > 2:
             frequency, decay = 1.0 / np.diff(time).mean(), -np.polyfit(time, np.log(height), 1)[0]
-            found = f"{frequency:.1f}", f"{decay:.1f}"
+            found[1:] = f"{frequency:.1f}", f"{decay:.1f}"
         numbers = f"{before:.2f}", f"{angle[top]:.2f}", f"{1e3 * (run.time[top] - BEGIN):.0f}", f"{level:.2f}"
         yield (f"{mu:g}", f"{part:g}", *numbers, *found, f"{tension[run.time > BEGIN - 0.02].max():.0f}")
     worst = max(abs(row["energy_residual_relative"]) for row in rows)

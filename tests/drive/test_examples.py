@@ -271,4 +271,27 @@ def test_the_derailleurs_cage_swings_with_its_strands():
     path, pull = chain_path(script.moved(drive)), np.asarray(run.tension[run.time > time[-1]]).mean()
     wave = np.sqrt(pull * drive.chain.pitch / drive.chain.mass)
     lengths = [np.hypot(*(path.strand_end[k] - path.strand_start[k])) for k in (0, 3)]
-    assert 1.0 / np.diff(time).mean() == pytest.approx(np.mean([wave / (2.0 * length) for length in lengths]), rel=0.04)
+    swing = np.mean([wave / (2.0 * length) for length in lengths])
+    assert 1.0 / np.diff(time).mean() == pytest.approx(swing, rel=0.04)
+    assert float(script.twitch_rate(run)) == pytest.approx(2.0 * swing, rel=0.04)  # one at each half swing
+
+
+def test_the_derailleurs_axle_rises_on_any_path():
+    """Its end is 36 mm higher; about a point it keeps its distance from there, and so does all of the rear end."""
+    script, drive = load_script("drawings.derailleur"), load("derailleur")
+    cog, hanger = drive.sprockets[script.COG].center, drive.arms[0].pivot
+    for about in script.PATHS.values():
+        way, other = (script.table_of(place, cog, about) for place in (cog, hanger))
+        assert way["y"][-1] == pytest.approx(script.RISE, rel=1e-9) and abs(way["x"][0]) + abs(way["y"][0]) < 1e-12
+        if about is None:
+            assert set(way["x"]) == {0.0} and other == way
+            continue
+        if about == "linkage":  # the rocker's rear end, on the stay, keeps its distance from its front end
+            front, rear = script.ROCKER
+            moves = script.table_of(rear, cog, about)
+            ends = [np.hypot(*(np.add(rear, (moves["x"][k], moves["y"][k])) - front)) for k in (0, -1)]
+            assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+            continue
+        for place, moves in ((cog, way), (hanger, other)):
+            ends = [np.hypot(*(np.add(place, (moves["x"][k], moves["y"][k])) - about)) for k in (0, -1)]
+            assert ends[0] == pytest.approx(ends[1], rel=1e-12)

@@ -39,7 +39,7 @@ __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 def working_tensions(
     drive: Drive, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
 ) -> list[float]:
-    """A quick estimate (under a millisecond) of each strand's working tension [N], from moments and centrifugal force.
+    """A quick estimate (milliseconds) of each strand's working tension [N], from moments and centrifugal force.
 
     It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does, whose `speed` and
     `moments` these are.
