@@ -164,4 +164,10 @@ def test_a_motor_that_nothing_ties_to_the_chain_drives_no_chain():
     values["sprockets"][0]["shaft"] = "flywheel"
     drive = Drive(**values)
     assert drive.driver_speed == 10.0 and drive.sprockets[drive.driver].name == "driver"
-    assert [of["speed"] for of in derive(drive)["shafts"]] == [None, 10.0]
+    found = derive(drive)
+    assert [of["speed"] for of in found["shafts"]] == [None, 10.0]
+    # nothing drives it: 40 N m s brake the wheel, the sprocket's 2 kg m^2 and the chain's rollers
+    slower = 400.0 / (22.0 + drive.chain.links * drive.chain.mass * drive.pitch_radius(0) ** 2)
+    assert found["driver"]["acceleration"] == pytest.approx(-slower, rel=1e-12)
+    line = f'speed: "driver" has 10 rad/s at the start, which counts as work, and slows down by {slower:.4g} rad/s^2'
+    assert line in report(found).splitlines()

@@ -382,12 +382,11 @@ def _driver_lines(found: dict[str, Any]) -> list[str]:
     """A line on the speed of a driver that motors and loads turn."""
     if found["prescribed"]:
         return []
-    gains = found["acceleration"]
-    end = "where motors and loads balance" if not gains else f"where the run ends, and changes by {gains:+.4g} rad/s^2"
-    return [
-        f'speed: "{found["name"]}" has {found["start"]:.4g} rad/s at the start and {found["speed"]:.4g} rad/s at work, '
-        f"{end}"
-    ]
+    gains, start = found["acceleration"], f'speed: "{found["name"]}" has {found["start"]:.4g} rad/s at the start'
+    if gains < 0.0:
+        return [f"{start}, which counts as work, and slows down by {-gains:.4g} rad/s^2"]
+    end = f"where the run ends, and gains {gains:.4g} rad/s^2" if gains else "where motors and loads balance"
+    return [f"{start} and {found['speed']:.4g} rad/s at work, {end}"]
 
 
 def _joint_lines(values: dict[str, Any]) -> list[str]:
