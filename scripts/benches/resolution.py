@@ -1,15 +1,17 @@
-"""Changes by half the step where friction takes hold within a few steps, or a ramp is over in some."""
+"""Changes by shorter steps where friction takes hold within a few steps, a ramp is over in some, or joints give way."""
 
 import argparse
+import math
 import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from common.cases import Line, case, option
 
 from benches.drives import named
 from benches.steps import EXAMPLES, SHORT
-from warpchain import Record, simulate
+from warpchain import Drive, Limits, Record, simulate
 from warpchain.assembly.timestep import automatic_step
 from warpchain.drive.paths import changed
 
@@ -59,3 +61,112 @@ def resolution(asked: argparse.Namespace) -> Iterator[Line]:
                 status = ", ".join(sorted(set(whole["status"].to_pylist())))
                 numbers = f"{100.0 * changes[most]:+.1f}", f"{100.0 * scatter:.1f}"
                 yield (name, f"{what} x {times:g}", f"{fewest:.0f}", f"{100.0 * drift:.1f}", most, *numbers, status)
+
+
+START = (0.2, 0.4)
+"""Window of a start [s]."""
+STARTS: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "light motor, drum loaded early": {"shafts.drum.load.ramp_time": 0.1625, "shafts.motor.inertia": 0.002509},
+    "light motor, stiff chain with play": {
+        "shafts.motor.inertia": 0.002186,
+        "sprockets.driven.inertia": 13.0,
+        "chain.stiffness": 9.929e7,
+        "chain.play": 3.535e-6,
+        "chain.damping_ratio": 8.167e-4,
+        "contact.sprocket.restitution": 0.6786,
+    },
+}
+"""Starts of `conveyor`: what is changed of it."""
+
+
+def _start_rows(drive: Drive, part: int, copies: int) -> list[dict[str, Any]]:
+    """Metrics of copies of a start, 1e-9 pitches apart, at a part of the automatic step."""
+    drive = changed(drive, {"run.duration": START[1], "run.step": automatic_step(drive) / part})
+    run = simulate(drive, window=START, replicates=copies, replicate_by="perturbation", record=Record("none"),
+                   limits=Limits(energy_change=math.inf))  # fmt: skip
+    return run.metrics.to_pylist()
+
+
+@case()
+def starts(asked: argparse.Namespace) -> Iterator[Line]:
+    """Starts of `conveyor` at the automatic step, at a half, a quarter and an eighth of it: the slack strand.
+
+    python scripts/bench.py starts
+    """
+    warnings.simplefilter("ignore")
+    slack = "driver->driven"
+    yield ("conveyor", "step", "tension_q999 [N]", "joint_give [%]", "joints.resolution", "status")
+    for words, values in STARTS.items():
+        for part in (1, 2, 4, 8):
+            (row,) = _start_rows(changed(named("conveyor"), values), part, 1)
+            give = f"{100.0 * row[f'{slack}.joint_give']:.2f}"
+            fewest = f"{row['joints.resolution']:.0f}"
+            yield (words, f"1/{part}", f"{row[f'{slack}.tension_q999']:.0f}", give, fewest, row["status"])
+
+
+VARIED = {
+    "conveyor": (
+        "chain.damping_ratio",
+        "chain.joint.friction",
+        "contact.sprocket.restitution",
+        "contact.sprocket.friction",
+        "couplings.coupling.stiffness",
+        "sprockets.driven.inertia",
+        "shafts.motor.inertia",
+        "shafts.motor.motor.ramp_time",
+        "shafts.drum.inertia",
+        "shafts.drum.load.torque",
+        "shafts.drum.load.ramp_time",
+    ),
+    "motorcycle_drivetrain": (
+        "chain.damping_ratio",
+        "chain.joint.friction",
+        "contact.sprocket.restitution",
+        "contact.sprocket.friction",
+    ),
+}
+"""Values that are multiplied at random by exp(0.5 x), x normal; so are stiffnesses of chains."""
+
+
+@case(
+    option("--count", type=int, default=16, help="starts of each drive"),
+    option("--seed", type=int, default=1, help="of what is varied"),
+    option("--drives", nargs="+", metavar="NAME", choices=VARIED, default=list(VARIED), help="examples"),
+)
+def gives(asked: argparse.Namespace) -> Iterator[Line]:
+    """Random starts: how often a strand's 99.9 % tension changes by more than 5 % where the give of joints tells so.
+
+    python scripts/bench.py gives
+
+    Each at the automatic step and at half of it, held against a quarter of it; means of two copies 1e-9 pitches apart.
+    A change of less than twice their scatter is none.
+    """
+    warnings.simplefilter("ignore")
+    rng = np.random.default_rng(asked.seed)
+    found = []
+    for name in asked.drives:
+        for _ in range(asked.count):
+            drive = named(name)
+            values = {path: drive.get_value(path) * math.exp(0.5 * rng.normal()) for path in VARIED[name]}
+            values["chain.stiffness"] = drive.chain.stiffness * math.exp(0.5 * rng.normal())
+            values["contact.sprocket.restitution"] = min(values["contact.sprocket.restitution"], 0.9)
+            drive = changed(drive, values)
+            whole, half, quarter = (_start_rows(drive, part, 2) for part in (1, 2, 4))
+            found += [_give_and_change(drive, rows, quarter) for rows in (whole, half)]
+    yield ("limit [%]", "runs", "suspect, and changes", "suspect, does not", "ok, but changes", "ok, does not")
+    give, change = np.array(found).T
+    for limit in (0.01, 0.02, 0.05, 0.1):
+        suspect, changes = give > limit, change > 0.05
+        counts = (suspect & changes, suspect & ~changes, ~suspect & changes, ~suspect & ~changes)
+        yield (f"{100.0 * limit:g}", str(len(found)), *(str(int(each.sum())) for each in counts))
+
+
+def _give_and_change(drive: Drive, rows: list[dict[str, Any]], finer: list[dict[str, Any]]) -> tuple[float, float]:
+    """The largest `joint_give` of strands, and by how much of it a strand's `tension_q999` changes to finer steps."""
+    most = 0.0
+    for strand in drive.strand_names:
+        own, other = (np.array([row[f"{strand}.tension_q999"] for row in of]) for of in (rows, finer))
+        change, scatter = abs(own.mean() - other.mean()), own.std() + other.std()
+        most = max(most, change / other.mean() if change > 2.0 * scatter else 0.0)
+    return max(rows[0][f"{strand}.joint_give"] for strand in drive.strand_names), most

@@ -8,10 +8,13 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import Limits, Record, simulate
+from warpchain.engine.fill import JOINT_INERTIA
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
+from warpchain.kernels.physics import friction
 from warpchain.results.formulas import Balance
 from warpchain.results.judgement import LEAST_STRETCH, RULES, UNMEASURED, common_reasons, judge, warning_text
+from warpchain.results.resolution import HELD
 
 SIZED = two_sprockets().with_values(  # its breaking load is 250 kN
     {"chain.size": "32B", "chain.stiffness": 5e7, "sprockets.driver.prescribed.ramp_time": 0.1}
@@ -47,6 +50,12 @@ BEYOND = {
         "a->b: pushes in the mean, with 0.011 of the largest tension",
     ),
     "resolution": ({"joints__resolution": 44.0}, {"joints__resolution": 46.0}, "joints: only 44 steps in the shortest"),
+    "joint_give": (
+        {"a->b__joint_give": 0.08, "energy_change_relative": -0.6},
+        {"a->b__joint_give": 0.04, "energy_change_relative": -0.6},
+        # the square of the step: half of sqrt(0.05 / 0.08)
+        "a->b: joints that stick give way by 8 % of its tension_q999 at this step, but little at 0.4 of it",
+    ),
     "start": (
         AFTER | {"tension_drift": -7.1},
         AFTER | {"tension_drift": 6.9},
@@ -61,18 +70,21 @@ BEYOND = {
 OFF = {"engaged": 0.0, "resolution": 0.0}
 WIDER = {"energy_residual": 0.02, "energy_change": 0.6, "settle_residual": 2e-2, "breaking_load": 1.5}
 WIDER |= {"slips": 2.0, "missed": 3.0, "engaged": 0.3, "resolution": 43.0, "compression": 1.1, "mean_compression": 0.02}
-WIDER |= {"valve_float": 0.3, "start": 0.08}
+WIDER |= {"valve_float": 0.3, "start": 0.08, "joint_give": 0.09}
+BESIDE = {"joint_give": {"energy_change": math.inf}}
+"""Other limits, of what is judged in starts only."""
 
 
 @pytest.mark.parametrize("key", [rule.key for rule in RULES])
 def test_a_limit_judges_by_its_metric_as_the_caller_sets_it(key):
     beyond, within, words = BEYOND[key]
     (rule,) = (rule for rule in RULES if rule.key == key)
-    status, reason = judged(**beyond)
+    beside = BESIDE.get(key, {})
+    status, reason = judged(limits=Limits(**beside), **beyond)
     assert status == "suspect" and words in reason and reason.endswith(rule.advice)
-    assert judged(**within) == ("ok", "")
-    assert judged(limits=Limits(**{key: WIDER[key]}), **beyond) == ("ok", "")
-    assert judged(limits=Limits(**{key: OFF.get(key, math.inf)}), **beyond) == ("ok", "")
+    assert judged(limits=Limits(**beside), **within) == ("ok", "")
+    assert judged(limits=Limits(**beside, **{key: WIDER[key]}), **beyond) == ("ok", "")
+    assert judged(limits=Limits(**beside, **{key: OFF.get(key, math.inf)}), **beyond) == ("ok", "")
 
 
 def test_limits_and_rules_are_the_same_keys():
@@ -85,6 +97,8 @@ def test_what_is_null_or_has_no_scale_is_not_judged():
     assert judged(settle_force=1e-12, tension_min=0.0, tension_max=0.0) == ("ok", "")
     assert judged(**AFTER | {"tension_drift": 90.0, "window_start": 0.09}) == ("ok", "")  # the ramp is not over
     assert judged(two_sprockets(), **AFTER | {"tension_drift": 90.0}) == ("ok", "")  # without a ramp
+    for change in ({}, {"energy_change_relative": 0.4}, {"energy_change_relative": None}):  # no start
+        assert judged(**{"a->b__joint_give": 90.0}, **change) == ("ok", "")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -159,8 +173,10 @@ def test_ten_thousand_variants_are_judged_in_little_time():
     assert set(found.status) == {"suspect"} and found.reason[0].count("; ") == 2
 
 
-def test_the_least_force_that_counts_is_that_of_settling():
-    assert float(relaxation.LEAST_STRETCH) == LEAST_STRETCH  # results and kernels cannot import one another
+def test_numbers_of_kernels_are_theirs():
+    """Results and kernels cannot import one another."""
+    assert float(relaxation.LEAST_STRETCH) == LEAST_STRETCH
+    assert pytest.approx(friction.SPRING * JOINT_INERTIA, rel=1e-12) == HELD  # rounded
 
 
 @pytest.mark.parametrize("torque", [1e25, 1e29])

@@ -21,6 +21,8 @@ from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_r
 if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
+WELL = 0.5
+"""Of the step that just keeps a limit: what a reason asks for."""
 NAMED = 6
 """Most variants that a warning names."""
 MOST_REASONS = 3
@@ -29,6 +31,8 @@ MOST_REASONS = 3
 Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
+STARTS = 0.5
+"""Change of energy over the losses beyond which a window is one of a start."""
 Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -43,6 +47,7 @@ class Limits(Part):
         compression: largest force with which a link of a strand pushes, over the largest link tension.
         mean_compression: mean force with which a strand pushes, over the largest link tension.
         resolution: least number of steps in the shortest time of friction and ramps (`results.resolution`).
+        joint_give: tension that the give of joints that stick stands for, over a strand's 99.9 % tension, in a start.
         start: change of the mean tension over a window after a ramp of the driver, over that mean: swings of the start.
         slips: teeth that the chain jumped on a sprocket.
         missed: rollers that came at a guide-bar other than through its face.
@@ -52,12 +57,13 @@ class Limits(Part):
     """
 
     energy_residual: Limit = 0.01
-    energy_change: Limit = 0.5
+    energy_change: Limit = STARTS
     settle_residual: Limit = 0.01
     breaking_load: Limit = 1.0
     compression: Limit = 1.0
     mean_compression: Limit = 0.01
     resolution: Limit = 45.0
+    joint_give: Limit = 0.05
     start: Limit = 0.07
     slips: Limit = 0.0
     missed: Limit = 0.0
@@ -93,6 +99,7 @@ class Rule:
         size: what of a value an upper limit is for.
         over: what a column is taken over, from drives, columns (V,) and what stands before its name, NaN where there is
             nothing; left out for 1.
+        order: power of the step that the column goes by, 0 where reasons name no step.
     """
 
     key: str
@@ -104,6 +111,14 @@ class Rule:
     least: bool = False
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
     over: Callable[[Sequence[Drive], Mapping[str, Given], str], NDArray[np.float64]] | None = None
+    order: int = 0
+
+    def reason(self, of: str, value: float, limit: float) -> str:
+        """A reason: what is beyond the limit, the step that keeps it well where that is known, what to change."""
+        step = ""
+        if self.order and limit > 0.0:
+            step = f" at this step, but little at {WELL * (limit / abs(value)) ** (1.0 / self.order):.2g} of it"
+        return f"{self.text(of, value)}{step}: {self.advice}"
 
     @property
     def where(self) -> str:
@@ -200,6 +215,12 @@ def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of
     return np.where(ramped, np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
 
 
+def ones_of_starts(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+    """1 where the window is one of a start, of which each extreme is a single event, NaN elsewhere."""
+    change, null = columns.get("energy_change_relative", (np.zeros(len(drives)), False))
+    return np.where((np.abs(change) > STARTS) & ~np.asarray(null), 1.0, np.nan)
+
+
 RULES = (
     Rule(
         "energy_residual",
@@ -259,6 +280,16 @@ RULES = (
         "take a smaller step (run.step), less friction, or a longer ramp_time",
         least=True,
         of="PART",
+    ),
+    Rule(
+        "joint_give",
+        "joint_give",
+        "of the 99.9 % tension, in a start",
+        lambda of, value: f"{of}: joints that stick give way by {100.0 * value:.2g} % of its tension_q999",
+        "take a smaller step (run.step), or less friction in the joints",
+        of="STRAND",
+        over=ones_of_starts,
+        order=2,
     ),
     Rule(
         "start",
@@ -380,7 +411,7 @@ def judge(
             beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool) & np.isfinite(values)
             for v in np.flatnonzero(beyond).tolist():
                 named = f"{of}: " if drives[v].chains and not rule.of and of else ""
-                found.setdefault(v, []).append(f"{named}{rule.text(of, float(shares[v]))}: {rule.advice}")
+                found.setdefault(v, []).append(f"{named}{rule.reason(of, float(shares[v]), limit)}")
     status, reason = [OK] * len(drives), [""] * len(drives)
     for v, reasons in found.items():
         status[v] = DIVERGED if diverged[v] else SUSPECT

@@ -39,7 +39,7 @@ from warpchain.results.formulas import (
     tension_share_below,
     total,
 )
-from warpchain.results.resolution import joint_resolution, partner_resolution, ramps
+from warpchain.results.resolution import joint_give, joint_resolution, partner_resolution, ramps
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -409,6 +409,19 @@ RESOLVED = (
                 "1",
                 "steps in which friction bends a joint by a tooth",
                 joint_resolution,
+                aside=True,
+            ),
+        ),
+        where=lambda drive, index: drive.chain.rubs,
+    ),
+    Group(
+        "strand",
+        (
+            Column(
+                "joint_give",
+                "1",
+                "tension that the give of joints that stick stands for, over `tension_q999`",
+                joint_give,
                 aside=True,
             ),
         ),

@@ -1,4 +1,4 @@
-r"""Steps in the shortest times of a drive that its limit of stability does not know of: friction and ramps.
+r"""Errors of the step in friction and ramps, of which a drive's limit of stability does not know.
 
 Friction that sticks is held by a bristle whose stiffness grows as steps get shorter (`kernels.physics.friction`): where
 it takes hold within a few steps, what it gives way by hangs on the step. With mu the larger coefficient, N the largest
@@ -8,29 +8,59 @@ teeth and I = m p^2 / 6, friction moves
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
-A motion that is ramped up takes its ramp's time. The energy balance tells of none of these. What half the step changes
-of means, quantiles and losses (`python scripts/bench.py resolution`, docs/judged-runs.md): of four examples up to 1.8 %
-with 46 steps and more in (b), up to 38 % with 29 and fewer; of `marine` 8 % with 95.
+A motion that is ramped up takes its ramp's time.
+
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I) until its bristle holds it, T the mean tension of
+its strand. The n joints of a strand that swings by the amplitude a let its middle give by n^2 p phi / 8. That pays out
+pi^2 a / (2 n p) times as much of the chain, which n links of the stiffness k answer with the tension
+
+    (pi^2 / 16) k a phi,                                                                                      (c)
+
+and sprockets pass it on to slack strands, which have little of their own. It falls with the square of the step.
+
+The energy balance tells of none of these. What half the step changes of means, quantiles and losses (`python
+scripts/bench.py resolution`, docs/judged-runs.md): of four examples up to 1.8 % with 46 steps and more in (b), up to
+38 % with 29 and fewer; of `marine` 8 % with 95. How often (c) tells: `python scripts/bench.py gives`.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpchain.drive.friction_coefficients import guide_rubbing, rubbing_of, tooth_rubbing
-from warpchain.results.formulas import STEP, Judged, Values, where
+from warpchain.results.formulas import STEP, Judged, Values, displacement_std, where
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
+
+HELD = 0.12
+"""Stiffness of a joint's bristle, times h^2 / I (`kernels.physics.friction`)."""
 
 
 def joint_resolution(of: Judged) -> Values:
     """(b) over the step."""
     moments, bends = np.array([_joint(drive) for drive in of.drives]).T
     return _steps(of, bends, moments * of["tension_q999"])
+
+
+def joint_give(of: Judged) -> Values:
+    """(c), the largest of all strands, over a strand's own `tension_q999`."""
+    step = np.ma.getdata(of.metrics[STEP])
+    moments, _ = np.array([_joint(drive) for drive in of.drives]).T
+    inertias = of.mass * np.array([drive.chain.pitch**2 for drive in of.drives]) / 6.0
+    stiffness = np.array([min(drive.chain.stiffness, drive.chain.outer_stiffness) for drive in of.drives])
+    gives = np.zeros(len(of.drives))
+    for name in of.drives[0].strand_names:
+        strand = replace(of, prefix=f"{name}.")
+        turned = moments * np.maximum(strand["tension_mean"], 0.0) * step * step / (HELD * inertias)
+        swings = math.sqrt(2.0) * np.ma.filled(displacement_std(strand), 0.0)
+        gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
+    tension = of["tension_q999"]
+    return where(tension > 0.0, gives / np.where(tension > 0.0, tension, 1.0))
 
 
 def partner_resolution(of: Judged) -> Values:
