@@ -137,10 +137,11 @@ def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bo
     """The part of each factor's range at which rows were left out most, the surest first."""
     if not lost.any():
         return []
-    tied = results.ties()
-    names = [name for name in results.factors if name not in tied and len(set(results.labels(name))) > 1]
-    make = {True: _of_numbers, False: _of_words}
-    found = [make[results.numeric(name)](results, name, lost, others, len(names)) for name in names]
+    words = [name for name in results.factors if not results.numeric(name) and len(set(results.labels(name))) > 1]
+    numbers = results.independent_factors()
+    tests = len(numbers) + len(words)
+    found = [_of_numbers(results, name, lost, others, tests) for name in numbers]
+    found += [_of_words(results, name, lost, others, tests) for name in words]
     return sorted(found, key=lambda part: part.chance)
 
 
