@@ -57,51 +57,11 @@ def add_risk(commands: Any) -> None:
 @resumable("what is done is")
 def _risk(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.risk import estimate_risk
+    from warpchain.study.report.risk_page import risk_lines, write_risk
 
-    _print_risk(estimate_risk(arguments.study, arguments.output, **run_options(arguments)))
+    found = estimate_risk(arguments.study, arguments.output, **run_options(arguments))
+    print(*risk_lines(found), f"page: {write_risk(found)}", sep="\n")
     return DONE
-
-
-def _print_risk(found: Any) -> None:
-    """Prints both estimates, and the most likely way to fail."""
-    from warpchain.results.units import quantity
-
-    results = found.results
-    row = results.variants.tolist().index(found.variant)
-    values = {name: results.table[name][row].as_py() for name in results.factors}
-    shown = {n: quantity(v, results.unit(n)) if isinstance(v, float) else str(v) for n, v in values.items()}
-    held = ", ".join(f"{name} = {shown[name]}" for name in found.held if name in shown)
-    print(f"over the noise of {', '.join(results.noise)}" + (f", at {held}" if held else ""))
-    for bound in found.bounds:
-        ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
-        print(
-            f"limit: {bound.metric} {' and '.join(f'{w} {quantity(e, results.unit(bound.metric))}' for w, e in ends)}"
-        )
-    ways = (
-        ("subset simulation", found.subset),
-        (f"importance sampling about {found.points} design points", found.sampled),
-    )
-    for way, of in ways:
-        if isinstance(of, str):
-            print(f"{way}: {of}")
-            continue
-        interval = f"{of.low:.2g} to {of.high:.2g} with 95 % confidence"
-        print(f"P(a limit is exceeded) = {of.probability:.2g}, {interval}: {way}, {of.evaluations} runs")
-    if not isinstance(found.sampled, str) and not (
-        found.sampled.low <= found.subset.high and found.subset.low <= found.sampled.high
-    ):
-        print("the two differ: a way to fail is missed, or runs scatter; take risk.count and risk.samples larger")
-    lost = int((~results.ok).sum())
-    if lost:
-        print(f"{lost} of {len(results.status)} runs are not ok and count as failures: {results.reasons()[0][1]}")
-    print(
-        f"most likely way to fail: variant {found.variant}, {found.distance:.3g} standard deviations from the medians"
-    )
-    for name in results.noise:
-        print(f"  {name} = {shown[name]}")
-    for bound in found.bounds:
-        print(f"  {bound.metric}: {quantity(float(results.values(bound.metric)[row]), results.unit(bound.metric))}")
-    print(f"  play it: warpchain view {found.archive} --variant {found.variant}")
 
 
 def _print_found(found: Any) -> None:

@@ -262,6 +262,8 @@ def report(arguments: argparse.Namespace) -> int:
     from warpchain.study.results import export_table
 
     path, results = _read_table(arguments)
+    if arguments.study.is_dir() and results.search_target == "failures":
+        return _report_risk(arguments, results)
     notes = about(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
@@ -284,6 +286,21 @@ def report(arguments: argparse.Namespace) -> int:
     if arguments.table is not None:
         print(export_table(results.table, arguments.table))
     return 0
+
+
+def _report_risk(arguments: argparse.Namespace, results: Results) -> int:
+    """Writes the page on a folder of `warpchain risk`."""
+    from warpchain.study.optimize.risk import read_risk
+    from warpchain.study.report.risk_page import write_risk
+    from warpchain.study.results import export_table
+
+    asked = ("factor", "metric", "minimize", "maximize", "recorded", "fatigue")
+    if given := [f"--{name}" for name in asked if getattr(arguments, name)]:
+        raise StudyError(f"{given[0]}: the runs of {arguments.study} look for failures, their page compares none")
+    print(write_risk(read_risk(arguments.study), arguments.output, arguments.title))
+    if arguments.table is not None:
+        print(export_table(results.table, arguments.table))
+    return DONE
 
 
 def view(arguments: argparse.Namespace) -> int:

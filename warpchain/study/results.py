@@ -43,12 +43,20 @@ NOISE, TIED = "noise", "tied noise"
 """A noise factor, and an expression that follows one, in its field's metadata under `kind`."""
 DISTRIBUTION = "distribution"
 """Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
+SEARCH_TARGET = "search_target"
+"""Key of what rows look for where they are no sample of the noise, in its factors' field metadata: "failures"."""
 ROUND = "round"
 """Column of the number of a row's round in a search."""
 NAMED = 12
 """Most columns that an error lists."""
 SHOWN = 6
 """Metrics that notebooks show."""
+
+
+def search_target_of(table: pa.Table) -> str:
+    """Target of a table's rows that are no sample of the noise, such as "failures"; "" where they are one."""
+    noted = ((field.metadata or {}).get(SEARCH_TARGET.encode(), b"") for field in table.schema)
+    return next((word.decode() for word in noted if word), "")
 
 
 @dataclass(frozen=True)
@@ -176,6 +184,36 @@ class Results:
     def noise_sources(self) -> tuple[str, ...]:
         """The noise factors that follow no others."""
         return tuple(name for name in self.factors if self._kind(name) == NOISE)
+
+    @property
+    def search_target(self) -> str:
+        """Target of the rows; see `search_target_of`."""
+        return search_target_of(self.table)
+
+    def check_sample(self) -> None:
+        """Refuses rows that are no sample of the noise.
+
+        Raises:
+            StudyError: they look for something.
+        """
+        if self.search_target:
+            raise StudyError(
+                f"noise: these rows look for {self.search_target} and are no sample of the noise: their shares, means, "
+                "quantiles and effects tell nothing about it"
+            )
+
+    def sample(self) -> Results:
+        """The rows that are a sample of the factors: all of a study's; of a search those of its design, the first
+        round, as the others crowd where it looked.
+
+        Raises:
+            StudyError: all look for something.
+        """
+        self.check_sample()
+        if ROUND not in self.table.column_names:
+            return self
+        rounds = self.values(ROUND)
+        return Results(self.table.take(np.flatnonzero(rounds == rounds.min())), self.factors, self.metrics)
 
     def _kind(self, factor: str) -> str:
         return (self.table.schema.field(factor).metadata or {}).get(b"kind", b"").decode()

@@ -115,8 +115,9 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     by value, others by quantiles; words are grouped as they are.
 
     Raises:
-        StudyError: fewer than two usable variants, or an unknown column.
+        StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
     """
+    results.check_sample()
     rows = results.rows_for(metric)
     if rows.sum() < 2:
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
@@ -215,10 +216,12 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     """Pearson and Spearman correlation of every independent numeric factor with every metric that varies.
 
     Raises:
-        StudyError: no numeric factor that varies, or fewer than three usable variants.
+        StudyError: no numeric factor that varies, fewer than three usable variants, or rows that are no sample of the
+            noise.
     """
     from scipy.stats import rankdata
 
+    results.check_sample()
     factors = results.independent_factors()
     chosen = tuple(m for m in metrics or results.metrics if varies(results.values(m)[results.ok]))
     if not factors or not chosen:
@@ -326,8 +329,9 @@ def median_effects(results: Results, metric: str) -> list[MedianEffect]:
     """Medians of a metric over the groups of each factor (as `main_effects` makes them), the largest span first.
 
     Raises:
-        StudyError: fewer than two usable variants, or an unknown column.
+        StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
     """
+    results.check_sample()
     y, tied = results.values(metric), results.ties()
     if results.rows_for(metric).sum() < 2:
         raise StudyError(f"metric {metric!r}: fewer than 2 variants have a value")

@@ -1,19 +1,19 @@
-"""Small probabilities of failure: subset simulation, and importance sampling about the likeliest ways to fail.
+"""Small probabilities of failure by subset simulation, and the likeliest ways to fail.
 
 What is uncertain is u, standard normal (D,); it fails where g(u) <= 0. Subset simulation (Au and Beck 2001) goes
-through thresholds b_1 > b_2 > ... > 0, each of which the p0-th part of the samples beyond the one before is beyond:
+through thresholds b_1 > b_2 > ... > 0. Of the samples beyond one, the part p_j is at or beyond the next, a tenth, or
+more where g has steps and many are equal:
 
-    P = p0^(m-1) (n_f / n),                                                                                  (a)
+    P = p_1 p_2 ... p_(m-1) (n_f / n),                                                                       (a)
 
-n_f of n samples of the last level failing. Samples of a level are chains from those of the level before, whose steps
-v = r u + sqrt(1 - r^2) x, x standard normal, keep the normal distribution; one is taken where g(v) <= b (Papaioannou
-et al. 2015), r such that 44 % are. R independent repetitions, run side by side so that a step is one batch, are
-log-normal; P is their mean, and with m and s the mean and deviation of their logarithms (Cox's interval, Olsson 2005)
+n_f of n samples of the last level failing. Samples of a level are chains from those of the level before, drawn from all
+that are at or beyond its threshold; while these all have the same g, more are drawn, and p_j is a part of all. Their
+steps v = r u + sqrt(1 - r^2) x, x standard normal, keep the normal distribution; one is taken where g(v) <= b
+(Papaioannou et al. 2015), r such that 44 % are. R independent repetitions, run side by side so that a step is one
+batch, are log-normal; P is their mean, and with m and s the mean and deviation of their logarithms (Cox's interval,
+Olsson 2005)
 
     log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))),      t Student's of R - 1.                   (b)
-
-Importance sampling draws from q, normal distributions of deviation 1 about design points, the likeliest failures in
-directions that differ, and adds up P = mean(phi(u) / q(u), failing), whose interval is of the mean's logarithm.
 
 Deviations that are estimated from few repetitions are uncertain, too: t is of 98 %, which covers 95 % on closed forms.
 """
@@ -36,6 +36,12 @@ SHARE = 0.1
 ACCEPTED = 0.44
 MOST_LEVELS = 12
 """Levels after which a probability is below what is looked for."""
+MOST_BATCHES = 3
+"""Batches of samples that may have the same g."""
+LEVEL = (
+    "the probability of failure is unknown: all {count} runs in one of {repeats} repetitions of subset simulation are "
+    "equally far from the limit, so that nothing leads to failures; raise risk.count, or limit a metric that varies"
+)
 NOMINAL = 0.98
 APART = 0.5
 """Cosine below which two directions are different ways to fail."""
@@ -44,6 +50,8 @@ BEYOND = 2.0
 MOST_POINTS = 8
 TURNS = 4
 """Steps towards a design point."""
+NEARER = 0.001
+"""Part of its distance by which a step must be nearer for another one."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +62,14 @@ class Estimate:
         probability: P.
         low, high: its 95 % interval.
         evaluations: of g.
-        failed: (F, D) points that failed.
+        failed: points that failed (F, D), of each repetition that came to failure.
     """
 
     probability: float
     low: float
     high: float
     evaluations: int
-    failed: Array
+    failed: tuple[Array, ...]
 
 
 def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int, seed: int) -> Estimate:
@@ -75,33 +83,60 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
         seed: of the draws.
 
     Raises:
-        StudyError: after `MOST_LEVELS` levels no repetition comes to failure.
+        StudyError: there is no estimate, as a repetition does not come to failure within `MOST_LEVELS` levels, or as
+            all samples of `MOST_BATCHES` have the same g.
     """
     rng, seeds = np.random.default_rng(seed), round(SHARE * count)
     u = rng.standard_normal((repeats, count, dimensions))
     g = margin(u.reshape(-1, dimensions)).reshape(repeats, count)
-    evaluations, logs = g.size, np.full(repeats, np.nan)
+    evaluations, logs, left = g.size, np.zeros(repeats), np.arange(repeats)
+    batches = np.ones(repeats)  # of samples at a threshold
     failed: list[Array] = []
-    for level in range(MOST_LEVELS):
-        order = np.argsort(g, axis=1, kind="stable")
-        limit = np.take_along_axis(g, order, axis=1)[:, seeds - 1]
-        ended = np.isnan(logs) & (limit <= 0.0)
-        for r in np.flatnonzero(ended):
-            logs[r] = level * np.log(SHARE) + np.log((g[r] <= 0.0).mean())
-            failed.append(u[r][g[r] <= 0.0])
-        left = np.flatnonzero(np.isnan(logs))
+    for _ in range(MOST_LEVELS):
+        limit = _thresholds(g[left], seeds)
+        ended = limit <= 0.0
+        beyond = g[left] <= np.where(ended, 0.0, limit)[:, None]
+        level = beyond.all(axis=1) & ~ended
+        if (batches[left] * level).max() == MOST_BATCHES:
+            raise StudyError(LEVEL.format(count=MOST_BATCHES * count, repeats=repeats))
+        logs[left] += np.where(level, 0.0, np.log(beyond.mean(axis=1) / batches[left]))
+        batches[left] = np.where(level, batches[left] + 1.0, 1.0)
+        failed += [u[r][within] for r, within in zip(left[ended], beyond[ended], strict=True)]
+        left, limit, beyond = left[~ended], limit[~ended], beyond[~ended]
         if not len(left):
             break
-        chosen = order[left, :seeds]
+        chosen = np.array([_drawn(np.flatnonzero(within), seeds, rng) for within in beyond])
         start = np.take_along_axis(u[left], chosen[:, :, None], axis=1)
         of = np.take_along_axis(g[left], chosen, axis=1)
-        u[left], g[left], more = _chains(margin, (start, of), limit[left], count // seeds, rng)
+        u[left], g[left], more = _chains(margin, (start, of), limit, count // seeds, rng)
         evaluations += more
-    if not failed:
-        raise StudyError(f"no failure within {MOST_LEVELS} levels: its probability is below {SHARE**MOST_LEVELS:g}")
-    logs = np.where(np.isnan(logs), MOST_LEVELS * np.log(SHARE), logs)
+    if len(left):
+        least = f"{SHARE**MOST_LEVELS:g}"
+        if len(left) == repeats:
+            raise StudyError(f"no failure within {MOST_LEVELS} levels: its probability is below {least}")
+        raise StudyError(
+            f"the probability of failure is unknown: {len(left)} of {repeats} repetitions of subset simulation come to "
+            f"no failure within {MOST_LEVELS} levels, the others do; raise risk.count"
+        )
     low, high = _interval(logs)
-    return Estimate(float(np.clip(np.exp(logs).mean(), low, high)), low, high, evaluations, np.vstack(failed))
+    return Estimate(float(np.clip(np.exp(logs).mean(), low, high)), low, high, evaluations, tuple(failed))
+
+
+def _thresholds(g: Array, seeds: int) -> Array:
+    """The next threshold (R,) of samples with g (R, n), which `seeds` of them are at or beyond.
+
+    Where that is all of them, as g has a step there, the next lower value.
+    """
+    ordered = np.sort(g, axis=1)
+    limit = ordered[:, seeds - 1]
+    same = limit == ordered[:, -1]
+    lower = np.where(g < limit[:, None], g, -np.inf).max(axis=1)
+    return np.where(same & (ordered[:, 0] < limit), lower, limit)
+
+
+def _drawn(places: NDArray[np.intp], count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """`count` of places by chance, each once where there are enough."""
+    return rng.choice(places, count, replace=len(places) < count)
 
 
 def _chains(
@@ -143,24 +178,27 @@ def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
     """The likeliest failures in directions that differ (K, D), nearest to the origin first, and evaluations of g.
 
     From the nearest of the points that failed in each direction, steps of the method of Hasofer, Lind, Rackwitz and
-    Fiessler with slopes by differences, all in one batch; a step counts where it fails nearer to the origin.
+    Fiessler with slopes by differences, all in one batch; a step counts where it fails nearer to the origin. Steps to
+    the same direction become one, and end where none is nearer by a thousandth.
 
     Args:
         margin: g.
         failed: (F, D) points that failed.
     """
-    points, evaluations = _apart(failed), 0
+    points, evaluations = apart(failed), 0
     for _ in range(TURNS):
         stepped, more = _stepped(margin, points)
         evaluations += more
-        better = stepped[1] & (np.linalg.norm(stepped[0], axis=1) < np.linalg.norm(points, axis=1))
-        points = np.where(better[:, None], stepped[0], points)
-        if not better.any():
+        before, after = np.linalg.norm(points, axis=1), np.linalg.norm(stepped[0], axis=1)
+        better = stepped[1] & (after < before)
+        settled = not (better & (after < (1.0 - NEARER) * before)).any()
+        points = apart(np.where(better[:, None], stepped[0], points))
+        if settled:
             break
-    return _apart(points), evaluations
+    return points, evaluations
 
 
-def _apart(points: Array) -> Array:
+def apart(points: Array) -> Array:
     """The nearest of points (N, D) in each direction, nearest to the origin first."""
     order = points[np.argsort(np.linalg.norm(points, axis=1), kind="stable")]
     found: list[Array] = []
@@ -191,27 +229,3 @@ def _stepped(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.boo
     size = np.where(fails, np.linalg.norm(tried, axis=2), np.inf)
     best = size.argmin(axis=1)
     return (tried[np.arange(count), best], np.asarray(fails.any(axis=1))), g.size + fails.size
-
-
-def importance_sampling(margin: Margin, points: Array, count: int, seed: int) -> Estimate:
-    """P by sampling about design points (K, D); `count` samples in one batch.
-
-    Raises:
-        StudyError: no sample failed.
-    """
-    from scipy.special import logsumexp
-    from scipy.stats import norm
-
-    rng, (several, dimensions) = np.random.default_rng(seed), points.shape
-    place = np.arange(count) % several  # as many about each
-    u = points[place] + rng.standard_normal((count, dimensions))
-    fails = margin(u) <= 0.0
-    if not fails.any():
-        raise StudyError("importance sampling: no sample failed; give risk.samples more")
-    each = -0.5 * ((u[:, None, :] - points[None]) ** 2).sum(axis=2)
-    weight = np.where(fails, np.exp(-0.5 * (u**2).sum(axis=1) - logsumexp(each, axis=1) + np.log(several)), 0.0)
-    mean = float(weight.mean())
-    inside = sum(float(weight[place == k].var(ddof=1)) * float((place == k).mean()) for k in range(several))
-    part = np.sqrt(inside / count) / mean
-    half = norm.ppf(0.5 + 0.5 * NOMINAL) * np.sqrt(np.log1p(part**2))
-    return Estimate(mean, mean * np.exp(-half), min(1.0, mean * np.exp(half)), count, u[fails])

@@ -49,10 +49,11 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
     """Interactions of all pairs of factors, (a), the largest first; none where rows are too few.
 
     Raises:
-        StudyError: an unknown metric.
+        StudyError: an unknown metric, or rows that are no sample of the noise.
     """
     from scipy.special import fdtrc
 
+    results.check_sample()
     tied = results.ties()
     factors = [name for name in results.factors if name not in tied]
     rows = results.rows_for(metric, factors)

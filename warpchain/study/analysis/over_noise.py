@@ -181,10 +181,11 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
         noise: names of the noise factors; None takes those that the table marks.
 
     Raises:
-        StudyError: a metric that the table lacks, or designs of too few runs.
+        StudyError: a metric that the table lacks, designs of too few runs, or runs that are no sample of the noise.
     """
     import pyarrow as pa
 
+    results.check_sample()
     noise = results.noise if noise is None else noise
     if not noise:
         return results, goals

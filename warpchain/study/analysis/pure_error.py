@@ -134,10 +134,11 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
         rows: which (R,); None takes those that are ok and have a value.
 
     Raises:
-        StudyError: no row has several runs, or all runs of a row are the same.
+        StudyError: no row has several runs, all runs of a row are the same, or the rows are no sample of the noise.
     """
     from scipy.special import fdtri
 
+    results.check_sample()
     chosen = results.rows_for(metric) if rows is None else rows
     means, counts, freedom, variance = _rows(results, metric, chosen)
     if not freedom:

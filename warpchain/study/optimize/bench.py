@@ -22,7 +22,7 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
-from warpchain.study.results import ARCHIVED, ROUND, Results, read_results
+from warpchain.study.results import ARCHIVED, ROUND, SEARCH_TARGET, Results, read_results
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.run.prepare import read_study, shard_size
 from warpchain.study.run.row_drives import Variant, build
@@ -90,6 +90,7 @@ class Bench:
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
         drive: file of another base drive, or the name of an example; None is the study's own.
+        search_target: what its rows look for, such as "failures", where they are no sample of the noise; tables say so.
 
     Raises:
         StudyError: an error of the study or its drive; one line each.
@@ -103,11 +104,12 @@ class Bench:
         workers: int | None = None,
         memory: int = MEMORY,
         drive: str | os.PathLike[str] | None = None,
+        search_target: str = "",
     ) -> None:
         self.source = Path(source)
         self.study, self.drive, _ = read_study(source, drive)
         self.folder = None if folder is None else Path(folder)
-        self._workers, self._memory = workers, memory
+        self._workers, self._memory, self._search_target = workers, memory, search_target
         self._known: dict[str, tuple[pa.Table, int]] = {}
         self._optimizer: Optimizer | None = None
 
@@ -173,7 +175,7 @@ class Bench:
         """
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_name(number), round_file(self.folder, number)
-        place, design = self.folder / name, table_of_rows(self.study, rows)
+        place, design = self.folder / name, self._marked(table_of_rows(self.study, rows))
         if done.exists():
             table = read_table(done)
             if table.select(self.factors).to_pylist() != design.select(self.factors).to_pylist():
@@ -185,6 +187,20 @@ class Bench:
         place.mkdir(parents=True, exist_ok=True)  # not there yet where all rows were known
         write_table(done, table)
         return table
+
+    def _marked(self, design: pa.Table) -> pa.Table:
+        """A design whose noise factors say what its rows look for."""
+        import pyarrow as pa
+
+        if not self._search_target:
+            return design
+        fields = [
+            field.with_metadata(field.metadata | {SEARCH_TARGET.encode(): self._search_target.encode()})
+            if field.name in self.study.noise_names
+            else field
+            for field in design.schema
+        ]
+        return pa.Table.from_arrays(design.columns, schema=pa.schema(fields))
 
     def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report, before: int = 0) -> pa.Table:
         """Runs what is new of a design in a folder of its own, whose recordings call rows by their numbers after those

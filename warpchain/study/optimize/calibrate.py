@@ -329,7 +329,7 @@ def calibrate(
     """
     from scipy.stats import norm, qmc
 
-    bench = Bench(source, out, workers=workers, memory=memory)
+    bench = Bench(source, out, workers=workers, memory=memory, search_target="what was measured")
     if not bench.study.measured:
         raise StudyError(f"{source}: measured: missing; calibrate needs at least one measured value or signal")
     settings = bench.study.calibrate or Calibrate()

@@ -2,7 +2,8 @@
 
     study.toml  drive.toml   the study and its base drive
     rounds/NNNN/             a batch of runs (`optimize.bench`)
-    results.parquet          all runs
+    results.parquet          all runs, marked as no sample of the noise
+    risk.json                the estimates
     played/                  a recording of the most likely way to fail
 
 Noise factors are made of independent standard normals by their rank correlations and distributions; design factors are
@@ -11,30 +12,60 @@ held where the base drive has them. The same study asks for the same runs, so th
 
 from __future__ import annotations
 
+import json
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.arguments import Count, Workers, checked
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.files import read_text
 from warpchain.progress import interruptible, look_for_stop
-from warpchain.study.analysis.failure_probability import (
-    Estimate,
-    design_points,
+from warpchain.study.analysis.failure_probability import Estimate, design_points, subset_simulation
+from warpchain.study.analysis.importance_sampling import (
+    Mixture,
+    fitted_mixture,
     importance_sampling,
-    subset_simulation,
+    joint_estimate,
 )
-from warpchain.study.design.noise import at_normals, noise_dimensions, own_value
+from warpchain.study.design.factor_values import dimensions
+from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
 from warpchain.study.optimize.bench import Bench, Report, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import Rerun, recording_of
-from warpchain.study.spec.study_tables import Bound, Risk
-from warpchain.study.store import write_table
+from warpchain.study.spec import Study, load_study
+from warpchain.study.spec.study_tables import Risk
+from warpchain.study.store import write_table, write_text
+
+SUMMARY = "risk.json"
+NOT_OK = ("", "")
+"""Stands for a limit where a run is not ok."""
+Limit = tuple[str, str]
+"""A metric and the end that limits it, "min" or "max"."""
+
+
+@dataclass(frozen=True)
+class DesignPoint:
+    """A most likely way to fail.
+
+    Attributes:
+        variant: number of the run there.
+        distance: from the medians, in standard deviations [-].
+        deviations: by dimension of the noise, where its value is among all, as a standard normal [-].
+        broken: the limits that it breaks.
+    """
+
+    variant: int
+    distance: float
+    deviations: dict[str, float]
+    broken: tuple[Limit, ...]
 
 
 @dataclass(frozen=True)
@@ -42,23 +73,29 @@ class Risked:
     """A probability of failure, by two ways.
 
     Attributes:
+        folder: of the runs.
+        study: the study, with limits and noise.
         results: all runs.
-        bounds: the limits.
-        held: values of the design factors.
+        joint: the estimate to state, or in words why there is none.
         subset: by subset simulation.
-        sampled: by importance sampling about design points, or in words why there is none.
-        points: number of design points.
+        sampled: by importance sampling, or in words why there is none.
+        points: the design points, nearest first.
+        search_runs: runs of the search for them.
+        shares: part of the failures that break each limit [-].
         variant: of the run that failed at the likeliest values.
         distance: of it from the medians, in standard deviations [-].
         archive: its recording.
     """
 
+    folder: Path
+    study: Study
     results: Results
-    bounds: tuple[Bound, ...]
-    held: dict[str, Any]
+    joint: Estimate | str
     subset: Estimate
     sampled: Estimate | str
-    points: int
+    points: tuple[DesignPoint, ...]
+    search_runs: int
+    shares: dict[Limit, float]
     variant: int
     distance: float
     archive: Path
@@ -73,32 +110,47 @@ class Margins:
     def __init__(self, bench: Bench, progress: Report) -> None:
         self._bench, self._progress = bench, progress
         chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
-        self.held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
+        self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
+        ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
+        self._ends = [(metric, end, float(value)) for metric, end, value in ends if value is not None]
+        self.limits: list[Limit] = [*((metric, end) for metric, end, _ in self._ends), NOT_OK]
         self.rounds = 0
         self._points: list[Array] = []
-        self._margins: list[Array] = []
+        self._each: list[Array] = []
 
     def __call__(self, u: Array) -> Array:
         look_for_stop()
-        rows = [self.held | row for row in at_normals(self._bench.study, u)]
+        rows = [self._held | row for row in at_normals(self._bench.study, u)]
         table = self._bench.round(self.rounds, rows, self._progress)
         self.rounds += 1
         results = read_results(table, self._bench.factors, ())
-        g = np.full(len(rows), np.inf)
-        for bound in self._bench.study.bounds:
-            known = bound.metric in table.column_names
-            values = results.values(bound.metric) if known else np.full(len(rows), np.nan)
-            for end, way in ((bound.max, 1.0), (bound.min, -1.0)):
-                if end is not None:
-                    g = np.minimum(g, way * (end - values) / (abs(end) or 1.0))
-        g = np.where(results.ok & np.isfinite(g), g, -np.inf)
+        each = []
+        for metric, end, limit in self._ends:
+            known = metric in table.column_names
+            values = results.values(metric) if known else np.full(len(rows), np.nan)
+            way = 1.0 if end == "max" else -1.0
+            each.append(np.where(results.ok, way * (limit - values) / (abs(limit) or 1.0), np.nan))
+        margins = np.stack([*each, np.full(len(rows), np.inf)], axis=1)
+        lost = ~np.isfinite(margins[:, :-1]).all(axis=1)
+        margins[lost] = [*np.full(len(each), np.inf), -np.inf]
         self._points.append(u)
-        self._margins.append(g)
-        return g
+        self._each.append(margins)
+        return np.asarray(margins.min(axis=1))
+
+    def rows(self, points: Array) -> NDArray[np.intp]:
+        """Numbers of the runs at points (N, D), which were run."""
+        known: dict[bytes, int] = {}
+        for k, point in enumerate(np.vstack(self._points)):
+            known.setdefault(point.tobytes(), k)
+        return np.array([known[point.tobytes()] for point in points], dtype=np.intp)
+
+    def broken(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether runs break each of the limits (N, L)."""
+        return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
     def likeliest(self) -> tuple[int, float]:
         """Number of the run that failed nearest to the medians, and how far off it is."""
-        g, size = np.concatenate(self._margins), np.linalg.norm(np.vstack(self._points), axis=1)
+        g, size = np.vstack(self._each).min(axis=1), np.linalg.norm(np.vstack(self._points), axis=1)
         ok = np.isfinite(g) if np.isfinite(g[g <= 0.0]).any() else np.ones(len(g), dtype=bool)
         at = int(np.argmin(np.where((g <= 0.0) & ok, size, np.inf)))
         return at, float(size[at])
@@ -124,29 +176,114 @@ def estimate_risk(
         progress: True shows a bar for each batch; see `Bench.evaluate`.
 
     Raises:
-        StudyError: an error of the study, a folder of another one, or no failure that is likely enough to be found.
+        StudyError: an error of the study, a folder of another one, or no estimate, as failures are too unlikely or
+            subset simulation does not come to them.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
-    bench = Bench(source, out, workers=workers, memory=memory)
+    bench = Bench(source, out, workers=workers, memory=memory, search_target="failures")
     study, settings = bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
     if not study.bounds:
         raise StudyError(f"{source}: limits: none is on a metric; risk needs an entry with metric, and max or min")
     folder = made_folder(Path(out), bench)
-    margins, dimensions = Margins(bench, progress), noise_dimensions(study)
-    subset = subset_simulation(margins, dimensions, settings.count, settings.repeats, settings.seed)
-    points, _ = design_points(margins, subset.failed)
-    sampled: Estimate | str
+    margins = Margins(bench, progress)
     try:
-        sampled = importance_sampling(margins, points, settings.samples, settings.seed)
-    except StudyError as error:
-        sampled = str(error)
-    write_table(folder / "results.parquet", together(folder, margins.rounds))
-    results = read_results(folder / "results.parquet", bench.shown)
-    variant, distance = margins.likeliest()
-    again = recording_of(folder, variant)
+        found = _estimated(margins, study, settings)
+    finally:
+        if margins.rounds:
+            write_table(folder / "results.parquet", together(folder, margins.rounds))
+    again = recording_of(folder, found["variant"])
     if isinstance(again, Rerun):
         again.run(workers=workers, memory=memory)
+    write_text(folder / SUMMARY, json.dumps(found, indent=1))
+    return read_risk(folder)
+
+
+def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]:
+    """Both estimates and the design points, as `SUMMARY` has them."""
+    subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
+    mixture = fitted_mixture(subset.failed)
+    sampled: Estimate | str
+    try:
+        sampled = importance_sampling(margins, mixture, settings.samples, settings.seed)
+    except StudyError as error:
+        sampled = str(error)
+    failed = np.vstack(subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed))
+    places, search_runs = design_points(margins, failed)
+    rows, axes = margins.rows(places), [axis.name for axis in dimensions(study.noise_alone)]
+    points = [
+        DesignPoint(
+            int(row),
+            float(np.linalg.norm(place)),
+            dict(zip(axes, map(float, scores), strict=True)),
+            tuple(limit for limit, beyond in zip(margins.limits, broken, strict=True) if beyond),
+        )
+        for row, place, scores, broken in zip(
+            rows, places, places @ noise_mixing(study).T, margins.broken(rows), strict=True
+        )
+    ]
+    variant, distance = margins.likeliest()
+    joint = joint_estimate(subset, sampled)
+    return {
+        "joint": _as_data(joint),
+        "subset": _as_data(subset),
+        "sampled": _as_data(sampled),
+        "points": [asdict(point) for point in points],
+        "search_runs": search_runs,
+        "shares": [[*limit, share] for limit, share in _shares(margins, subset, mixture, sampled)],
+        "variant": variant,
+        "distance": distance,
+    }
+
+
+def _shares(margins: Margins, subset: Estimate, mixture: Mixture, sampled: Estimate | str) -> list[tuple[Limit, float]]:
+    """Part of the failures that break each limit: of samples by their weights, or else of those of the subset."""
+    by_weight = not isinstance(sampled, str)
+    failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
+    weights = mixture.weights(failed) if by_weight else np.ones(len(failed))
+    parts = weights @ margins.broken(margins.rows(failed)) / weights.sum()
+    return list(zip(margins.limits, parts.tolist(), strict=True))
+
+
+def _as_data(found: Estimate | str) -> Any:
+    """An estimate for `SUMMARY`, without its points."""
+    if isinstance(found, str):
+        return found
+    return {name: getattr(found, name) for name in ("probability", "low", "high", "evaluations")}
+
+
+def _of_data(found: Any) -> Estimate | str:
+    return found if isinstance(found, str) else Estimate(**found, failed=())
+
+
+def read_risk(folder: str | os.PathLike[str]) -> Risked:
+    """The result in a folder of `warpchain risk`; its estimates are without their points.
+
+    Raises:
+        StudyError: it is not done, or damaged.
+    """
+    path = Path(folder)
+    study = load_study(path / "study.toml")
+    if not (path / SUMMARY).exists():
+        raise StudyError(
+            f"{path}: its runs look for failures and are no sample of the noise; {SUMMARY}, which warpchain risk "
+            "writes at its end, is not there"
+        )
+    try:
+        found: Mapping[str, Any] = json.loads(read_text(path / SUMMARY, "JSON", StudyError))
+        points = tuple(
+            DesignPoint(p["variant"], p["distance"], p["deviations"], tuple((m, e) for m, e in p["broken"]))
+            for p in found["points"]
+        )
+        shares = {(metric, end): float(share) for metric, end, share in found["shares"]}
+        joint, subset, sampled = (_of_data(found[name]) for name in ("joint", "subset", "sampled"))
+        search_runs, variant, distance = int(found["search_runs"]), int(found["variant"]), float(found["distance"])
+    except (ValueError, TypeError, KeyError):
+        raise StudyError(f"{path / SUMMARY}: is damaged; make it anew with: warpchain risk") from None
+    assert isinstance(subset, Estimate)
+    shown = [factor.name for factor in study.factors if not factor.hidden]
+    results = read_results(path / "results.parquet", shown)
+    again = recording_of(path, variant)
     archive = again.archive if isinstance(again, Rerun) else again[0]
-    return Risked(results, study.bounds, margins.held, subset, sampled, len(points), variant, distance, archive)
+    return Risked(path, study, results, joint, subset, sampled, points, search_runs, shares, variant, distance, archive)

@@ -160,11 +160,15 @@ def log_scatters(
 
 
 def _most_telling(results: Results) -> tuple[str, ...]:
-    """The numeric factors that explain most of any telling metric, in the study's order."""
+    """The numeric factors that explain most of any telling metric, in the study's order; of rows that are no sample of
+    the noise, and tell no effects, the first ones."""
     from warpchain.study.analysis import main_effects
     from warpchain.study.analysis.left_out import LeftOut
 
-    numeric, left_out = results.independent_factors(), LeftOut(results)
+    numeric = results.independent_factors()
+    if results.search_target:
+        return numeric[:INPUTS]
+    left_out = LeftOut(results)
     weights = dict.fromkeys(numeric, 0.0)
     for metric in (name for name in telling_metrics(results)[:METRICS] if not left_out.selects(name)):
         for effect in main_effects(results, metric, numeric):

@@ -128,12 +128,16 @@ def _report(
     designs, over = designs_of(results, sought.goals)
     chosen = over.senses
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
-    left_out = LeftOut(results)
-    unranked = frozenset(metric for metric in enough if left_out.selects(metric))
-    effects = {metric: _effects_of(results, metric, metric not in unranked) for metric in enough}
-    chances = {metric: scatter_share(results, metric) for metric in enough}
-    pairs = {metric: interactions(results, metric) for metric in enough}
-    summary = _summary(results, left_out, (effects, pairs, chances, unranked), notes or {})
+    sample = results.sample()
+    analyzed = tuple(m for m in enough if sample.rows_for(m).sum() >= 3)
+    left_out = LeftOut(sample)
+    unranked = frozenset(metric for metric in analyzed if left_out.selects(metric))
+    effects = {metric: _effects_of(sample, metric, metric not in unranked) for metric in analyzed}
+    chances = {metric: scatter_share(sample, metric) for metric in analyzed}
+    pairs = {metric: interactions(sample, metric) for metric in analyzed}
+    of_design = _sample_words(results, sample)
+    notes = dict(notes or {}) | ({"effects": of_design} if of_design else {})
+    summary = _summary(results, left_out, (effects, pairs, chances, unranked), notes)
     ends = ends_section(results, left_out)
     if not enough:
         few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
@@ -152,12 +156,13 @@ def _report(
         html.section(
             "distributions",
             "How the metrics are distributed",
+            html.text(of_design, muted=True) if of_design else "",
             _of_the_rest(left_out, unranked),
-            panels.chart(panels.distributions(results, enough), "histograms of the metrics"),
-            _spread(results, enough),
+            panels.chart(panels.distributions(sample, analyzed), "histograms of the metrics"),
+            _spread(sample, analyzed),
         ),
-        _effects(results, left_out, (effects, pairs, chances, unranked)),
-        _correlation(results, shown, _of_the_rest(left_out, unranked)),
+        _effects(sample, left_out, (effects, pairs, chances, unranked)),
+        _correlation(sample, shown, _of_the_rest(left_out, unranked)),
         _surfaces(results, surrogates, _of_the_rest(left_out, unranked)),
         _sobol(results, surrogates, wanted.folder),
         _extremes(results, enough, _of_the_rest(left_out, unranked)),
@@ -167,6 +172,17 @@ def _report(
     explored = designs.metrics if results.noise else shown
     data = rows_data(designs, explored, telling, chosen, judged, recommended)
     return panels.report_page(title, [section for section in sections if section], data), designs, recommended
+
+
+def _sample_words(results: Results, sample: Results) -> str:
+    """Which rows of a search distributions and effects are of; "" where that is all."""
+    rows, some = len(results.status), len(sample.status)
+    if some == rows:
+        return ""
+    return (
+        f"Distributions, effects and correlations are of the {some} variants of the search's design. The other "
+        f"{rows - some} crowd where it looked, and are no sample of the factors."
+    )
 
 
 EXPLORE = (

@@ -28,7 +28,7 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.results.replicate_metrics import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.design import make_design
-from warpchain.study.results import ARCHIVED
+from warpchain.study.results import ARCHIVED, search_target_of
 from warpchain.study.run.checkpoints import states_of, write_joined
 from warpchain.study.run.folder import Folder, Outcome, open_folder, plan_file, study_status, write_plan
 from warpchain.study.run.runner import finish, runs_of
@@ -233,6 +233,11 @@ def join_studies(
     opened = [open_folder(Path(folder)) for folder in folders]
     if target.exists():
         raise StudyError(f"{target}: is there already; give a new folder")
+    for folder in opened:
+        if aim := search_target_of(folder.design()):
+            raise StudyError(
+                f"{folder.path}: its rows look for {aim} and are no sample of the noise; they cannot be merged"
+            )
     study = joined_study(opened, ROWS)
     pool = _pooled(opened, study)
     chosen = {pool.numbers[f][v] for f, folder in enumerate(opened) for v in folder.study.record.variants}
