@@ -303,7 +303,7 @@ class Study(Part):
     @classmethod
     def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
         values, problems = super()._measured(values)
-        units = {get(factor, "name"): values_unit(factor) for factor in elements(values, "factors")}
+        units = {str(get(factor, "name")): values_unit(factor) for factor in elements(values, "factors")}
         constraints = list(elements(values, "constraints"))
         for i, constraint in enumerate(constraints):
             require = get(constraint, "require")
