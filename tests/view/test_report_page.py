@@ -160,6 +160,10 @@ def test_friction_over_the_speeds_of_variants(run):
     np.testing.assert_allclose(groups["joints"], each, rtol=1e-12)
     assert "All variants of the run" in report_html(swept)
     assert power_over_speed(run) is None
+    elsewhere = {"prescribed": base.sprockets[0].prescribed, "load": None}
+    led = {f"sprockets.driven.{key}": value for key, value in elsewhere.items()}
+    other = base.with_values(led | {"sprockets.driver.prescribed": None, "sprockets.driver.inertia": 2.0})
+    assert power_over_speed(replace(swept, drives=[*swept.drives[:2], other])) is None
 
 
 def test_a_run_up_is_cut_by_orders():

@@ -21,6 +21,10 @@ Places = NDArray[np.int64]
 
 PULLS = "stiffness", "roller_mass", "mass_per_length"
 """Values of a chain that pull an arm, or make its stops as stiff as they are; outer links' stiffness does, too."""
+BESIDE = frozenset(("inertia", "load", "bearing"))
+"""Values of a sprocket that its layout does not hang on."""
+WEIGHTS = frozenset(("mass", "balance_wheel"))
+"""Those that only weigh on an arm."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,7 @@ def _layout(drive: Drive) -> Hashable:
     own = _layout_key(drive)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
     tied = tuple(ties(drive)) if has_trains(drive) else ()
-    return (*values, tied, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
+    return (*values, tied, drive.driver, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
 
 
 def _layout_key(drive: Drive) -> dict[str, Any]:
@@ -149,10 +153,12 @@ def _layout_key(drive: Drive) -> dict[str, Any]:
     outer = drive.chain.outer
     if outer is not None:
         outer = outer.model_copy(update={"damping": None} if drive.arms else {"damping": None, "stiffness": None})
-    places = "name", "center", "teeth", "pitch", "wrap", "prescribed", "mount"
+    beside = BESIDE if drive.arms else BESIDE | WEIGHTS
     return {
         "chain": some(drive.chain, *lengths) | {"outer": outer},
-        "sprockets": [some(sprocket, *places) for sprocket in drive.sprockets],
+        "sprockets": [
+            some(of, *(name for name in type(of).model_fields if name not in beside)) for of in drive.sprockets
+        ],
         "shafts": [some(shaft, "name", "prescribed", "initial_speed") for shaft in drive.shafts],
         "run": some(drive.run, "gravity", "phase"),
     }

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.batch_math import many
-from warpchain.drive.chain import Chain, WornLink
+from warpchain.drive.chain import Chain, NamedChain, WornLink
 from warpchain.drive.drive import Drive
 from warpchain.drive.motion_table import TABLES
 from warpchain.drive.schema import Part
@@ -35,7 +35,8 @@ Value = TypeVar("Value")
 _TABLES = (*TABLES, LiftTable)
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
-_OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
+_OF_FACES: set[tuple[type, str]] = {(Drive, "guides"), (Arm, "pivot")}
+_OF_FACES |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pitch", "roller_radius")}
 """The numbers that guides' faces hang on."""
 
 _OF_LIFTS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}

@@ -158,11 +158,14 @@ def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
     """Mean friction power of a run's variants that are ok by group (V,) [W], over the driver's mean speed (V,) [rad/s].
 
     Of the sums at every step (`joints.friction`, `PART.friction`), ascending in speed; None with fewer than three
-    speeds or where nothing rubs. Variants must have the parts of the first.
+    speeds, where nothing rubs, and of variants that unlike sprockets drive or that have several chains. Variants must
+    have the parts of the first.
     """
     drive, table = run.drives[0], run.metrics
-    name = f"{drive.sprockets[drive.driver].name}.speed_mean"
-    if not {name, "window_start", "window_end"} <= set(table.column_names):
+    names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}
+    name = next(iter(names))
+    several = len(names) > 1 or any(of.chains for of in run.drives)
+    if several or not {name, "window_start", "window_end"} <= set(table.column_names):
         return None
     of = {part: f"{part}.friction" for part in ("joints", *partner_names(drive))}
     columns = {part: np.array(table[held].to_pylist(), dtype=float) for part, held in of.items()

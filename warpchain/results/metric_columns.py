@@ -595,14 +595,15 @@ SOME = tuple(group for groups in METRICS for group in groups if group.where is n
 
 
 def _kind(drive: Drive) -> Hashable:
-    """A key of the columns that a drive has, and of the terms of its energy balance."""
+    """A key of the columns that a drive has, of the terms of its energy balance, and of the sprocket that drives."""
     if drive.chains:
         return tuple((ring.name, _kind(ring.drive)) for ring in rings_of(drive))
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
     sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
     trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
-    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains, None, *has)
+    names = (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains)
+    return (drive.driver, *names, None, *has)
 
 
 def same_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:

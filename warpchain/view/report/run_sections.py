@@ -249,7 +249,7 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
 
 def over_variants(run: Run) -> str:
     """Friction power over the speeds of a run's variants; nothing where they have fewer than three."""
-    known = power_over_speed(run) if len(run.drives) > 2 and not run.drives[0].chains else None
+    known = power_over_speed(run) if len(run.drives) > 2 else None
     return "" if known is None else pictured(load.variants_figure(run.drives[0], *known), "friction power over speed")
 
 
