@@ -648,6 +648,7 @@ class TensionerSums:
     extension_max: wp.float64
     extension: wp.float64  # [m s]
     dissipated: wp.float64  # in its damper and stop [J]
+    suction_work: wp.float64  # done on a plunger that its oil would hold back [J]
     flows: TensionerFlows
 
 

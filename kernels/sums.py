@@ -280,8 +280,8 @@ def flowed_since(now: Any, start: Any):
 
 
 @wp.func
-def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
-    """One tensioner's force, pressure and extension, and the power that its damper and stop take."""
+def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
+    """One tensioner's force, pressure and extension, and the powers that its damper and stop take and of suction."""
     x = rounded(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
@@ -293,6 +293,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
     sums.extension_max = wp.max(sums.extension_max, x)
     sums.extension = added(sums.extension, weight * x)
     sums.dissipated = added(sums.dissipated, weight * power)
+    sums.suction_work = added(sums.suction_work, weight * suction)
     return sums
 
 

@@ -258,8 +258,8 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         push = state.pushes[t]
         body = body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
         x, rate = stroke_of(pose_of(body), tensioner)
-        power = lost_power(push, rate, state.tensioners[t], tensioner)
-        added = add_tensioner(sums.tensioner[t], push, power, now.weight)
+        power, suction = lost_power(push, rate, state.tensioners[t], tensioner)
+        added = add_tensioner(sums.tensioner[t], push, power, suction, now.weight)
         starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 

@@ -49,6 +49,7 @@ class RideSums:
     work: wp.float64  # on the plunger [J]
     flows: TensionerFlows
     damper_loss: wp.float64  # [J]
+    suction_work: wp.float64  # on a plunger that its oil would hold back [J]
     gained: wp.float64  # energy stored at its end less that at its beginning [J]
     vapor: wp.float64  # share of it at the vapor pressure
 
@@ -99,7 +100,7 @@ def lead(
             total.pressure_max = pressure
             total.gained = -tensioner_energy(x, pressure, state, tensioner)
         if i < steps:
-            lost = half * damper_power(x, rate, state, tensioner)
+            lost, suction = damper_power(x, rate, state, tensioner)
             before = x
             pushed = force
             opened = lift
@@ -120,7 +121,9 @@ def lead(
                     total.openings += 1
                 total.flows = add_flows(total.flows, flows)
                 total.work -= half * (pushed + force) * (x - before)
-                total.damper_loss += ride.step * (lost + half * damper_power(x, rate, state, tensioner))
+                after, drawn = damper_power(x, rate, state, tensioner)
+                total.damper_loss += half * ride.step * (lost + after)
+                total.suction_work += half * ride.step * (suction + drawn)
                 if tensioner.hydraulic == 1 and pressure <= pressure_at(tensioner.floor, tensioner) * wp.float64(
                     1.000001
                 ):

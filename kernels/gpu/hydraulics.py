@@ -161,8 +161,9 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number:
                 push = state.pushes[t]
                 rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
-                power = lost_power(push, rate, state.tensioners[t], tensioner)
-                out.sums.tensioner[t] = add_tensioner(out.sums.tensioner[t], push, power, now.weight)
+                power, suction = lost_power(push, rate, state.tensioners[t], tensioner)
+                sums = out.sums.tensioner[t]
+                out.sums.tensioner[t] = add_tensioner(sums, push, power, suction, now.weight)
                 if now.flags & ENDS != 0:
                     start, end = now.flags & START != 0, now.flags & END != 0
                     out.sums.tensioner[t] = add_meter(out.sums.tensioner[t], state.meters[t], start, end)

@@ -58,6 +58,17 @@ plunger where it is pushed back below
     x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
 
 x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
+
+**Dampers and suction.** With E = (P - P_0) A + f_0 - k x, dampers of spring and stop take
+
+    (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
+
+Where E < 0, oil and spring would draw the plunger back, and the body does not take it along. It follows all the same;
+what that takes, and gives back on the way in,
+
+    -E x'   while E < 0 and E - c x' <= 0,                                                      (14)
+
+is done by nothing in the drive, and is no loss of a damper. A plunger that stayed behind would have no such work.
 """
 
 import math
@@ -467,13 +478,22 @@ def push_by(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 @wp.func
 def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
+    """Power [W] that the dampers of spring and stop take, eq. (13), and that of suction, eq. (14).
 
-    `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog.
+    `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog: what dampers take at
+    one speed is never below 0.
     """
-    depth = wp.max(stop_place(state, tensioner) - rounded(push.extension), type(rate)(0.0))
-    elastic = elastic_push(push.extension, push.pressure, tensioner) + tensioner.stop_stiffness * depth
-    return (elastic - push.force) * rate
+    zero = type(rate)(0.0)
+    elastic = elastic_push(push.extension, push.pressure, tensioner)
+    pushed = wp.max(elastic - tensioner.damping * rate, zero)
+    lost = (elastic - pushed) * rate
+    suction = zero
+    if elastic < zero and pushed == zero:
+        suction = -lost
+        lost = zero
+    depth = wp.max(stop_place(state, tensioner) - rounded(push.extension), zero)
+    stop = stop_force(push.extension, rate, state, tensioner)
+    return lost + (tensioner.stop_stiffness * depth - stop) * rate, suction
 
 
 @wp.func
@@ -533,13 +553,12 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Power [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
+    """Powers [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
     push = Push()
     push.extension = x
-    force, pressure = tensioner_force(x, rate, True, state, tensioner)
-    push.force = force
-    push.pressure = pressure
-    return lost_power(push, rate, state, tensioner)
+    push.pressure = pressure_of(x, True, state, tensioner)
+    lost, suction = lost_power(push, rate, state, tensioner)
+    return lost, suction
 
 
 @wp.func

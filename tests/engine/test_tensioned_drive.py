@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from blocks import drawn
 from drives import timing, two_sprockets
 from tensioner_rig import engine
 
@@ -29,6 +30,18 @@ def test_a_spring_tensioner_is_the_slider_s_own_spring():
     # the same force on the slider, summed in another order
     assert other.sprocket_center == pytest.approx(own.sprocket_center, abs=1e-9 * moved)
     assert other.position == pytest.approx(own.position, abs=1e-9 * moved)
+
+
+def test_dampers_of_a_tensioner_never_give():
+    """Of a plunger that its oil would hold back, with a damper and without; what that takes has a place of its own."""
+    run = simulate(drawn(), duration=0.004, window=(0.0, 0.004), record=Record(variants="none"), device="cpu")
+    plain, damped = run.metrics.to_pylist()
+    assert plain["tensioner.damping_loss"] == 0.0 < damped["tensioner.damping_loss"]
+    for row in (plain, damped):
+        assert row["tensioner.force_min"] == 0.0 and row["tensioner.pressure_min"] < 1e5
+        assert abs(row["tensioner.suction_work"]) > 1e-5
+        # a hundredth of that: leapfrog's kinks where plungers come to bear
+        assert abs(row["energy_residual_relative"]) < 1e-4
 
 
 def test_a_supply_that_stays_is_that_of_a_number():

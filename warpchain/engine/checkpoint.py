@@ -36,7 +36,7 @@ from warpchain.version import installed
 
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
-FORMAT = 7
+FORMAT = 8
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 

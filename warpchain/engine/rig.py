@@ -42,7 +42,8 @@ RIDE_UNITS = {
     "frequency": "Hz", "amplitude": "m", "extension": "m", "viscosity": "m^2/s",
     "force_min": "N", "force_max": "N", "pressure_min": "Pa", "pressure_max": "Pa", "lift_max": "m", "openings": "1",
     "leaked": "m^3", "supplied": "m^3", "relieved": "m^3", "vented": "m^3", "work": "J", "supply_work": "J",
-    "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "gained": "J", "vapor": "1",
+    "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "suction_work": "J", "gained": "J",
+    "vapor": "1",
 }  # fmt: skip
 """Columns of a ride's own numbers; those from `force_min` on are of the last cycle."""
 

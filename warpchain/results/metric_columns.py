@@ -274,6 +274,12 @@ OIL = Group(
         Column("supplied", "m^3", "oil that came in through the check valve", flowed("supplied")),
         Column("oil_loss", "J", "energy that gap and valves take", flowed("leak_loss", "valve_loss")),
         Column("supply_work", "J", "work of the oil supply", flowed("supply_work")),
+        Column(
+            "suction_work",
+            "J",
+            "work on its plunger where oil and spring would draw it back; one that stayed behind would have none",
+            total("suction_work"),
+        ),
     ),
     source="tensioner",
     where=lambda drive, index: drive.tensioners[index].hydraulic,

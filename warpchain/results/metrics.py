@@ -208,6 +208,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
         dissipated = dissipated + sums["arm"]["dissipated"].sum(axis=1) + sums["tensioner"]["dissipated"].sum(axis=1)
         dissipated = dissipated + flows["leak_loss"].sum(axis=1) + flows["valve_loss"].sum(axis=1)
         supplied = supplied + flows["supply_work"].sum(axis=1) + sums["arm"]["work"].sum(axis=1)
+        supplied = supplied + sums["tensioner"]["suction_work"].sum(axis=1)
     return Balance(
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1) + supplied,
         output=-loaded,
