@@ -27,6 +27,7 @@ from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions, mcap_write
 from warpchain.archive import file_parts as parts
 from warpchain.archive.arrow import MAGIC, plain_table
+from warpchain.archive.export import FORMATS
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.drive import dumps_drive
@@ -121,6 +122,27 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, v
         line = refused(capsys, *writing(verb, archive, target), limit=60.0)
     assert "cannot be written (File too large)" in line
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
+
+
+@pytest.mark.parametrize("ending", sorted(FORMATS))
+def test_a_full_disk_is_one_line_in_every_format(capsys, archive, tmp_path, ending):
+    """A library that writes by itself must not end the process, nor show its own words."""
+    with small_disk(2_000):
+        line = refused(capsys, "export", archive, "-o", tmp_path / f"new{ending}", limit=60.0)
+    assert f"new{ending}: cannot be written (File too large)" in line
+    assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
+
+
+@pytest.mark.parametrize(
+    "display", [None, pytest.param(":77", marks=pytest.mark.viewer)], ids=["none", "one that does not answer"]
+)
+def test_a_viewer_without_a_display_says_what_to_do(capsys, archive, monkeypatch, display):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    if display is not None:
+        monkeypatch.setenv("DISPLAY", display)
+    line = refused(capsys, "view", archive)
+    assert "--web for a browser, --save OUT.rrd for a file" in line
 
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "run"])

@@ -1,9 +1,12 @@
 """Kernels compiled in processes of their own, for a GPU that is not here."""
 
 import math
+import os
+import subprocess
 import sys
 import threading
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -173,3 +176,17 @@ def test_a_run_and_a_study_say_that_they_compile(capsys, monkeypatch, tmp_path):
     assert command(capsys, "run", "industrial", "--duration", "1e-3", "-o", tmp_path / "a.mcap")[2][0].startswith(TELLS)
     run_study(write_study(tmp_path), tmp_path / "out", progress=True)
     assert capsys.readouterr().err.startswith(TELLS)
+
+
+def test_a_cache_that_cannot_be_written_gives_way_to_a_temporary_one(tmp_path):
+    """Where no folder can be made, as in a home that is read-only: said once, with the variable, and removed after."""
+    (tmp_path / "file").touch()
+    code = "import warpchain.engine as e, warp; e.start_warp(); e.start_warp(); print(warp.config.kernel_cache_dir)"
+    variables = {name: value for name, value in os.environ.items() if name != "WARP_CACHE_PATH"}
+    variables |= {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True, check=True)
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
+    assert done.stderr == (
+        "warpchain: the folder of compiled kernels cannot be written; set WARP_CACHE_PATH to one that keeps them\n"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -149,7 +149,8 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
     except ImportError:
         raise without_package("HDF5", "h5py", "hdf5") from None
 
-    with h5py.File(file, "w") as root:
+    # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
+    with h5py.File("trajectory", "w", driver="core", backing_store=False) as root:
         root.attrs["warpchain"] = installed()
         for kind, parts in _bodies(trajectory.drive).items():
             root.attrs[f"{kind}s"] = [part.name for part in parts]
@@ -163,6 +164,8 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
             held.dims[0].attach_scale(time)
             for k, label in enumerate(CHANNEL[name].dimensions):
                 held.dims[k].label = label
+        root.flush()
+        file.write(root.id.get_file_image())
 
 
 def _matlab(file: IO[bytes], trajectory: Trajectory) -> None:

@@ -93,9 +93,21 @@ def measured_data(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _hand_over(file: IO[bytes], ending: str, write: Any) -> None:
-    """Lets a library write a file by its path, and copies what it holds."""
+    """Lets a library write a file by its path, and copies what it holds.
+
+    Raises:
+        OSError: the system refused, though the library raises an error of its own in its place.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"loads{ending}"
-        write(path)
+        try:
+            write(path)
+        except Exception as error:
+            cause: BaseException | None = error
+            while cause is not None and not isinstance(cause, OSError):
+                cause = cause.__context__
+            if cause is None:
+                raise
+            raise cause from None
         with path.open("rb") as written:
             shutil.copyfileobj(written, file)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
+import shutil
 import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from warpchain.errors import WarpchainError
@@ -24,6 +29,34 @@ def _started() -> bool:
     return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
 
 
+CACHE_VARIABLE = "WARP_CACHE_PATH"
+"""Environment variable of the folder in which Warp keeps compiled kernels."""
+
+
+def _init_warp() -> None:
+    """Starts Warp; where its cache cannot be written, with a temporary one that ends with this process.
+
+    What the cache holds already is used from there, and processes started from here share the temporary one.
+    """
+    import warp as wp
+
+    with contextlib.suppress(OSError):
+        wp.init()
+    kept = Path(str(wp.config.kernel_cache_dir))
+    if os.access(kept, os.W_OK):
+        return
+    temporary = tempfile.mkdtemp(prefix="warpchain-kernels-")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    os.environ[CACHE_VARIABLE] = wp.config.kernel_cache_dir = temporary
+    folder = Path(temporary, wp.config.version)
+    folder.mkdir()
+    with contextlib.suppress(OSError):  # there is no cache at all
+        for module in kept.iterdir():
+            (folder / module.name).symlink_to(module)
+    wp.init()
+    wp.config.kernel_cache_dir = str(folder)  # where it had started already, too
+
+
 def start_warp(precompiled: bool = True) -> None:
     """Starts Warp, once. Its messages on devices, caches and modules are left out: bars and summaries speak.
 
@@ -40,14 +73,22 @@ def start_warp(precompiled: bool = True) -> None:
         wp.config.log_level = wp.LOG_ERROR
     if not precompiled:
         wp.config.use_precompiled_headers = False
-    if wp.config.log_level < wp.LOG_ERROR:
-        wp.init()
-        return
+    before = os.environ.get(CACHE_VARIABLE)
+    with _silence() if wp.config.log_level >= wp.LOG_ERROR else contextlib.nullcontext():
+        _init_warp()
+    if os.environ.get(CACHE_VARIABLE) != before:
+        line = f"the folder of compiled kernels cannot be written; set {CACHE_VARIABLE} to one that keeps them"
+        print(f"warpchain: {line}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Leaves out what this process says on its standard error, compiled code too."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        wp.init()
+        yield
     finally:
         os.dup2(kept, 2)
         os.close(kept)

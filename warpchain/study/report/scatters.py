@@ -60,11 +60,8 @@ def view_study(
     if save is None:
         from warpchain.view.rerun.viewer import Viewer
 
-        with Viewer() as viewer:
-            viewer.connect(stream)
+        with Viewer() as viewer, viewer.connection(stream):
             stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
-            stream.flush()
-            stream.disconnect()
         return
     target = Path(save)
     with saved(stream, target, StudyError):

@@ -232,10 +232,8 @@ def view(
 
         with Viewer(bind, "web" if web else "native") as viewer:
             stream = _stream()
-            viewer.connect(stream)
-            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
-            stream.flush()
-            stream.disconnect()
+            with viewer.connection(stream):
+                stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
 
 
 def log_recording(

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 from urllib.parse import quote
@@ -34,6 +35,9 @@ DATA_PORT, PAGE_PORT = 9876, 9090
 """Ports that are tried first: of the data, of the web page."""
 PATIENCE = 30.0
 """Seconds that the viewer may take to listen."""
+ALIVE = 0.5
+"""Seconds after which a viewer that still takes data is asked whether it runs."""
+NO_VIEWER = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
 def executable() -> str:
@@ -65,6 +69,11 @@ def free_port(address: str, wanted: int) -> int:
     raise SimulationError(f"--bind {address}: this machine cannot listen there ({reason.strerror or reason})")
 
 
+def has_display() -> bool:
+    """Whether windows can open here, as far as a Linux process's environment tells."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
 class Viewer:
     """A viewer in a session of its own. At the end of a `with` block a native one stays open, the web viewer is served
     until interrupted, and a headless one ends; those two end with this process, however that ends.
@@ -78,10 +87,12 @@ class Viewer:
         page: URL of the web viewer with the recording.
 
     Raises:
-        SimulationError: no viewer, an address that cannot be listened at, or a viewer that ends at once.
+        SimulationError: no display, no viewer, an address that cannot be listened at, or a viewer that ends at once.
     """
 
     def __init__(self, address: str = "127.0.0.1", kind: Literal["native", "web", "headless"] = "native") -> None:
+        if kind == "native" and not has_display():
+            raise SimulationError(f"the Rerun viewer does not open (no display here); {NO_VIEWER}")
         self.kind = kind
         port, page_port = free_port(address, DATA_PORT), free_port(address, PAGE_PORT)
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
@@ -116,14 +127,34 @@ class Viewer:
             except OSError:
                 time.sleep(0.05)
         self.close()
+        raise self._failure("the Rerun viewer does not open")
+
+    def _failure(self, what: str) -> SimulationError:
+        """The error of a viewer that has ended, with the reason it gave: its line of an error, or its last one."""
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
-        reason = f" ({lines[0]})" if lines else ""
-        raise SimulationError(f"the Rerun viewer does not open{reason}; use --save OUT.rrd")
+        errors = [line for line in lines if "error" in line.lower()] or lines
+        reason = f" ({errors[-1]})" if errors else ""
+        return SimulationError(f"{what}{reason}; {NO_VIEWER}")
 
-    def connect(self, stream: rr.RecordingStream) -> None:
-        """Sends a recording to the viewer."""
+    @contextlib.contextmanager
+    def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
+        """Sends what is logged to a stream in a `with` block, and waits until the viewer has it.
+
+        Raises:
+            SimulationError: the viewer ended before.
+        """
         stream.connect_grpc(self.data)
+        yield
+        while True:
+            if self._process.poll() is not None:
+                raise self._failure("the Rerun viewer ended before it had the recording")
+            try:
+                stream.flush(timeout_sec=ALIVE)
+                break
+            except RuntimeError:  # not yet taken, or the connection is lost: then the process has ended or will
+                time.sleep(0.05)
+        stream.disconnect()
 
     def wait(self) -> None:
         """Waits until the viewer ends or the user interrupts."""
