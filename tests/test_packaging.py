@@ -19,7 +19,7 @@ import warpchain
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 # what a build reads; the link to the kernels is copied as a link
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "warpchain", "kernels")
+SOURCES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "warpchain", "kernels", "tests")
 
 
 def names(requirements):
@@ -83,6 +83,12 @@ def test_wheels_hold_the_sources_and_nothing_else(wheels):
     assert any(name.startswith("warpchain/study/examples/") for name in sources)
     for wheel in wheels:
         assert installed_files(wheel) == sources
+
+
+def test_the_source_archive_has_no_tests(wheels, tree):
+    """setuptools would take those named `test_*`, without the modules that they import."""
+    (unpacked,) = (tree.parent / "unpacked").iterdir()
+    assert (unpacked / "warpchain").is_dir() and not (unpacked / "tests").exists()
 
 
 @pytest.mark.long
