@@ -1,6 +1,7 @@
 """Where it runs: checkouts without symbolic links and Windows are refused in one line, odd paths are taken."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -57,5 +58,7 @@ def test_blanks_and_other_letters_in_paths(capsys, tmp_path):
     drive.write_text(drive_path("motorcycle").read_text())
     assert command(capsys, "draw", drive, "-o", folder / "Bild.svg")[0] == 0
     short = ["--duration", "0.002", "--set", "run.settle=false", "--limit", "energy_change=inf", "--quiet"]
-    assert command(capsys, "run", drive, "-o", archive, *short)[0] == 0
+    status, out, _ = command(capsys, "run", drive, "-o", archive, *short)
+    assert status == 0
+    assert shlex.split(out[-1].split("look at it with: ")[1]) == ["warpchain", "view", str(archive)]
     assert len(read_archive(archive)[0].time) > 1

@@ -87,7 +87,8 @@ def writing(verb, archive, target):
 @pytest.mark.parametrize("kind", ["pipe", "nowhere", "folder", "/dev/null", "absent/a"])
 @pytest.mark.parametrize("verb", ["run", "export", "view", "recover"])
 def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_path, kind, verb):
-    target = tmp_path / (f"{kind}.npz" if verb == "export" and not kind.startswith("/") else kind)
+    ending = {"export": ".npz", "view": ""}.get(verb, ".mcap")
+    target = tmp_path / (kind if kind.startswith("/") else f"{kind}{ending}")
     if kind == "pipe":
         os.mkfifo(target)
     elif kind == "nowhere":
@@ -101,6 +102,12 @@ def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_pat
         assert (after.st_mode, after.st_ino) == (before.st_mode, before.st_ino)
 
 
+@pytest.mark.parametrize("verb", ["run", "recover"])
+def test_an_archive_is_written_to_an_archive_s_name_alone(capsys, archive, tmp_path, verb):
+    line = refusal(capsys, *writing(verb, archive, tmp_path / "a.txt"))
+    assert f"'{tmp_path}/a.txt': must end in .mcap" in line
+
+
 @pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "large"])
 @pytest.mark.parametrize("verb", ["check", "study plan", "view", "recover", "import"])
 def test_an_input_that_has_no_end_is_refused_at_once(capsys, archive, tmp_path, kind, verb):
@@ -110,14 +117,18 @@ def test_an_input_that_has_no_end_is_refused_at_once(capsys, archive, tmp_path, 
     elif kind == "large":
         source.touch()
         os.truncate(source, 2**40)
-    more = {"view": ["--save", "x.rrd"], "recover": ["-o", "x"], "import": [archive, "--as", "driver->driven.tension"]}
+    more = {
+        "view": ["--save", "x.rrd"],
+        "recover": ["-o", "x.mcap"],
+        "import": [archive, "--as", "driver->driven.tension"],
+    }
     line = refused(capsys, *verb.split(), source, *more.get(verb, []))
     assert re.search("cannot be read|is not an MCAP file", line)
 
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, verb):
-    target = tmp_path / ("new.npz" if verb == "export" else "new")
+    target = tmp_path / {"export": "new.npz", "recover": "new.mcap", "run": "new.mcap"}.get(verb, "new")
     with small_disk(20_000):
         line = refused(capsys, *writing(verb, archive, target), limit=60.0)
     assert "cannot be written (File too large)" in line
@@ -159,7 +170,7 @@ def test_a_read_only_file_system_is_one_line(capsys, archive, tmp_path, monkeypa
 
     monkeypatch.setattr(os, "open", read_only)
     monkeypatch.setattr(os, "unlink", refuse)
-    target = tmp_path / ("new.npz" if verb == "export" else "new")
+    target = tmp_path / {"export": "new.npz", "recover": "new.mcap", "run": "new.mcap"}.get(verb, "new")
     assert "(Read-only file system)" in refused(capsys, *writing(verb, archive, target))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -240,7 +241,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     if run.info.choice:
         print(f"device: {run.info.device}, {run.info.choice}")
-    print(f"archive: {arguments.output}; look at it with: warpchain view {arguments.output}")
+    print(f"archive: {arguments.output}; look at it with: warpchain view {shlex.quote(str(arguments.output))}")
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
     return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE

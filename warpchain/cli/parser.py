@@ -25,6 +25,7 @@ from warpchain.cli.shared_options import (
     add_command,
     add_options,
     angular_speed,
+    archive_path,
     gibibytes,
     mebibytes,
     number,
@@ -203,9 +204,7 @@ def _tensioner(commands: Any) -> None:
         help="with --sweep: from, to [Hz], [degrees C] (default 1 500, 20 140)",
     )
     parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="of a sweep (default 25)")
-    parser.add_argument(
-        "--at", type=number, default=40.0, metavar="C", help="temperature of the drive's own viscosity (default 40)"
-    )
+    parser.add_argument("--at", type=number, metavar="C", help="temperature of the drive's own viscosity (default 40)")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .png, .svg, or .csv, .parquet"
     )
@@ -240,7 +239,9 @@ def _run(commands: Any) -> None:
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
     )
     add_options(parser, "drive")
-    parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.mcap", type=archive_path, required=True, help="the archive to write"
+    )
     add_options(parser, "--set")
     parser.add_argument(
         "--device",
@@ -403,7 +404,9 @@ def _recover(commands: Any) -> None:
     parser.add_argument(
         "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
     )
-    parser.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
+    parser.add_argument(
+        "-o", "--output", metavar="FIXED.mcap", type=archive_path, required=True, help="archive to write"
+    )
     add_options(parser, "--overwrite")
 
 

@@ -64,9 +64,18 @@ def number_or_auto(word: str) -> float | str:
 
 def page_path(word: str) -> Path:
     """The file of a page."""
+    return _path_ending(word, ".html", ".htm")
+
+
+def archive_path(word: str) -> Path:
+    """The file of an archive."""
+    return _path_ending(word, ".mcap")
+
+
+def _path_ending(word: str, *endings: str) -> Path:
     path = Path(word)
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise argparse.ArgumentTypeError(f"{word!r}: must end in .html, .htm")
+    if path.suffix.lower() not in endings:
+        raise argparse.ArgumentTypeError(f"{word!r}: must end in {', '.join(endings)}")
     return path
 
 

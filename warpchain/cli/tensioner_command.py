@@ -32,6 +32,8 @@ def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURES + TABLES)}")
     if arguments.sweep is None and arguments.range is not None:
         raise WarpchainError("--range: only with --sweep")
+    if arguments.sweep != "temperature" and arguments.at is not None:
+        raise WarpchainError("--at: only with --sweep temperature")
     arguments.frequency, arguments.viscosity = (
         list(dict.fromkeys(values)) for values in (arguments.frequency, arguments.viscosity)
     )
@@ -121,7 +123,7 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
     if not bottom < low < high < top:
         allowed = "two frequencies above 0" if math.isinf(top) else f"two temperatures from {bottom:g} to {top:g} C"
         raise WarpchainError(f"--range {low:g} {high:g}: must be {allowed}, the lower first")
-    if not COLDEST <= arguments.at <= HOTTEST:
+    if arguments.at is not None and not COLDEST <= arguments.at <= HOTTEST:
         raise WarpchainError(f"--at {arguments.at:g}: must be a temperature from {COLDEST:g} to {HOTTEST:g} C")
     if not 2 <= arguments.points <= MOST_POINTS:
         raise WarpchainError(f"--points {arguments.points}: must be 2 to {MOST_POINTS}")
@@ -130,7 +132,7 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """The drive's oil at each temperature [m^2/s]."""
-    from warpchain.drive.viscosity import THICKEST, THINNEST, by_slope
+    from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, by_slope
     from warpchain.engine.rig import tensioner_of
 
     oil = tensioner_of(drive.as_read, arguments.name).oil
@@ -140,7 +142,7 @@ def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequ
     if law is None and not THINNEST <= oil.viscosity <= THICKEST:
         key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
         raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
-    law = by_slope(oil.viscosity, arguments.at) if law is None else law
+    law = by_slope(oil.viscosity, SWEPT_FROM if arguments.at is None else arguments.at) if law is None else law
     return [law.viscosity(t) for t in temperatures]
 
 

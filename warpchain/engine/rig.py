@@ -31,8 +31,12 @@ SWEEP_STEPS = 2_500
 """Steps of a cycle that is not sampled."""
 MOST_CYCLES = 10_000
 """Cycles of a ride at most, and of all rides together where they are sampled."""
-FARTHEST, FASTEST = 1.0, 1e5
-"""Amplitude and extension [m], and frequency [Hz], at most."""
+FARTHEST = 1.0
+"""Amplitude and extension at most [m]."""
+SLOWEST, FASTEST = 1e-4, 1e5
+"""Frequencies [Hz]."""
+THINNEST, THICKEST = 1e-8, 20.0
+"""Kinematic viscosities [m^2/s], beyond which no oil lies."""
 
 SAMPLE_UNITS = {
     "time": "s", "extension": "m", "force": "N", "pressure": "Pa", "valve_lift": "m", "leaked": "m^3",
@@ -157,20 +161,18 @@ def tensioner_of(drive: Drive, name: str) -> TensionerPart:
 
 def _check(tensioner: TensionerPart, one: Shake, cycles: int) -> None:
     """Refuses what cannot be run."""
-    for word, value, most, unit in (
-        ("amplitude", one.amplitude, FARTHEST, "m"),
-        ("frequency", one.frequency, FASTEST, "Hz"),
-    ):
-        if not 0.0 < value <= most:
-            raise SimulationError(f"{word} = {value:g}: must be a number above 0, at most {most:g} {unit}")
+    if not 0.0 < one.amplitude <= FARTHEST:
+        raise SimulationError(f"amplitude = {one.amplitude:g}: must be a number above 0, at most {FARTHEST:g} m")
+    if not SLOWEST <= one.frequency <= FASTEST:
+        raise SimulationError(f"frequency = {one.frequency:g}: must be from {SLOWEST:g} to {FASTEST:g} Hz")
     if not 1 <= cycles <= MOST_CYCLES:
         raise SimulationError(f"cycles = {cycles}: must be 1 to {MOST_CYCLES}")
     if not abs(one.extension) <= FARTHEST:
         raise SimulationError(f"extension = {one.extension:g}: must be a number from {-FARTHEST:g} to {FARTHEST:g} m")
     if one.viscosity is not None and not tensioner.hydraulic:
         raise SimulationError(f"viscosity = {one.viscosity:g}: tensioner {tensioner.name!r} has no oil")
-    if one.viscosity is not None and not 0.0 < one.viscosity < math.inf:
-        raise SimulationError(f"viscosity = {one.viscosity:g}: must be a finite number above 0 (m^2/s)")
+    if one.viscosity is not None and not THINNEST <= one.viscosity <= THICKEST:
+        raise SimulationError(f"viscosity = {one.viscosity:g}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
     if tensioner.chamber is not None:
         deepest = tensioner.chamber.volume / tensioner.area
         if one.amplitude - one.extension >= deepest:
