@@ -16,6 +16,7 @@ KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
     ("errors", "arguments", "version", "files", "progress", "show", "gc_tuning"),
+    ("extras",),
     ("drive",),
     ("assembly",),
     ("results",),

@@ -24,11 +24,6 @@ class DriveError(WarpchainError):
         return tuple(str(self).split("\n"))
 
 
-def without_package(what: str, package: str, extra: str) -> WarpchainError:
-    """The error of what needs a package that is not installed, and the extra that brings it."""
-    return WarpchainError(f"{what}: needs {package}; install it with: pip install 'warpchain[{extra}]'")
-
-
 def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
     """One error out of its lines, each behind `source`, without repetitions; of very many the first `MOST_LINES`."""
     prefix = f"{source}: " if source else ""

@@ -201,7 +201,7 @@ def test_what_python_shows_of_runs_is_a_line(run, tmp_path):
 
 def test_without_xarray_one_line_tells_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(WarpchainError, match=r"pip install 'warpchain\[xarray\]'"):
+    with pytest.raises(WarpchainError, match=r"needs xarray; install it with: pip .*\[xarray\]'"):
         run[0].to_xarray()
 
 

@@ -210,7 +210,7 @@ def test_refusals(run, archive, tmp_path, monkeypatch, capsys):
         housing_loads(replace(run[0], arm_angle=None))
     for module, ending, extra in (("pyuff", "unv", "uff"), ("asammdf", "mf4", "mdf")):
         monkeypatch.setitem(sys.modules, module, None)
-        with pytest.raises(WarpchainError, match=rf"needs {module}; install it with: .*'warpchain\[{extra}\]'"):
+        with pytest.raises(WarpchainError, match=rf"needs {module}; install it with: pip .*\[{extra}\]'"):
             export(archive, tmp_path / f"a.{ending}")
         assert not (tmp_path / f"a.{ending}").exists()
     held = SCREWED.replace("free_angle = 5.0", "free_angle = 5.0").replace(

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.archive.housing_export import measured_data, universal
-from warpchain.errors import ArchiveError, without_package
+from warpchain.errors import ArchiveError
+from warpchain.extras import require_extra
 from warpchain.files import refusals, whole_file
 from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
 from warpchain.results.channels import AXES, CHANNEL, UNITS
@@ -82,9 +83,12 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     path = Path(output)
     if path.suffix.lower() not in FORMATS:
         raise ArchiveError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(FORMATS)}")
+    ending = path.suffix.lower()
+    if ending in EXTRAS:
+        require_extra(EXTRAS[ending], ending)
     trajectory = _recorded(archive, variant)
     with refusals(path, ArchiveError), whole_file(path) as file:
-        FORMATS[path.suffix.lower()](file, trajectory)
+        FORMATS[ending](file, trajectory)
     return path
 
 
@@ -144,10 +148,7 @@ def _parquet(file: IO[bytes], trajectory: Trajectory) -> None:
 
 def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
     """A dataset a channel with the attributes `units`, `description` and dimension labels; time as their scale."""
-    try:
-        import h5py
-    except ImportError:
-        raise without_package("HDF5", "h5py", "hdf5") from None
+    import h5py
 
     # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
     with h5py.File("trajectory", "w", driver="core", backing_store=False) as root:
@@ -192,3 +193,5 @@ FORMATS: dict[str, Callable[[IO[bytes], Trajectory], None]] = {
     ".mf4": measured_data,
 }
 """Writers of a trajectory, by the file's ending."""
+EXTRAS = {".h5": "hdf5", ".hdf5": "hdf5", ".unv": "uff", ".uff": "uff", ".mf4": "mdf"}
+"""Extras that writers need, by the file's ending."""

@@ -14,7 +14,6 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.errors import without_package
 from warpchain.results.channels import CHANNEL
 from warpchain.results.housing import components, housing_loads
 from warpchain.version import installed
@@ -27,15 +26,8 @@ FORCE, TIME, RESPONSE, ROTATIONAL = 13, 17, 1, 6
 
 
 def universal(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Universal File: a node for each place, and a function (58, binary, double) for each component, over time.
-
-    Raises:
-        WarpchainError: without the package pyuff.
-    """
-    try:
-        import pyuff
-    except ImportError:
-        raise without_package("UFF58", "pyuff", "uff") from None
+    """Universal File: a node for each place, and a function (58, binary, double) for each component, over time."""
+    import pyuff
 
     time, loads = np.asarray(trajectory.time, dtype=float), housing_loads(trajectory)
     nodes, places = list(range(1, len(loads) + 1)), np.array([load.place for load in loads]).reshape(-1, 2)
@@ -72,15 +64,8 @@ def _signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
 
 
 def measured_data(file: IO[bytes], trajectory: Trajectory) -> None:
-    """MDF4: a channel for each component of the loads, and angle and speed of every sprocket, over one time.
-
-    Raises:
-        WarpchainError: without the package asammdf.
-    """
-    try:
-        import asammdf
-    except ImportError:
-        raise without_package("MDF4", "asammdf", "mdf") from None
+    """MDF4: a channel for each component of the loads, and angle and speed of every sprocket, over one time."""
+    import asammdf
 
     time = np.asarray(trajectory.time, dtype=float)
     signals = [

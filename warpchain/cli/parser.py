@@ -535,10 +535,11 @@ def completions(parser: argparse.ArgumentParser, shell: str) -> str:
     Raises:
         WarpchainError: without the package shtab.
     """
-    try:
-        import shtab
-    except ImportError:
-        raise WarpchainError('--completions: needs the package shtab: pip install "warpchain[completions]"') from None
+    from warpchain.extras import require_extra
+
+    require_extra("completions", "--completions")
+    import shtab
+
     _mark(parser, {"DIR": shtab.DIRECTORY}, shtab.FILE)
     return str(shtab.complete(parser, shell))
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.errors import DriveError, without_package
+from warpchain.errors import DriveError
+from warpchain.extras import require_extra
 from warpchain.files import check_size
 
 Array = NDArray[np.float64]
@@ -87,10 +88,8 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
         DriveError: in one line that names the entity, if it is one.
         WarpchainError: without the package ezdxf.
     """
-    try:
-        import ezdxf
-    except ImportError:
-        raise without_package("DXF", "ezdxf", "dxf") from None
+    require_extra("dxf", "DXF")
+    import ezdxf
 
     try:
         check_size(path)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.errors import StudyError, WarpchainError, without_package
+from warpchain.errors import StudyError, WarpchainError
+from warpchain.extras import require_extra
 from warpchain.files import refusals, whole_file
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 
@@ -55,10 +56,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     Raises:
         WarpchainError: xarray is not installed.
     """
-    try:
-        import xarray as xr
-    except ImportError:
-        raise without_package("to_xarray", "xarray", "xarray") from None
+    require_extra("xarray", "to_xarray")
+    import xarray as xr
 
     variables = {}
     for name, values in channels.items():

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpchain.arguments import PositiveNumber, checked
 from warpchain.errors import SimulationError
+from warpchain.extras import require_extra
 
 Array = NDArray[np.float64]
 
@@ -53,10 +54,9 @@ def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]
     Raises:
         SimulationError: the extra `rainflow` is not installed.
     """
-    try:
-        from rainflow import extract_cycles
-    except ImportError:
-        raise SimulationError("fatigue needs the package rainflow: pip install 'warpchain[rainflow]'") from None
+    require_extra("rainflow", "fatigue", SimulationError)
+    from rainflow import extract_cycles
+
     counter: Callable[[Sequence[float]], Iterable[tuple[Any, ...]]] = extract_cycles
     return counter
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.schema import HUGE
-from warpchain.errors import SimulationError, without_package
+from warpchain.errors import SimulationError
+from warpchain.extras import require_extra
 from warpchain.files import open_regular, read_text
 from warpchain.results.units import DISPLAYED
 
@@ -171,10 +172,9 @@ def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
 
 
 def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
-    try:
-        import asammdf
-    except ImportError:
-        raise without_package("MDF4", "asammdf", "mdf") from None
+    require_extra("mdf", "MDF4")
+    import asammdf
+
     try:
         os.close(open_regular(path))
         with asammdf.MDF(path) as mdf:

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warpchain.errors import StudyError, without_package
+from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.progress import look_for_stop
 from warpchain.study.results import Array
 
@@ -96,10 +97,9 @@ def sample_posterior(
     Raises:
         StudyError: emcee is not installed, or nowhere is the posterior a number.
     """
-    try:
-        import emcee
-    except ImportError:
-        raise StudyError(str(without_package("calibrate", "emcee", "calibrate"))) from None
+    require_extra("calibrate", "calibrate", StudyError)
+    import emcee
+
     density, rng = log_posterior(model, values, errors), np.random.default_rng(seed)
     walkers = max(WALKERS, 4 * dimensions)
     drawn = rng.standard_normal((DRAWS, dimensions))

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.study.analysis.pure_error import standard_errors
 from warpchain.study.analysis.surface import Surface
 from warpchain.study.design.factor_values import log_moments, nodes
@@ -73,13 +74,6 @@ class Indices:
     total_error: Array
     rows: int
     dropped: int = 0
-
-
-def _salib() -> None:
-    try:
-        import SALib  # noqa: F401
-    except ImportError:
-        raise StudyError("Sobol' indices need the package SALib: pip install 'warpchain[salib]'") from None
 
 
 def problem_of(results: Results) -> Problem:
@@ -173,7 +167,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
     """
     import pyarrow as pa
 
-    _salib()
+    require_extra("salib", "Sobol' indices", StudyError)
     from SALib.sample import sobol
 
     _check_problem(problem)
@@ -222,7 +216,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     Raises:
         StudyError: no SALib, another design, or fewer than two whole blocks.
     """
-    _salib()
+    require_extra("salib", "Sobol' indices", StudyError)
     from SALib.analyze import sobol
 
     chosen = dict(problem or problem_of(results))

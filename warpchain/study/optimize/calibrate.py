@@ -29,6 +29,7 @@ from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import dumps_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
+from warpchain.extras import require_extra
 from warpchain.progress import interruptible, look_for_stop
 from warpchain.results.measured import signal_units, source
 from warpchain.results.measured_file import Columns, Measured, read_signal
@@ -329,6 +330,7 @@ def calibrate(
     """
     from scipy.stats import norm, qmc
 
+    require_extra("calibrate", "calibrate", StudyError)
     bench = Bench(source, out, workers=workers, memory=memory, search_target="what was measured")
     if not bench.study.measured:
         raise StudyError(f"{source}: measured: missing; calibrate needs at least one measured value or signal")

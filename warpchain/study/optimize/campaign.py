@@ -22,6 +22,7 @@ from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.progress import interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
@@ -89,6 +90,7 @@ def optimize(
     """
     bench = Bench(source, out, workers=workers, memory=memory)
     search = bench.study.optimize or Search()
+    require_extra("optimize" if search.engine == "population" else "surrogate", "optimize", StudyError)
     optimizer = bench.optimizer
     for other in known:
         bench.learn(other)

@@ -13,6 +13,7 @@ import numpy as np
 
 from warpchain.arguments import Count, checked
 from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.study.analysis.over_noise import designs_of, goals_over
 from warpchain.study.analysis.pareto import Measured, goals_of
 from warpchain.study.design import make_design
@@ -45,13 +46,10 @@ class Population:
     """
 
     def __init__(self, first: Array, objectives: int, limits: int, size: int, seed: int) -> None:
-        try:
-            from pymoo.algorithms.moo.nsga2 import NSGA2
-            from pymoo.core.problem import Problem
-        except ImportError:
-            raise StudyError(
-                "optimize.engine = \"population\" needs pymoo: pip install 'warpchain[optimize]'"
-            ) from None
+        require_extra("optimize", "optimize", StudyError)
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+        from pymoo.core.problem import Problem
+
         problem = Problem(n_var=first.shape[1], n_obj=objectives, n_ieq_constr=limits + 1, xl=0.0, xu=1.0 - 1e-12)
         self._algorithm: Any = NSGA2(pop_size=size, sampling=first)
         self._algorithm.setup(problem, termination=("n_gen", 10**9), seed=seed, verbose=False)

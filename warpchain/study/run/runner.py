@@ -22,6 +22,7 @@ import numpy as np
 from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.files import leftovers, sweep
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import bar as bar_of
@@ -65,10 +66,9 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     Raises:
         StudyError: dask.distributed is not installed, no scheduler answers, or a shard has ended several workers.
     """
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError:
-        raise StudyError("--scheduler needs dask.distributed: pip install 'warpchain[dask]'") from None
+    require_extra("dask", "--scheduler", StudyError)
+    from distributed import Client, KilledWorker
+
     _check_listens(address)
     try:
         client = Client(address, timeout=TIMEOUT)

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from warpchain.errors import StudyError
+from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
@@ -64,11 +65,8 @@ def one_thread() -> Iterator[None]:
     Raises:
         StudyError: scikit-learn is not installed.
     """
-    try:
-        limited = _libraries().limit(limits=1)
-    except ImportError:
-        raise StudyError("a Gaussian process needs scikit-learn: pip install 'warpchain[surrogate]'") from None
-    with limited, warnings.catch_warnings():
+    require_extra("surrogate", "a Gaussian process", StudyError)
+    with _libraries().limit(limits=1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
         yield
 

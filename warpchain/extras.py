@@ -1,0 +1,56 @@
+"""Packages that not every install has: asked for before work begins, in one line that says how to install them."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
+from urllib.parse import unquote, urlparse
+
+from warpchain.errors import WarpchainError
+
+SURROGATE = ("sklearn", "threadpoolctl")
+MODULES = {
+    "xarray": ("xarray",),
+    "dask": ("distributed",),
+    "salib": ("SALib",),
+    "rainflow": ("rainflow",),
+    "hdf5": ("h5py",),
+    "uff": ("pyuff",),
+    "mdf": ("asammdf",),
+    "dxf": ("ezdxf",),
+    "completions": ("shtab",),
+    "surrogate": SURROGATE,
+    "optimize": (*SURROGATE, "pymoo"),
+    "calibrate": (*SURROGATE, "emcee"),
+}
+"""Modules that code imports, by the extra of pyproject.toml that brings them."""
+
+
+def install_command(extra: str) -> str:
+    """The command that adds an extra to this install: from its checkout, if it came from one."""
+    try:
+        origin = json.loads(distribution("warpchain").read_text("direct_url.json") or "{}")
+    except (PackageNotFoundError, ValueError):
+        origin = {}
+    url = urlparse(str(origin.get("url", "")))
+    if url.scheme != "file":
+        return f"pip install 'warpchain[{extra}]'"
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f"pip install {editable}'{unquote(url.path)}[{extra}]'"
+
+
+def require_extra(extra: str, what: str, error: type[WarpchainError] = WarpchainError) -> None:
+    """Checks that an extra's modules are installed, without importing them.
+
+    Args:
+        extra: one of `MODULES`.
+        what: what needs it, for the message.
+        error: the kind of error.
+
+    Raises:
+        WarpchainError: of the kind `error`, with the modules that are missing and the command that installs them.
+    """
+    missing = [module for module in MODULES[extra] if find_spec(module) is None]
+    if missing:
+        raise error(f"{what}: needs {', '.join(missing)}; install it with: {install_command(extra)}")
