@@ -229,3 +229,20 @@ def test_states_come_along_and_a_longer_window_goes_on_from_them(tmp_path):
     assert study_status(c).went_on == (8, 8)
     run_study(longer / "study.toml", tmp_path / "new")
     assert rows_of(c) == rows_of(tmp_path / "new")
+
+
+def test_a_foreign_folder_leads_nowhere_else(capsys, tmp_path):
+    """Neither its links, when it is written to, nor its names of archives, when they are read."""
+    _, folder = studied(tmp_path / "a")
+    mine, results = tmp_path / "mine", folder / "results.parquet"
+    mine.write_text("kept")
+    results.rename(folder / "whole")
+    results.symlink_to(mine)
+    assert "results.parquet: is a symbolic link" in refused(capsys, "study", "merge", folder)
+    assert mine.read_text() == "kept"
+    table = parquet.read_table(folder / "whole")
+    outside = [None if name is None else f"../../{name}" for name in table["archive"].to_pylist()]
+    k = table.column_names.index("archive")
+    results.unlink()
+    parquet.write_table(table.set_column(k, "archive", [outside]).replace_schema_metadata(None), results)
+    assert "is no file in the study's folder" in refused(capsys, "study", "report", folder, "-o", tmp_path / "a.html")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -328,7 +328,20 @@ def read_results(
     results = Results(table, chosen, measured)
     for word in sorted(set(results.status) - set(STATUSES)):
         raise StudyError(f"column 'status': {word!r} is unknown; allowed are {', '.join(STATUSES)}")
+    if ARCHIVED[0] in table.column_names:
+        for name in set(table[ARCHIVED[0]].to_pylist()) - {None}:
+            check_archive_name(name)
     return results
+
+
+def check_archive_name(name: object) -> None:
+    """Refuses the file of a recorded variant that does not lie in its study's folder.
+
+    Raises:
+        StudyError: in one line.
+    """
+    if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+        raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
 
 def _with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:

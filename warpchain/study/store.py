@@ -215,11 +215,12 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
         ended: whether to note how its rows ended.
 
     Raises:
-        StudyError: a folder or disk that refuses.
+        StudyError: a symbolic link in its place, or a folder or disk that refuses.
     """
     import pyarrow as pa
     from pyarrow import parquet
 
+    check_no_link(path)
     held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
     note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table), "shape": list(table.shape)}
     if ended:
@@ -229,6 +230,16 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     repeating = [field.name for field in noted.schema if not pa.types.is_floating(field.type)]
     with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
         parquet.write_table(noted, file, compression="zstd", write_page_checksum=True, use_dictionary=repeating)
+
+
+def check_no_link(path: Path) -> None:
+    """Refuses to write through a symbolic link, which in a folder made elsewhere could lead anywhere.
+
+    Raises:
+        StudyError: in one line.
+    """
+    if path.is_symlink():
+        raise StudyError(f"{path}: is a symbolic link, where a study writes a file of its own; remove it")
 
 
 def file_digest(path: Path) -> str:

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING
 from warpchain.errors import StudyError
 from warpchain.results.statuses import alike_reasons, by_frequency
 from warpchain.study.run.shard_plan import Numbers, Part, check_file, plan_file, read_plan, write_plan
+from warpchain.study.results import check_archive_name
 from warpchain.study.store import AGAIN, STATUSES, Ended, read_ended, read_table, write_table, write_text
 
 if TYPE_CHECKING:
@@ -201,7 +202,7 @@ class Folder:
         """Writes one of the study's tables, or a shard's.
 
         Raises:
-            StudyError: a folder or disk that refuses.
+            StudyError: a symbolic link in its place, or a folder or disk that refuses.
         """
         if shard is None:
             write_table(path, table, study=self.identity)
@@ -225,11 +226,12 @@ class Folder:
             name: its place in the folder, as the column `archive` has it.
 
         Raises:
-            StudyError: it is another shard's, or another study's.
+            StudyError: it lies elsewhere, or is another shard's or another study's.
             ArchiveError: it cannot be read.
         """
         from warpchain.archive import read_archive
 
+        check_archive_name(name)
         path = self.path / name
         if not self.identity or not path.exists():
             return

@@ -29,7 +29,7 @@ from warpchain.study.run.checkpoints import begin_with, write_states
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.row_drives import Variant, build, try_alone
 from warpchain.study.spec.study_tables import named_adjustments
-from warpchain.study.store import OUTCOME
+from warpchain.study.store import OUTCOME, check_no_link
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -331,6 +331,7 @@ def _write(
         begin_with(folder, variants)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
+        check_no_link(folder.archive_path(shard))
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
     table = results_table(study, rows, variants)
     if isinstance(shard, int) and (study.run.keep_states or any(variant.gone_on for variant in variants)):
