@@ -24,6 +24,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import goals_of
 from warpchain.study.design.factor_values import Cube
 from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
+from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import read_results
 from warpchain.study.spec import Study, dumps_study, loads_study
 from warpchain.study.store import read_table
@@ -159,6 +160,15 @@ def whole(tmp_path_factory):
         engine: (place / engine / "out", optimize(written(place / engine, engine), place / engine / "out"))
         for engine in ("bayes", "population")
     }
+
+
+def test_a_search_sweeps_away_what_a_killed_one_left(tmp_path):
+    left = tmp_path / "out" / ".results.parquet.999999-0123456789abcdef.partial"
+    left.parent.mkdir()
+    left.touch()
+    source = written(tmp_path)
+    made_folder(tmp_path / "out", open_study(source))
+    assert not left.exists()
 
 
 @pytest.mark.parametrize("engine", ["bayes", "population"])

@@ -23,6 +23,7 @@ from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
+from warpchain.files import leftovers, sweep
 from warpchain.progress import interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
@@ -122,7 +123,7 @@ def optimize(
 
 
 def made_folder(path: Path, bench: Bench) -> Path:
-    """The folder, with the study in it.
+    """The folder, with the study in it, and without what killed processes have left of their writing.
 
     Raises:
         StudyError: it holds another study, or cannot be written.
@@ -133,6 +134,7 @@ def made_folder(path: Path, bench: Bench) -> Path:
         raise StudyError(f"{path}: cannot be made ({error.strerror or error})") from None
     if (path / "plan.json").exists():
         raise StudyError(f"{path}: holds a study that was run; give another folder")
+    sweep(leftovers(path))
     fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
     write_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
     write_text(path / "study.toml", dumps_study(fixed), keep=True)
