@@ -19,7 +19,12 @@ COMPILING = "compiling"
 TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 """The words of a bar."""
 PHASES: dict[str, dict[str, Any]] = {
-    COMPILING: {"name": "compiling, once for drives of this kind", "unit": "kernels", "at_once": True},
+    COMPILING: {
+        "name": "compiling kernels (first run of this kind of drive only)",
+        "unit": "kernels",
+        "text": "{desc}: {n:.0f} of {total:.0f} done",
+        "few": True,
+    },
     "settling": {"unit": "drives"},
     "modes": {"unit": "drives"},
     "simulating": {"unit": "s", "text": "{desc}: {percentage:.0f} %, {n:.3g} of {total:.4g} {unit} of simulated time"},
@@ -32,14 +37,15 @@ class Lines:
 
     Attributes:
         n: how much is done.
+        start_t: when it began [s], as `tqdm` calls it.
     """
 
     def __init__(
-        self, total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, at_once: bool = False
+        self, total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, few: bool = False
     ) -> None:
         self.total, self.name, self.unit, self.n, self.initial = total, name, unit, initial, initial
-        self.text, self.begun = text, time.monotonic()
-        self.printed = self.begun - (EVERY if at_once else 0.0)
+        self.text, self.few, self.start_t = text, few, time.monotonic()
+        self.printed = self.start_t - (EVERY if few else 0.0)
 
     def update(self, more: float) -> None:
         """Notes that more is done."""
@@ -47,11 +53,14 @@ class Lines:
         now = time.monotonic()
         if now - self.printed >= EVERY:
             self.printed = now
-            gone, done = now - self.begun, self.n - self.initial
-            left = f"{clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
+            elapsed, done = now - self.start_t, self.n - self.initial
             share = 100.0 * self.n / self.total if self.total else 100.0
             line = self.text.format(desc=self.name, percentage=share, n=self.n, total=self.total, unit=self.unit)
-            print(f"{line}, {clock(gone)} gone, {left}", file=sys.stderr, flush=True)
+            line += f", {duration(elapsed)} elapsed"
+            if not self.few:
+                left = elapsed * (self.total - self.n) / done if done > 0.0 else None
+                line += ", time left unknown" if left is None else f", about {duration(left)} left"
+            print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Ends it."""
@@ -67,26 +76,30 @@ EVERY = 10.0
 """Seconds between lines of progress."""
 
 
-def clock(seconds: float) -> str:
-    """Seconds as hours, minutes and seconds."""
+def duration(seconds: float) -> str:
+    """A time in words: "31 s", "2 min 5 s", "1 h 18 min"."""
     whole = max(0, round(seconds))
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole // 60 % 60} min"
 
 
-def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, at_once: bool = False) -> Any:
+def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, few: bool = False) -> Any:
     """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
 
     Args:
         total, initial: how much there is to do, and is done before.
         name, unit: of the work, and of `total`.
         text: words before the bar, of `desc`, `percentage`, `n`, `total` and `unit`.
-        at_once: print the first line with the first update, as of work that always takes long.
+        few: the work has few parts, each of which takes long: it is told at once, and no time left, which none knows.
     """
     if not sys.stderr.isatty():
-        return Lines(total, name, unit, initial, text, at_once)
+        return Lines(total, name, unit, initial, text, few)
     from tqdm import tqdm
 
-    shape = f"{text} |{{bar}}| {{elapsed}} gone, {{remaining}} left"
+    shape = f"{text} |{{bar}}| {{elapsed}} elapsed" + ("" if few else ", {remaining} left")
     return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, bar_format=shape)
 
 
@@ -100,6 +113,7 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
         yield lambda phase, done, total: None
         return
     shown: dict[str, Any] = {}  # the bar of the phase that goes on
+    begun: dict[str, float] = {}  # phases come again, and their time goes on
 
     def close() -> None:
         for of in shown.values():
@@ -109,10 +123,10 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
     def report(phase: str, done: float, total: float) -> None:
         if phase not in shown:
             close()
+            ago = time.monotonic() - begun.setdefault(phase, time.monotonic())
             shown[phase] = bar(total, **{"name": phase, **PHASES[phase]})
+            shown[phase].start_t -= ago
         shown[phase].update(done - shown[phase].n)
-        if phase == COMPILING and done >= total:
-            close()
 
     try:
         yield report

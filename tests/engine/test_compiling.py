@@ -1,6 +1,5 @@
 """Kernels compiled in processes of their own, for a GPU that is not here."""
 
-import math
 import os
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import Stop
 from warpchain.results.schedule import Schedule
 
-TELLS = "compiling, once for drives of this kind: "
+TELLS = "compiling kernels (first run of this kind of drive only): "
 COLLECT = [Wanted(collect_kernel, (real,), COLLECTING) for real in (wp.float64, wp.float32)]
 
 
@@ -119,9 +118,9 @@ def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
     with progress.reporter(True) as report:
         for told in (("simulating", 0, 0.8), ("compiling", 1, 2), ("settling", 1, 4), ("simulating", 0.4, 0.8)):
             report(*told)
-    _, *lines = (line.partition(" gone, ")[0][:-9] for line in capsys.readouterr().err.splitlines())
+    _, *lines = (line.partition(" elapsed")[0].rpartition(", ")[0] for line in capsys.readouterr().err.splitlines())
     assert lines == [
-        "compiling, once for drives of this kind: 50 % of 2 kernels",
+        f"{TELLS}1 of 2 done",
         "settling: 25 % of 4 drives",
         "simulating: 50 %, 0.4 of 0.8 s of simulated time",
     ]
@@ -129,10 +128,20 @@ def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
 
 def test_compiling_is_told_at_once_where_other_phases_wait(capsys):
     with progress.reporter(True) as report:
-        for told in (("compiling", 0.5, 2), ("compiling", 0.6, 2), ("simulating", 0.1, 0.8)):
+        for told in (("compiling", 0, 2), ("compiling", 1, 2), ("simulating", 0.1, 0.8)):
             report(*told)
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("compiling, once for drives of this kind: 25 % of 2 kernels, 0:00:00 gone, 0:00:00 left")
+    assert capsys.readouterr().err == f"{TELLS}0 of 2 done, 0 s elapsed\n"
+
+
+def test_a_phase_that_comes_again_goes_on_with_its_time(capsys, monkeypatch):
+    """As where a kernel is compiled still while drives settle."""
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with progress.reporter(True) as report:
+        for now[0], phase, done in ((0.0, "compiling", 0), (20.0, "settling", 1), (30.0, "compiling", 1)):
+            report(phase, done, 2)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"{TELLS}0 of 2 done, 0 s elapsed", f"{TELLS}1 of 2 done, 30 s elapsed"]
 
 
 def test_the_cpu_tells_of_kernels_that_it_compiles(monkeypatch):
@@ -157,14 +166,6 @@ def test_the_cpu_tells_of_kernels_that_it_compiles(monkeypatch):
     with loading_on_cpu(["relax"], lambda *told: seen.append(told)):
         pass
     assert not seen
-
-
-def test_kernels_under_way_count_by_the_time_that_has_gone():
-    """0 at the beginning, tanh(1) of all by when they should be done, never fewer than are done, never all of them."""
-    assert compiling.compiled(0, 2, 0.0) == 0.0
-    assert compiling.compiled(0, 2, 1.0) == pytest.approx(2.0 * math.tanh(1.0))
-    assert compiling.compiled(1, 2, 0.1) == 1.0
-    assert 1.9 < compiling.compiled(1, 2, 3.0) < 2.0 == compiling.compiled(2, 2, 0.1)
 
 
 def test_a_run_and_a_study_say_that_they_compile(capsys, monkeypatch, tmp_path):

@@ -387,9 +387,16 @@ def test_where_there_is_no_terminal_progress_is_a_line_every_so_often(monkeypatc
         for clock[0] in (4.0, 9.9, 10.0, 19.0, 25.0):
             bar.update(10.0)
     assert said.getvalue().splitlines() == [
-        "study: 65 % of 200 variants, 0:00:10 gone, 0:00:23 left",
-        "study: 75 % of 200 variants, 0:00:25 gone, 0:00:25 left",
+        "study: 65 % of 200 variants, 10 s elapsed, about 23 s left",
+        "study: 75 % of 200 variants, 25 s elapsed, about 25 s left",
     ]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0.4, "0 s"), (59.6, "1 min 0 s"), (125.0, "2 min 5 s"), (4678.0, "1 h 17 min")]
+)
+def test_durations_are_told_in_words(seconds, words):
+    assert progress.duration(seconds) == words
 
 
 def test_the_second_pass_has_a_bar_of_its_own_and_none_goes_beyond_its_end(tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ from warpchain.cli.shared_options import (
 )
 from warpchain.errors import StudyError
 from warpchain.files import read_text
-from warpchain.progress import clock
+from warpchain.progress import duration
 
 if TYPE_CHECKING:
     from warpchain.study.results import Results
@@ -212,7 +212,7 @@ def _print_status(outcome: Any) -> int:
         on, anew = outcome.went_on
         print(f"of longer runs, {on} went on from where the ones before stood, {anew} began anew")
     if outcome.left and outcome.rate is not None:
-        left = clock(outcome.left / outcome.rate)
+        left = duration(outcome.left / outcome.rate)
         print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")
     if outcome.table is not None:
         print(f"table: {outcome.table}")

@@ -9,7 +9,6 @@ is loaded, and tells what is wrong.
 from __future__ import annotations
 
 import contextlib
-import math
 import pickle
 import shutil
 import signal
@@ -31,14 +30,6 @@ if TYPE_CHECKING:
 EVERY = 0.05
 """Seconds between two looks at the processes."""
 
-CPU_SECONDS, GPU_SECONDS = 8.0, 10.0
-"""Seconds that the kernels of a kind of drive take to compile, side by side, on a CPU and for a GPU, roughly."""
-
-
-def compiled(done: int, count: int, share: float) -> float:
-    """Number of kernels compiled, of those under way by the share that has gone of the time that all take, roughly."""
-    return max(done, count * math.tanh(share))
-
 
 @contextlib.contextmanager
 def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
@@ -48,7 +39,7 @@ def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
     """
     import warp as wp
 
-    begun, lacking = time.process_time(), sum(not in_cache(module, "cpu", 1) for module in modules)
+    lacking = sum(not in_cache(module, "cpu", 1) for module in modules)
     with ThreadPoolExecutor(len(modules)) as pool:
         last_first = [pool.submit(wp.load_module, module, device="cpu", block_dim=1) for module in reversed(modules)]
         loads = last_first[::-1]
@@ -58,9 +49,7 @@ def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
             while going:
                 going = bool(wait(some, timeout=EVERY).not_done)
                 if lacking:
-                    done = max(0, lacking - sum(not load.done() for load in loads))
-                    share = (time.process_time() - begun) / (lacking * CPU_SECONDS)  # of all threads
-                    report(COMPILING, compiled(done, lacking, share), lacking)
+                    report(COMPILING, max(0, lacking - sum(not load.done() for load in loads)), lacking)
             for load in some:
                 load.result()
 
@@ -139,7 +128,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
     """
     left = list({job.path: job for job in jobs}.values())
     processes: list[tuple[Job, subprocess.Popen[bytes]]] = []
-    count, running, begun = len(left), 0, time.monotonic()
+    count, running = len(left), 0
     if count:
         report(COMPILING, 0, count)
     if min(count, cores) < 2 or not can_start():
@@ -151,8 +140,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
                     processes.append((job, _started(job)))
             del left[: cores - running]
             running = sum(process.poll() is None for _, process in processes)
-            share = (time.monotonic() - begun) / GPU_SECONDS
-            report(COMPILING, compiled(count - len(left) - running, count, share), count)
+            report(COMPILING, count - len(left) - running, count)
             time.sleep(EVERY)
     finally:
         for job, process in processes:

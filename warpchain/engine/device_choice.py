@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from warpchain.engine.compiling import CPU_SECONDS, GPU_SECONDS, in_cache
+from warpchain.engine.compiling import in_cache
 from warpchain.files import write_text
 from warpchain.progress import Stop
 from warpchain.version import installed
@@ -106,14 +106,14 @@ def class_speed(device: str, precision: str, cores: int) -> Speed:
     """The speed of a device of this class, roughly: numbers of docs/performance.md."""
     single = precision == "float32"
     if device == "cpu":
-        return Speed(8.0e7, cores=float(cores), compiling=CPU_SECONDS)
+        return Speed(8.0e7, cores=float(cores), compiling=8.0)
     import warp as wp
 
     gpu = wp.get_device(device)
     full = gpu.arch in (70, 80, 90, 100)  # the others do float64 at 1/64 to 1/32 of float32
     each = (4.0e8 if single else 3.5e8) if full else (2.5e8 if single else 2.5e7)
     latency = 2.0e-6 if full or single else 8.0e-6
-    return Speed(each * int(gpu.sm_count), latency=latency, start=0.1, compiling=GPU_SECONDS)
+    return Speed(each * int(gpu.sm_count), latency=latency, start=0.1, compiling=10.0)
 
 
 class Choice(NamedTuple):

@@ -13,7 +13,8 @@ import socket
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -394,5 +395,11 @@ def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iter
     elif not progress:
         yield lambda more: None
     else:
-        with bar_of(total, folder.study.study.name or "study", "variants", done) as bar:
-            yield bar.update
+        with ExitStack() as stack:
+
+            @cache
+            def begun() -> Any:
+                """The bar, from the first variants on: compiling before them is no part of their pace."""
+                return stack.enter_context(bar_of(total, folder.study.study.name or "study", "variants", done))
+
+            yield lambda more: begun().update(more)
