@@ -201,7 +201,9 @@ def test_a_run_that_stands_for_the_rig_gives_its_torque_back(calibrated, capsys)
     assert {f"{name}.{unit}" for name, unit in signal_units(load_drive(path.parent / "tiny.toml")).items()} == {
         f"{name}.{of.unit}" for name, of in sources(rig).items()
     }
-    again = calibrate(path, found.folder, progress=lambda *_: pytest.fail("ran again"))
+    said = []
+    again = calibrate(path, found.folder, progress=lambda *_: pytest.fail("ran again"), report=said.append)
+    assert said[0].endswith(f" runs at first, {len(found.results.status)} in all")
     assert again.values["torque"] == pytest.approx(torque, rel=1e-12)
     status, out, err = run(capsys, "calibrate", path, "-o", found.folder, "--quiet")
     assert (status, err) == (0, [])

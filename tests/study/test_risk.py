@@ -196,8 +196,11 @@ def test_drive_that_breaks_a_limit_over_a_torque(tmp_path, capsys):
     row = read_table(out / "results.parquet").slice(int(number), 1).to_pylist()[0]
     assert row[metric] == run_again.metrics[metric][0].as_py()
     when = {file: file.stat().st_mtime_ns for file in out.rglob("rows.parquet")}
-    status, again, _ = run(capsys, "risk", path, "-o", out, "--quiet")
+    status, again, told = run(capsys, "risk", path, "-o", out)
     assert status == 0 and again == lines
+    runs = len(read_risk(out).results.status)
+    assert re.match(r"warpchain: \d+ runs for each power of ten of the probability, then \d+ more", told[0])
+    assert re.match(rf"warpchain: {runs} runs in \d+ rounds, \d+ of them break a limit", told[-1])
     assert when == {file: file.stat().st_mtime_ns for file in out.rglob("rows.parquet")}  # nothing was run again
     page_tells_the_probability(out, lines, metric, tmp_path / "page.html", capsys)
     runs_are_no_sample(out, tmp_path, capsys)

@@ -59,7 +59,8 @@ def _risk(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.risk import estimate_risk
     from warpchain.study.report.risk_page import risk_lines, write_risk
 
-    found = estimate_risk(arguments.study, arguments.output, **run_options(arguments))
+    say = say_unless_quiet(arguments)
+    found = estimate_risk(arguments.study, arguments.output, report=say, **run_options(arguments))
     print(*risk_lines(found), f"page: {write_risk(found)}", sep="\n")
     return DONE
 

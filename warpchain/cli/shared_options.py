@@ -166,9 +166,8 @@ def add_run_options(parser: Any) -> None:
 
 
 def run_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Threads, memory and bar as functions that run variants take them; a bar where a terminal shows it."""
-    bar = not arguments.quiet and sys.stderr.isatty()
-    return {"workers": arguments.workers, "memory": arguments.memory, "progress": bar}
+    """Threads, memory and progress as functions that run variants take them."""
+    return {"workers": arguments.workers, "memory": arguments.memory, "progress": not arguments.quiet}
 
 
 def say_unless_quiet(arguments: argparse.Namespace) -> Callable[[str], None] | None:

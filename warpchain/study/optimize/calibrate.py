@@ -341,7 +341,10 @@ def calibrate(
         bench.study = bench.study.model_copy(update={"record": record})
     folder = made_folder(Path(out), bench)
     runs, rng = Runs(bench, folder, rig, progress), np.random.default_rng(settings.seed)
-    dimensions = noise_dimensions(bench.study)
+    dimensions, checks = noise_dimensions(bench.study), min(CHECKS, settings.batch)
+    if report is not None:
+        total = settings.count + settings.rounds * settings.batch + checks
+        report(f"{settings.count} runs at first, {total} in all")
     runs.run(norm.ppf(qmc.LatinHypercube(dimensions, rng=rng).random(settings.count)))
     steps: list[tuple[Array, Array]] = []
     for number in range(settings.rounds + 1):
@@ -355,7 +358,6 @@ def calibrate(
             report(f"{len(runs.normals)} runs: standard deviations left of the unknowns' directions: {left}")
         if number < settings.rounds:
             runs.run(_some(posterior.u, settings.batch, rng))
-    checks = min(CHECKS, settings.batch)
     runs.run(np.vstack([posterior.mean[None], _some(posterior.u, checks - 1, rng)]))
     before, after = rng.standard_normal((DRAWS, dimensions)), _some(posterior.u, DRAWS, rng)
     drive = _write(folder, runs, posterior.mean, after)

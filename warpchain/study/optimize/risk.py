@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -107,8 +107,8 @@ class Margins:
     A run that is not ok fails.
     """
 
-    def __init__(self, bench: Bench, progress: Report) -> None:
-        self._bench, self._progress = bench, progress
+    def __init__(self, bench: Bench, progress: Report, report: Callable[[str], object] = lambda line: None) -> None:
+        self._bench, self._progress, self._report = bench, progress, report
         chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
         self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
         ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
@@ -135,6 +135,8 @@ class Margins:
         margins[lost] = [*np.full(len(each), np.inf), -np.inf]
         self._points.append(u)
         self._each.append(margins)
+        done = np.vstack(self._each).min(axis=1)
+        self._report(f"{len(done)} runs in {self.rounds} rounds, {int((done <= 0.0).sum())} of them break a limit")
         return np.asarray(margins.min(axis=1))
 
     def rows(self, points: Array) -> NDArray[np.intp]:
@@ -165,6 +167,7 @@ def estimate_risk(
     workers: Workers | None = None,
     memory: Count = MEMORY,
     progress: Report = False,
+    report: Callable[[str], object] | None = None,
 ) -> Risked:
     """Estimates how likely a study's limits on metrics are broken over its noise, and finds how they most likely are.
 
@@ -174,6 +177,7 @@ def estimate_risk(
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
         progress: True shows a bar for each batch; see `Bench.evaluate`.
+        report: called with a line on what is to be run, and with one after each batch.
 
     Raises:
         StudyError: an error of the study, a folder of another one, or no estimate, as failures are too unlikely or
@@ -187,7 +191,12 @@ def estimate_risk(
     if not study.bounds:
         raise StudyError(f"{source}: limits: none is on a metric; risk needs an entry with metric, and max or min")
     folder = made_folder(Path(out), bench)
-    margins = Margins(bench, progress)
+    say = report or (lambda line: None)
+    say(
+        f"{settings.count * settings.repeats} runs for each power of ten of the probability, then {settings.samples} "
+        "more and the search of the design points"
+    )
+    margins = Margins(bench, progress, say)
     try:
         found = _estimated(margins, study, settings)
     finally:
