@@ -286,7 +286,7 @@ def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
     path = tmp_path / "a.mcap"
     file = McapFile(path, "test", overwrite=False)
     path.write_text("mine")
-    with pytest.raises(ArchiveError, match=r"a\.mcap: exists already; give another name, or --overwrite"):
+    with pytest.raises(ArchiveError, match=r"a\.mcap: exists already; give another name, or overwrite=True"):
         file.finish()
     file.close()
     assert path.read_text() == "mine"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Iterable
 
 MOST_LINES = 100
 """Most lines of an error, but one that counts the rest."""
+_WITHIN = ("warpchain", "pydantic", "contextlib")
+"""Packages whose frames lie between a caller of warpchain and a warning."""
 
 
 class WarpchainError(Exception):
@@ -51,3 +55,14 @@ class LayoutWarning(UserWarning):
 
 class SuspectWarning(UserWarning):
     """Variants of a run are suspect or diverged: their results are not to be relied on."""
+
+
+def warn_caller(text: str, kind: type[Warning] = UserWarning) -> None:
+    """Warns as from the line outside warpchain that called it; of the command line, from its outermost line.
+
+    `warnings.warn` has `skip_file_prefixes` for that from Python 3.12 on.
+    """
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _WITHIN:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, kind, stacklevel=level)

@@ -1,5 +1,6 @@
 """The command line as a user meets it: what it prints, its exit status, and one line for each mistake."""
 
+import argparse
 import json
 import re
 import signal
@@ -15,6 +16,7 @@ from waiting import bytes_in, wait_for
 from warpchain import cli, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _status_lines
+from warpchain.cli.shared_options import name_options
 from warpchain.drive.examples import drive_path
 
 RUN = ["run", "marine", "-o", "x.mcap"]
@@ -76,8 +78,8 @@ def test_strand_frequency_is_the_closed_form():
         (["check", "marine", "--set", "chain.lins=3"], "chain.lins: unknown path; did you mean chain.links?"),
         (["check", "marine", "--set", "chain.links=190"], "chain.links = 190: does not fit"),
         ([*RUN, "--step", "1e-3", "--quiet"], "run.step = 0.001: must be above 0 and below"),
-        ([*RUN, "--device", "tpu"], "device = 'tpu'"),
-        ([*RUN, "--duration", "-1"], "duration = -1.0"),
+        ([*RUN, "--device", "tpu"], "--device tpu"),
+        ([*RUN, "--duration", "-1"], "--duration -1.0"),
         ([*RUN, "--step", "short"], "argument --step: 'short' is not a number"),
         ([*RUN, "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
         ([*RUN, "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
@@ -194,3 +196,24 @@ def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
     back = read_archive(archive)
     assert back.info.ended == "interrupted"
     assert len(back[0].time) > 10
+
+
+def test_messages_name_the_options_of_a_command(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("warpchain.engine.devices._gpus", dict)
+    status, _, err = run(capsys, *RUN, "--device", "cuda", "--quiet")
+    assert status == 2
+    assert err[0].startswith("warpchain: error: --device cuda: no NVIDIA GPU")
+    assert err[0].endswith("or use --device cpu")
+    archive = tmp_path / "a.mcap"
+    archive.write_bytes(b"kept")
+    status, _, err = run(capsys, "run", "marine", "-o", str(archive), "--quiet")
+    assert (status, archive.read_bytes()) == (2, b"kept")
+    assert err == [f"warpchain: error: {archive}: exists already; give another name, or --overwrite"]
+
+
+def test_what_is_no_option_of_a_command_is_named_as_its_file_has_it():
+    """`study run` has --memory, but device and precision are keys of its file; other words stay."""
+    known = argparse.Namespace(study="s.toml", memory=1)
+    text = 'lower memory=, or use precision="float32"; x=True\nchain.links = 9: use device="cpu"'
+    told = 'lower --memory, or use run.precision = "float32"; x=True\nchain.links = 9: use run.device = "cpu"'
+    assert name_options(text, known) == told

@@ -207,7 +207,7 @@ def test_comparison_and_ensemble_are_logged(run):
 def test_refusals_in_one_line(run, tmp_path, capsys):
     path = write_archive(run, tmp_path / "a.mcap")
     for words, reason in (
-        (["--frames", "1"], "frames = 1: allowed is a whole number of at least 2"),
+        (["--frames", "1"], "--frames 1: allowed is a whole number of at least 2"),
         (["--tab", "nothing"], "tab 'nothing': allowed are drive, tension along the chain"),
         (["--compare", "1"], "variant 1 was not recorded (recorded: 0, 2)"),
         (["--compare", tmp_path / "no.mcap"], "no.mcap: cannot be read"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import uuid
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -17,7 +16,7 @@ from warpchain.archive.file_set import Target
 from warpchain.archive.mcap_write import McapFile
 from warpchain.archive.options import ArchiveOptions
 from warpchain.drive import Drive, dumps_drive
-from warpchain.errors import ArchiveError
+from warpchain.errors import ArchiveError, warn_caller
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.channels import UNITS
 from warpchain.results.run import RunInfo
@@ -196,7 +195,7 @@ class Parts:
             if not self._salvage:
                 self._target.discard(part.file.path for part in self._parts if part.file.finished)
             if left and not named:
-                warnings.warn(f"{self._target.path}: was not finished; {_hint(left)}", stacklevel=2)
+                warn_caller(f"{self._target.path}: was not finished; {_hint(left)}")
         self._target.release()
 
 

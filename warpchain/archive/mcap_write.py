@@ -72,7 +72,7 @@ def make_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compress
 
 def taken(path: Path) -> ArchiveError:
     """The refusal to replace a file."""
-    return ArchiveError(f"{path}: exists already; give another name, or --overwrite (overwrite=True)")
+    return ArchiveError(f"{path}: exists already; give another name, or overwrite=True")
 
 
 class McapFile:

@@ -28,6 +28,7 @@ from warpchain.cli.shared_options import (
     archive_path,
     gibibytes,
     mebibytes,
+    name_options,
     number,
     number_or_auto,
     page_path,
@@ -80,7 +81,7 @@ def _new(commands: Any) -> None:
 
 
 def _check(commands: Any) -> None:
-    parser = _add(commands, do.check, "print what a drive amounts to, without running it", "warpchain check marine")
+    parser = _add(commands, do.check, "check a drive without running it", "warpchain check marine")
     add_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units, angles in degrees")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
@@ -316,7 +317,9 @@ def _plot(commands: Any) -> None:
     parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
     add_options(parser, "--scale")
-    parser.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
+    parser.add_argument(
+        "--roller", type=int, metavar="I", help="whose forces to draw; default that with the largest contact force"
+    )
     parser.add_argument(
         "--sweep",
         nargs="*",
@@ -507,7 +510,10 @@ def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) ->
     if arguments.command is None:
         top.print_help()
         return WRONG
-    return int(arguments.run(arguments))
+    try:
+        return int(arguments.run(arguments))
+    except WarpchainError as error:
+        raise WarpchainError(name_options(str(error), arguments)) from None
 
 
 def _say(line: str) -> None:

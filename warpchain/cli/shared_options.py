@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -173,3 +174,17 @@ def run_options(arguments: argparse.Namespace) -> dict[str, Any]:
 def say_unless_quiet(arguments: argparse.Namespace) -> Callable[[str], None] | None:
     """Prints a line of status on standard error; None with --quiet."""
     return None if arguments.quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr)
+
+
+def name_options(message: str, arguments: argparse.Namespace) -> str:
+    """A message on arguments of a Python function as one on the command's options, or on the keys of a study's run."""
+
+    def named(found: re.Match[str]) -> str:
+        name, value = found["name"], found["value"] or ""
+        if hasattr(arguments, name):
+            option = f"--{name.replace('_', '-')}"
+            return option if value in ("", "True") else f"{option} {value.strip(chr(34) + chr(39))}"
+        return f"run.{name} = {value}" if hasattr(arguments, "study") and name in ("device", "precision") else found[0]
+
+    lines = (re.sub(r"^(?P<name>[a-z_]+) = (?P<value>\S+)(?<!:)", named, line) for line in message.split("\n"))
+    return re.sub(r'(?<![-.\w])(?P<name>[a-z_]+)=(?P<value>True|"\w+"|)(?![^\s,;)])', named, "\n".join(lines))

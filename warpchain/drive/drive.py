@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -73,7 +72,7 @@ from warpchain.drive.train_speeds import top_speed
 from warpchain.drive.trains import driving_sprocket
 from warpchain.drive.transmission import with_shafts
 from warpchain.drive.valves import Valves, valve_rules
-from warpchain.errors import DriveError, drive_error
+from warpchain.errors import DriveError, drive_error, warn_caller
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
 
@@ -579,14 +578,11 @@ class Drive(Part):
         for ring in rings_of(drive):
             links, of = ring.drive.chain.links, f"chains.{ring.name}" if ring.name else "chain"
             if links % 2:
-                warnings.warn(f"{of}.links = {links}: an odd number needs an offset link", stacklevel=4)
+                warn_caller(f"{of}.links = {links}: an odd number needs an offset link")
         for arm in drive.arms:
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
-                warnings.warn(
-                    f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}",
-                    stacklevel=4,
-                )
+                warn_caller(f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}")
         for ring in rings_of(drive):
             _warn_of_catching(ring.drive)
         return drive
@@ -609,11 +605,10 @@ def _warn_of_catching(drive: Drive) -> None:
     """Warns of sprockets whose straight flanks do not let rollers go."""
     for s in drive.catching():
         limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
-        warnings.warn(
+        warn_caller(
             f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
             f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
-            f"they let them go below {limit:.1f} degrees",
-            stacklevel=5,
+            f"they let them go below {limit:.1f} degrees"
         )
 
 

@@ -27,7 +27,7 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     if device == "cpu":
         return ("cpu",)
     if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
-        raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one), or None')
+        raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one)')
     names, usable = _gpus(), usable_gpus()
     if device is None and not usable:
         return ("cpu",)

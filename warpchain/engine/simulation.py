@@ -10,7 +10,6 @@ from __future__ import annotations
 import datetime
 import os
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from warpchain.drive.batch_math import largest
 from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
 from warpchain.drive.rings import rings_of
 from warpchain.engine.recorder import Recording
-from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import Report, interruptible, reporter
 from warpchain.results.judgement import Limits, warning_text
@@ -274,4 +273,4 @@ def look_every(longest: int, window: int) -> int:
 def _warn(kind: type[Warning], line: str | None) -> None:
     """A warning, where there is one, as from the caller of `simulate`."""
     if line is not None:
-        warnings.warn(line, kind, stacklevel=3)
+        warn_caller(line, kind)

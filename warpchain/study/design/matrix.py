@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.drive.toml import value_text
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, warn_caller
 from warpchain.study.design.factor_values import (
     Array,
     Dimension,
@@ -160,7 +160,7 @@ def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int]
         raise StudyError(f'{source}: design.kind = "{design.kind}": {error}') from None
     if design.kind == "sobol" and design.count & (design.count - 1):
         near = 2 ** round(math.log2(design.count))
-        warnings.warn(f"design.count = {design.count}: Sobol' points are balanced at powers of 2: {near}", stacklevel=4)
+        warn_caller(f"design.count = {design.count}: Sobol' points are balanced at powers of 2: {near}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return np.asarray(sampler.random(design.count), dtype=float)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import socket
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import ExitStack, contextmanager
@@ -22,7 +21,7 @@ import numpy as np
 
 from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.engine.simulation import MEMORY
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, warn_caller
 from warpchain.extras import require_extra
 from warpchain.files import leftovers, sweep
 from warpchain.gc_tuning import rare_collections
@@ -78,7 +77,7 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         workers = len(client.nthreads())
         if not workers:
-            warnings.warn(f"--scheduler {address}: has no workers yet; shards wait for them", stacklevel=3)
+            warn_caller(f"--scheduler {address}: has no workers yet; shards wait for them")
         yield client.get_executor(pure=False), workers
     except KilledWorker as error:
         raise StudyError(f"--scheduler {address}: {_one_line(error)}; run again to go on") from None
