@@ -79,7 +79,7 @@ def test_an_argument_of_another_kind_is_named(function):
         (lambda: Record(variants=["0"]), r"record.variants = \['0'\]: must be 'all' or"),
         (lambda: Record(rate=float("inf")), "record.rate = inf: must be a finite number above 0$"),
         (lambda: run()[True], "variant = True: must be a whole number"),
-        (lambda: run().row_of(1), "variant 1: is none of the run's 1"),
+        (lambda: run().row_of(1), "variant 1: not in this run, whose 1 are 0"),
         (lambda: simulate([CAR, None]), r"drives = \[Drive\(.*, None\]: must be a Drive or a sequence, each a Drive"),
         (lambda: simulate(CAR, step=[1]), r"step = \[1\]: must be a finite number above 0 or 'auto'$"),
         (lambda: simulate(CAR, step=10**30), "step = 1000"),

@@ -55,7 +55,7 @@ def sequences(asked: argparse.Namespace) -> Iterator[Line]:
     rare events is known. Then the median number of pairs of normal differences, by their mean in deviations.
     """
     random = np.random.default_rng(7)
-    yield head("differences | shown | sure | sure, blows of 10 known")
+    yield head("differences | shown | decided | decided, blows of 10 known")
     for name, drawn in equal(random, (asked.sequences, asked.pairs)).items():
         ways = [("sign", None), ("sure", None), *([("sure", BLOW)] if name.startswith("blows") else [])]
         counts = (sum(np.isfinite(pairs_until(one, *way)) for one in drawn) for way in ways)
@@ -64,4 +64,4 @@ def sequences(asked: argparse.Namespace) -> Iterator[Line]:
     for effect in (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0):
         drawn = effect + random.standard_normal((asked.sequences, 2 * asked.pairs))
         shown, sure = (np.median([pairs_until(one, way) for one in drawn]) for way in ("sign", "sure"))
-        yield f"normal, a mean of {effect:g} deviations: shown after {shown:g} pairs, sure after {sure:g}"
+        yield f"normal, a mean of {effect:g} deviations: shown after {shown:g} pairs, decided after {sure:g}"

@@ -262,7 +262,7 @@ def test_fit_of_links_and_of_a_sprockets_place():
     assert fit_links(timing(), angle={"arm": 1.0}).chain.links == 106
     moved = fit_angle(timing(), "crank", (0.0, 1.0), {"arm": -3.0})
     assert math.degrees(assemble(moved).arm_angle[0]) == pytest.approx(-3.0, abs=1e-6)
-    for wrong, words in (({"arm": -30.0}, "the stops of arms.arm"), ({"blade": 0.0}, "there is none of that name")):
+    for wrong, words in (({"arm": -30.0}, "the stops of arms.arm"), ({"blade": 0.0}, "no such name")):
         with pytest.raises(DriveError, match=words):
             fit_angle(timing(), "crank", (0.0, 1.0), wrong)
     with pytest.raises(DriveError, match="lies on a guide, so that it has no sag"):

@@ -155,9 +155,9 @@ def test_no_number_of_links_fits():
         ({"strain": math.nan}, "strain = nan: must be within 0.05"),
         ({"preload": -1.0}, "preload = -1: must be at least 0 and at most 6350 N"),
         ({"sag": 0.0}, "sag = 0: must be a finite number above 0"),
-        ({"sag": 0.01, "strand": "s1"}, 'strand "s1": there is none of that name; allowed are s0->s1, s1->s0'),
+        ({"sag": 0.01, "strand": "s1"}, 'strand "s1": no such name; allowed are s0->s1, s1->s0'),
         ({"strain": 0.0, "strand": "s0->s1"}, "strand: only together with sag"),
-        ({"strain": 0.0, "sprocket": "s2"}, 'sprocket "s2": there is none of that name; allowed are s0, s1'),
+        ({"strain": 0.0, "sprocket": "s2"}, 'sprocket "s2": no such name; allowed are s0, s1'),
         ({"strain": 0.0, "direction": (0, 0)}, "direction (0, 0): must be two finite numbers, not both 0"),
     ],
 )

@@ -46,7 +46,7 @@ def test_each_chain_has_its_links():
     assert fit_links(once, chain="first") == drive
     with pytest.raises(DriveError, match=r"^chain: must be named, as there are several; allowed are first, second$"):
         fit_links(drive)
-    with pytest.raises(DriveError, match=r'^chain "third": there is none of that name; allowed are first, second$'):
+    with pytest.raises(DriveError, match=r'^chain "third": no such name; allowed are first, second$'):
         fit_links(drive, chain="third")
     with pytest.raises(DriveError, match=r"^chains\.second\.links: no even number of links fits"):
         x, y = drive.sprockets[3].center

@@ -1,5 +1,6 @@
 """Runs that are judged: what `simulate` puts into the metrics and warns of, from variants made to go wrong."""
 
+import linecache
 import math
 import warnings
 
@@ -9,7 +10,7 @@ from drives import STARTING, example, two_sprockets
 
 from warpchain import Limits, Record, read_archive, simulate
 from warpchain.assembly.timestep import automatic_step
-from warpchain.drive import Drive
+from warpchain.drive import Drive, dumps_drive, loads_drive
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines
 from warpchain.engine.outcomes import engaged
@@ -47,8 +48,25 @@ def test_a_run_beyond_a_limit_is_suspect_and_told_once_with_its_number(precision
     assert run.metrics["status"].to_pylist() == ["suspect", "suspect"]
     ((kind, line),) = told
     assert kind is SuspectWarning
-    assert line.startswith("of 2 variants 2 suspect (variant 0, 1); 2 like this: energy residual")
+    assert line.startswith("2 of 2 variants are suspect (0, 1): e.g. energy residual")
     assert "take a smaller step (run.step)" in line and "\n" not in line
+
+
+def test_warnings_point_at_the_line_that_called():
+    """The nearest frame outside the package, behind decorators, pydantic and context managers."""
+    settings = {
+        "device": "cpu",
+        "duration": 0.0005,
+        "record": NONE,
+        "limits": Limits(energy_change=math.inf, energy_residual=0.0),
+    }
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        simulate(two_sprockets(), **settings)
+        loads_drive(dumps_drive(two_sprockets()).replace("links = 60", "links = 61"))
+    lines = [linecache.getline(one.filename, one.lineno).split("(")[0].strip() for one in caught]
+    assert [one.category for one in caught] == [SuspectWarning, UserWarning]
+    assert {one.filename for one in caught} == {__file__} and lines == ["simulate", "loads_drive"]
 
 
 def test_diverged_and_suspect_stand_beside_ok():
@@ -56,7 +74,7 @@ def test_diverged_and_suspect_stand_beside_ok():
     run, ((kind, line),) = run_of([two_sprockets(), wild], duration=0.05)
     assert run.metrics["status"].to_pylist() == ["ok", "diverged"]
     assert run.metrics["reason"][1].as_py().startswith("diverged at ")
-    assert kind is SuspectWarning and "1 diverged (variant 1)" in line
+    assert kind is SuspectWarning and line.startswith("1 of 2 variants diverged (1): diverged at ")
     assert run.ok.tolist() == [True, False]
 
 

@@ -139,8 +139,8 @@ def test_one_line_names_variants_counts_and_the_first_of_like_reasons():
     status = ["ok", "suspect", "diverged", *7 * ["suspect"], "suspect"]
     reason = ["", "a: 1", "gone at 3 s", *(f"a: {v}" for v in range(7)), UNMEASURED]
     assert warning_text(status, reason) == (
-        "of 11 variants 8 suspect and 1 diverged (variant 1, 2, 3, 4, 5, 6 and 3 more); 8 like this: a: 1; "
-        "1 like this: gone at 3 s"
+        "8 of 11 variants are suspect and 1 diverged (1, 2, 3, 4, 5, 6 and 3 more): 8 variants, e.g. a: 1; "
+        "1 variant: gone at 3 s"
     )
     assert warning_text(["suspect"], ["a: 1"]) == "suspect: a: 1"
     assert warning_text(["diverged"], ["diverged at 1 s"]) == "diverged at 1 s"

@@ -79,9 +79,10 @@ def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(see
                     pairs = mean_difference(differences, 0.95)
                 all_better = statistic.word != "std" and (sign * differences < 0.0).all()
                 if all_better or sign * pairs.sign < 0:
-                    assert "surely better over the same noise" in one.reasons[-1]
+                    assert "significantly better over the same noise" in one.reasons[-1]
                     if np.divide(*over.kept(other)) >= goals.keep:
-                        assert k > 0 and "surely keep the limits" in one.reasons[0] and "% sure" in one.reasons[-1]
+                        assert k > 0 and "keep the limits with 95 % confidence" in one.reasons[0]
+                        assert "% confidence only" in one.reasons[-1]
 
 
 @pytest.mark.parametrize("seed", [3, 5, 7, 9])
@@ -114,16 +115,18 @@ def test_what_keeps_the_limit_as_it_was_run_and_what_surely_does_stand_side_by_s
     best, safe = recommend(over, statistics)
     assert (best.row, safe.row) == (0, 1)  # 5 exceeds the limit
     assert best.reasons[0] == "highest mean(y) of the variants that keep the limits"
-    told = re.search(r"in 16 of 16 runs.*that it keeps them in 95 % of the noise is only (\d+) % sure", best.reasons[1])
+    told = re.search(
+        r"in 16 of 16 runs.*confidence that it keeps them in 95 % of the noise: (\d+) % only", best.reasons[1]
+    )
     assert 50 < int(told[1]) < 95
-    assert safe.reasons[0] == "highest mean(y) of the variants that surely keep the limits"
+    assert safe.reasons[0] == "highest mean(y) of the variants that keep the limits with 95 % confidence"
     assert safe.reasons[-1] == (
-        f"variant {best.variant} has mean(y) 30, surely better over the same noise, but is only {told[1]} % sure to "
-        "keep the limits, this one 100 % sure"
+        f"variant {best.variant} has mean(y) 30, significantly better over the same noise, but keeps the limits "
+        f"with {told[1]} % confidence only, this one with 100 %"
     )
     page = report_html(results, wanted=Wanted(goals.objectives, goals.bounds, keep=0.95))
     first = page[page.index('id="designs"') : page.index('id="explore"')]
-    assert safe.reasons[-1] in first and "judged by their own runs" in first and "believed" not in first
+    assert safe.reasons[-1] in first and "judged by their own runs" in first and "model estimate" not in first
 
 
 def test_a_better_design_with_a_run_that_is_not_ok_is_named():

@@ -85,7 +85,7 @@ def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
     assert len(list((out / "shards").glob("*.states.parquet"))) == 3
     edit(source, *LONGER)
     status, told, _ = run(capsys, "study", "run", source, "-o", out, "--grow", "--quiet")
-    assert status == 0 and "of longer runs, 7 went on from where the ones before stood, 1 began anew" in told
+    assert status == 0 and "of longer runs, 7 continued from the end of shorter ones, 1 started again" in told
     run_study(source, tmp_path / "new")
     assert rows_of(out) == rows_of(tmp_path / "new")
     assert rows_of(out, name="replicates") == rows_of(tmp_path / "new", name="replicates")

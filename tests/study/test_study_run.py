@@ -227,7 +227,7 @@ def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
     status, out, err = run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
     assert (status, err) == (1, []) and out == [
         "6 of 6 shards are done; variants: 0 ok, 0 suspect, 0 diverged, 12 infeasible",
-        "  12 like this: chain.links = 44.5: must be an integer of at least 3",
+        "  12 variants, e.g. chain.links = 44.5: must be an integer of at least 3",
         f"table: {tmp_path / 'out' / 'results.parquet'}",
     ]
     assert table_of(tmp_path / "out")["archive"].to_pylist() == [None] * 12

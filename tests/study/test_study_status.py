@@ -60,7 +60,7 @@ def test_a_status_loads_nothing_that_only_runs_need(folder):
     done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True)
     *told, loaded = done.stdout.splitlines()
     assert told[0].endswith("variants: 0 ok, 4 suspect, 0 diverged, 0 infeasible")
-    assert told[1].startswith("  4 like this: energy residual")
+    assert told[1].startswith("  4 variants, e.g. energy residual")
     assert "warpchain.study.run.folder" in loaded.split() and not heavy.intersection(loaded.split())
 
 
@@ -115,7 +115,7 @@ def test_suspect_rows_keep_their_metrics_and_a_study_of_them_alone_is_status_1(t
     status, out, _ = run(capsys, "study", "run", source, "-o", folder, "--quiet")
     assert status == 1
     assert out[0].endswith("variants: 0 ok, 4 suspect, 0 diverged, 0 infeasible")
-    assert out[1].startswith("  4 like this: energy residual")
+    assert out[1].startswith("  4 variants, e.g. energy residual")
     assert run(capsys, "study", "status", folder)[0] == 0
     results = read_results(folder / "results.parquet")
     rows = results.table.to_pylist()

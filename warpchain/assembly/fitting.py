@@ -149,7 +149,7 @@ def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = 
         raise DriveError(f"chain: must be named, as there are several; allowed are {', '.join(names)}")
     if chain is not None and chain not in names:
         known = f"allowed are {', '.join(names)}" if names else "the drive has one, without a name"
-        raise DriveError(f'chain "{chain}": there is none of that name; {known}')
+        raise DriveError(f'chain "{chain}": no such name; {known}')
     return next(ring for ring in rings if ring.name == (chain or ""))
 
 
@@ -328,7 +328,7 @@ def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
 def _sprocket_index(drive: Drive, name: str) -> int:
     names = [sprocket.name for sprocket in drive.sprockets]
     if name not in names:
-        raise DriveError(f'sprocket "{name}": there is none of that name; allowed are {", ".join(names)}')
+        raise DriveError(f'sprocket "{name}": no such name; allowed are {", ".join(names)}')
     return names.index(name)
 
 
@@ -346,7 +346,7 @@ def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
         a = drive.arm_index(name)
         if a is None:
             known = ", ".join(arm.name for arm in drive.arms) or "none"
-            raise DriveError(f'arm "{name}": there is none of that name; allowed are {known}')
+            raise DriveError(f'arm "{name}": no such name; allowed are {known}')
         low, high = drive.arms[a].stops or (-360.0, 360.0)
         if not low <= angle <= high:
             raise DriveError(f"angle = {angle:g}: must be from {low:g} to {high:g} degrees, the stops of arms.{name}")
@@ -379,7 +379,7 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
         raise DriveError(f"sag = {sag:g}: must be a finite number above 0")
     names = drive.strand_names
     if strand is not None and strand not in names:
-        raise DriveError(f'strand "{strand}": there is none of that name; allowed are {", ".join(names)}')
+        raise DriveError(f'strand "{strand}": no such name; allowed are {", ".join(names)}')
     path = chain_path(drive)
     straight = [string is None for string in path.strings]
     k = int(np.argmax(np.where(straight, path.strand_length, 0.0))) if strand is None else names.index(strand)

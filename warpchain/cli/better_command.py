@@ -1,4 +1,4 @@
-"""The command `warpchain better`: which of two drives is better over noise, by how much, at what cost in runs."""
+"""The command `warpchain better`: which of two drives is better under noise, by how much, at what cost in runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPTIONS: Options = {
     "drives": {"metavar": "DRIVE", "nargs": 2, "help": "A and B: drive files, or names of example drives"},
     "--metric": {"metavar": "NAME", "help": "what is compared; default the study's only objective"},
     "--sense": {"choices": ["min", "max"], "help": "which is better; default the objective's, or min"},
-    "--level": {"type": number, "default": 0.95, "metavar": "P", "help": "how sure (default 0.95)"},
+    "--level": {"type": number, "default": 0.95, "metavar": "P", "help": "confidence level (default 0.95)"},
     "--budget": {"type": whole_number, "default": 200, "metavar": "RUNS", "help": "runs of both at most (default 200)"},
     "--batch": {"type": whole_number, "default": 8, "metavar": "PAIRS", "help": "run at once (default 8)"},
     "--event": {
@@ -34,7 +34,7 @@ OPTIONS: Options = {
 
 def add_better(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
-    text = "which of two drives is better over noise, by pairs of runs until it is sure"
+    text = "which of two drives is better under noise, with confidence"
     words = "STUDY.toml today.toml proposed.toml --metric tension_q999"
     add_search(commands, _better, text, "noise factors", words, OPTIONS)
 
@@ -81,15 +81,16 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
     lines.append(f"B less A: {_difference(found)}{part}")
     cost = f"{found.runs} runs of {found.budget}, {len(found.differences)} pairs"
     where = " where both runs are ok" if left_out else ""
+    confidence = f"{100.0 * of.level:g} % confidence"
     if found.better is not None:
-        lines.append(f"{found.better} is better{where}, surely: {100.0 * of.level:g} %; cost: {cost}")
+        lines.append(f"{found.better} is better{where} ({confidence}); cost: {cost}")
     else:
-        lines.append(f"not sure which is better{where}; cost: {cost}")
+        lines.append(f"undecided which is better{where} ({confidence}); cost: {cost}")
         if found.shown is not None:
-            lines.append(f"  {found.shown} is better in what the pairs show: {100.0 * of.level:g} %")
+            lines.append(f"  {found.shown} is better as far as these pairs show ({confidence})")
         lines.append(f"  {_what_would_help(found)}")
     if of.heavy:
-        lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean hangs on few")
+        lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean depends on few of them")
     lines.append(f"  {_what_is_missed(found)}")
     for name in "AB":
         count, reason = found.lost(name)
@@ -99,7 +100,7 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
 
 
 def _what_would_help(found: Better) -> str:
-    """A line on why no sign is sure."""
+    """A line on what would decide it."""
     from warpchain.results.units import quantity
 
     of = found.found

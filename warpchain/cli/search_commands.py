@@ -83,10 +83,10 @@ def _print_found(found: Any) -> None:
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
                 unit = results.unit(name)
-                measured = "its runs" if one.spreads else f"its run: {quantity(one.measured[name], unit)}"
-                print(f"  {name}: {quantity(mean, unit, deviation)} ({measured})")
+                simulated = "" if one.spreads else f"model estimate; {quantity(one.measured[name], unit)} "
+                print(f"  {name}: {quantity(mean, unit, deviation)} ({simulated}simulated)")
         for of in one.spreads:
-            print(f"  spread of {of.metric} over the noise comes of: {of.parts_words()}")
+            print(f"  spread of {of.metric} over the noise comes from: {of.parts_words()}")
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]

@@ -203,14 +203,16 @@ def _merge(arguments: argparse.Namespace) -> int:
 
 def _print_status(outcome: Any) -> int:
     """Prints the status of a study."""
+    from warpchain.results.statuses import reason_words
+
     done, count = outcome.shards
     counts = ", ".join(f"{number} {status}" for status, number in outcome.counts.items())
     print(f"{done} of {count} shards are done; variants: {counts}")
     for reason, number in outcome.reasons:
-        print(f"  {number} like this: {reason}")
+        print(f"  {reason_words(number, reason)}")
     if outcome.went_on is not None:
         on, anew = outcome.went_on
-        print(f"of longer runs, {on} went on from where the ones before stood, {anew} began anew")
+        print(f"of longer runs, {on} continued from the end of shorter ones, {anew} started again")
     if outcome.left and outcome.rate is not None:
         left = duration(outcome.left / outcome.rate)
         print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")

@@ -180,7 +180,7 @@ class Modes:
         """
         which = np.asarray(which, dtype=np.int64)
         if len(which) and not which.max() < len(self):
-            raise SimulationError(f"which: {which.max()} is none of the {len(self)} modes (from 0)")
+            raise SimulationError(f"which = {which.max()}: must be a mode from 0, below {len(self)}")
         kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 

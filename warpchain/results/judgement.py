@@ -6,7 +6,6 @@ new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from warpchain.drive.schema import Part, Value
-from warpchain.results.statuses import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
+from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_words
 
 if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
@@ -353,7 +352,7 @@ class Judgement:
     """Statuses of V variants, and why.
 
     Attributes:
-        status: (V,) of `STATUSES`.
+        status: (V,) of `statuses.STATUSES`.
         reason: (V,) why, "" where ok.
     """
 
@@ -445,10 +444,17 @@ def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:
         return None
     if len(status) == 1:
         return reason[0] if status[0] == DIVERGED else f"suspect: {reason[0]}"
-    kinds = Counter(status[v] for v in bad)
-    counts = " and ".join(f"{kinds[word]} {word}" for word in STATUSES if kinds[word])
+    suspect = sum(status[v] == SUSPECT for v in bad)
+    diverged = len(bad) - suspect
+    head = f"{suspect or diverged} of {len(status)} variants"
+    if suspect:
+        head += f" {'is' if suspect == 1 else 'are'} suspect" + (f" and {diverged} diverged" if diverged else "")
+    else:
+        head += " diverged"
     names = ", ".join(map(str, bad[:NAMED])) + (f" and {len(bad) - NAMED} more" if len(bad) > NAMED else "")
     common = common_reasons((status[v], reason[v]) for v in bad)
-    lines = [f"{count} like this: {text}" for _, text, count in common[:MOST_REASONS]]
+    lines = [reason_words(count, text) for _, text, count in common[:MOST_REASONS]]
+    if len(common) == 1:
+        lines = [common[0][1] if len(bad) == 1 else f"e.g. {common[0][1]}"]
     more = [f"{len(common) - MOST_REASONS} further reasons"] if len(common) > MOST_REASONS else []
-    return f"of {len(status)} variants {counts} (variant {names}); " + "; ".join(lines + more)
+    return f"{head} ({names}): " + "; ".join(lines + more)

@@ -43,8 +43,8 @@ STATISTICS: dict[str, Callable[[Array], float]] = {
     "mean": lambda x: float(x.mean()),
     "std": lambda x: float(x.std()),
     "smallest": lambda x: float(x.min()),
-    "0.1 % below": lambda x: float(np.quantile(x, 0.001)),
-    "99.9 % below": lambda x: float(np.quantile(x, 0.999)),
+    "0.1th percentile": lambda x: float(np.quantile(x, 0.001)),
+    "99.9th percentile": lambda x: float(np.quantile(x, 0.999)),
     "largest": lambda x: float(x.max()),
 }
 """Values by which a measured signal is compared with that of a run."""

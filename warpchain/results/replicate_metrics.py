@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.batch_means import ERROR
-from warpchain.results.judgement import DIVERGED, OK, STATUSES
+from warpchain.results.statuses import DIVERGED, OK, STATUSES
 
 if TYPE_CHECKING:
     import pyarrow as pa

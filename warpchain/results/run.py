@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.arguments import Index, PositiveNumber, checked
 from warpchain.errors import SimulationError
 from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.results.judgement import OK
+from warpchain.results.judgement import NAMED, OK
 from warpchain.results.replicate_metrics import COPY, DRIVE, summary
 from warpchain.show import html
 
@@ -264,7 +264,8 @@ class Run(Mapping[int, Trajectory]):
             SimulationError: no such variant.
         """
         if variant not in self.numbers:
-            raise SimulationError(f"variant {variant}: is none of the run's {len(self.numbers)}")
+            held = ", ".join(map(str, self.numbers[:NAMED])) + (", ..." if len(self.numbers) > NAMED else "")
+            raise SimulationError(f"variant {variant}: not in this run, whose {len(self.numbers)} are {held}")
         return self.numbers.index(variant)
 
     @property

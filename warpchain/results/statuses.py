@@ -21,6 +21,11 @@ def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int
     return by_frequency(alike_reasons((status, reason, 1) for status, reason in found))
 
 
+def reason_words(count: int, reason: str) -> str:
+    """A count of variants and the reason of the first: those of others may have other numbers."""
+    return f"1 variant: {reason}" if count == 1 else f"{count} variants, e.g. {reason}"
+
+
 def by_frequency(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
     """(status, reason, how many), the most frequent first, and of equally frequent ones the earlier."""
     return sorted(found, key=lambda each: -each[2])

@@ -24,7 +24,7 @@ from warpchain.drive import Drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.progress import duration
-from warpchain.results.judgement import common_reasons
+from warpchain.results.statuses import common_reasons, reason_words
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
@@ -272,7 +272,7 @@ def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[st
         f"infeasible: {100.0 * plan.infeasible:.3g} %{sure}: {plan.ruled_out} rows by constraints, and {plan.refused} "
         f"of {plan.built} rows that were built"
     )
-    lines += [f"  {number} like this: {reason}" for reason, number in plan.reasons]
+    lines += [f"  {reason_words(number, reason)}" for reason, number in plan.reasons]
     cost = plan.cost
     how = "measured here" if cost.measured else "assumed"
     besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""

@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.statuses import DIVERGED, SUSPECT
+from warpchain.results.statuses import DIVERGED, SUSPECT, reason_words
 from warpchain.results.units import quantity
 from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
@@ -111,7 +111,7 @@ class LeftOut:
             status, reason, often = self._reasons(self.by_result)[0]
             lost = f"{int(self.by_result.sum())} of {count} variants are left out by their own results"
             rest = f"{self.rest()}{_parts_words(self.parts)}"
-            found.append(f"{lost}, {often} like this: {status}, {reason}. {rest}.")
+            found.append(f"{lost}, {reason_words(often, f'{status}, {reason}')}. {rest}.")
         if self.unbuilt.any():
             found.append(
                 f"{int(self.unbuilt.sum())} of {count} variants could not be built and have no result"
@@ -121,7 +121,7 @@ class LeftOut:
 
     def rest(self) -> str:
         """The rows that all figures of the metrics are of, in words."""
-        return f"What is said of metrics holds only for the {int(self.results.ok.sum())} variants that are left"
+        return f"Statistics of metrics cover only the {int(self.results.ok.sum())} variants that are left"
 
     def _reasons(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
         held = self.results.table.filter(rows)

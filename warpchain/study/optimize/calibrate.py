@@ -355,7 +355,7 @@ def calibrate(
         steps.append((posterior.mean, posterior.u.std(axis=0)))
         if report is not None:
             left = ", ".join(f"{100.0 * of.left:.0f} %" for of in directions(posterior.u))
-            report(f"{len(runs.normals)} runs: standard deviations left of the unknowns' directions: {left}")
+            report(f"{len(runs.normals)} runs: remaining uncertainty by direction: {left}")
         if number < settings.rounds:
             runs.run(_some(posterior.u, settings.batch, rng))
     runs.run(np.vstack([posterior.mean[None], _some(posterior.u, checks - 1, rng)]))

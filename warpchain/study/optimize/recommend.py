@@ -86,7 +86,7 @@ def believed(results: Results, metric: str) -> Believed:
         return Believed(values, np.zeros(len(values)), "set")
     own, errors = np.where(rows, values, np.nan), standard_errors(results, metric)
     if isinstance(results, Designs) and errors is not None:
-        return Believed(values, errors, "as its runs gave it")
+        return Believed(values, errors, "simulated")
     with suppress(StudyError):
         found = best_surrogate(results, metric, 0.0)  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
@@ -97,7 +97,7 @@ def believed(results: Results, metric: str) -> Believed:
             mean, deviation = np.where(known, own, mean), np.where(known, errors, deviation)
         return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
-    return Believed(own, scatter, "as measured; no surrogate predicts it")
+    return Believed(own, scatter, "simulated; no surrogate predicts it")
 
 
 @dataclass(frozen=True)
@@ -192,10 +192,11 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
     if not isinstance(results, Designs):
         rows, cautious = np.flatnonzero(judged.held), judged.costs + 2.0 * judged.spread
         safe = int(rows[int(np.argmin(cautious[rows, 0]))])
-        picks.append((safe, f"{words[0]} {names[0]} that is sure: at two standard deviations to the worse", 0))
+        picks.append((safe, f"best {names[0]} even if two standard deviations worse than estimated", 0))
     elif goals.bounds and len(rows := np.flatnonzero(judged.held & (judged.chance >= SURE))):
+        of_kept = f"{words[0]} {names[0]} of the variants that keep the limits"
         safe = int(min(rows[non_dominated(judged.costs[rows])].tolist(), key=lambda row: judged.costs[row, 0]))
-        picks.append((safe, f"{words[0]} {names[0]} of the variants that surely keep the limits", 0))
+        picks.append((safe, f"{of_kept} with {100.0 * SURE:.0f} % confidence", 0))
     found: dict[int, list[tuple[str, int]]] = {}
     for row, reason, m in picks:
         if row in found or len(found) < most:
@@ -240,18 +241,18 @@ def _passed_over(results: Results, judged: Judged, row: int) -> list[str]:
         if _compared(results, judged, row, np.array([other]), m)[0] < 0.0:
             unit, values = results.unit(objective.metric), results.values(objective.metric)
             better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
-    why = f"is only {_sure(judged, other)} to keep the limits, this one {_sure(judged, row)}"
+    why = f"keeps the limits with {_chance(judged, other)} confidence only, this one with {_chance(judged, row)}"
     if isinstance(results, Designs) and not judged.held[other]:
         why = "keeps the limits in {} of {} runs only".format(*results.kept(other))
     if not results.ok[other]:
         why = f"one of its runs is {results.status[other]}: {results.reason(other)}"
-    more = f"; so with {len(others) - 1} more" if len(others) > 1 else ""
-    beats = f"{' and '.join(better)}, surely better over the same noise"
+    more = f"; likewise {len(others) - 1} more" if len(others) > 1 else ""
+    beats = f"{' and '.join(better)}, significantly better over the same noise"
     return [f"variant {results.variants[other]} has {beats}, but {why}{more}"]
 
 
-def _sure(judged: Judged, row: int) -> str:
-    return f"{100.0 * judged.chance[row]:.0f} % sure"
+def _chance(judged: Judged, row: int) -> str:
+    return f"{100.0 * judged.chance[row]:.0f} %"
 
 
 def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple[str, int]]) -> Recommended:
@@ -275,10 +276,11 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
         lines.append(f"keeps the limits with a probability of {100.0 * chance:.0f} %")
     if goals.bounds and judged.chance[row] < SURE:
         kept_in = f"in {100.0 * goals.keep:g} % of the noise"
+        kept_with = f"confidence that it keeps them {kept_in}: {_chance(judged, row)}"
         if over and (judged.chance >= SURE).any():
-            lines[-1] += f"; that it keeps them {kept_in} is only {_sure(judged, row)}"
+            lines[-1] += f"; {kept_with} only"
         elif over:
-            lines[-1] += f"; no design surely keeps them {kept_in}, this one is {_sure(judged, row)}"
+            lines[-1] += f"; {kept_with}, and no design has {100.0 * SURE:.0f} %"
         else:
             lines[-1] += f"; no variant does so with {100.0 * SURE:.0f} %"
     if alike > 0:

@@ -115,7 +115,7 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
 
 
 def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | None, list[Recommended]]:
-    """The designs to build: why, what is believed of them, how to play them; none without objectives."""
+    """The designs to build: why, their metrics, how to play them; none without objectives."""
     if not wanted.objectives:
         return None, []
     goals = wanted.goals
@@ -177,7 +177,7 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
         if not one.spreads:
             words.append("" if is_set else quantity(one.measured[name], unit))
         lines.append((name, *words, "set" if is_set else ""))
-    heads = ("its runs gave",) if one.spreads else ("believed", "its run gave")
+    heads = ("simulated",) if one.spreads else ("model estimate", "simulated")
     lines_table = html.table(("metric", *heads, ""), lines)
     if one.spreads:
         lines_table += html.table(("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one))
@@ -203,7 +203,7 @@ def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
     for word, head in zip(SHOWN, SHOWN_HEADS, strict=True):
         held = [(of.statistics[word], results.unit(f"mean({of.metric})")) for of in one.spreads]
         lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
-    return [*lines, ("its spread comes of", *(of.parts_words() for of in one.spreads))]
+    return [*lines, ("spread comes from", *(of.parts_words() for of in one.spreads))]
 
 
 def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.Section | None:

@@ -345,7 +345,7 @@ def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Se
         means = panels.effects(results, metric, found, median_effects(results, metric), metric in fair)
         parts.append(panels.chart(means, f"main effects on {metric}"))
         sure = [one for one in pairs[metric] if one.sure and metric in fair]
-        parts.append(html.text(f"Beyond chance {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
+        parts.append(html.text(f"Significant: {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
         parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
     return html.section("effects", "Effects and interactions", *parts)
 

@@ -73,7 +73,7 @@ def guide_figure(trajectory: Trajectory) -> Figure:
         above.set_title(guide.name, loc="left", fontsize=10)
         key(above)
         curve(below, trajectory.time, rollers, color="0.4")
-        below.set_ylabel("rollers pressed [1]")
+        below.set_ylabel("rollers in contact")
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -125,7 +125,7 @@ def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
 
 
 def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
-    """Tension of every link over time, time running down: each row the largest tension of its spell.
+    """Tension of every link over time, time running down: each row the maximum in a time bin.
 
     Args:
         top: tension at the red end of the color scale [N]; None takes `scale_top`.
@@ -141,7 +141,7 @@ def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure
     axis.grid(False)
     axis.set_xlabel("link number")
     axis.set_ylabel("time [s]")
-    figure.colorbar(image, ax=axis, label=f"link tension, largest of each spell [{unit}]", extend="both")
+    figure.colorbar(image, ax=axis, label=f"link tension, maximum in each time bin [{unit}]", extend="both")
     return figure
 
 
@@ -195,7 +195,7 @@ def angle_figure(trajectory: Trajectory) -> Figure:
         at = np.digitize(angle, edges) - 1
         centers = 0.5 * (edges[:-1] + edges[1:])
         top = 0.0
-        for label, share, color in (("median", 0.5, "tab:blue"), ("99 % below", 0.99, "tab:red")):
+        for label, share, color in (("median", 0.5, "tab:blue"), ("99th percentile", 0.99, "tab:red")):
             held = [np.quantile(force[at == k], share) if (at == k).any() else np.nan for k in range(len(centers))]
             axis.plot(centers, held, lw=1.2, color=color, label=label)
             top = max(top, float(np.nanmax(held)) if len(angle) else 0.0)

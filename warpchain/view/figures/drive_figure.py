@@ -69,7 +69,7 @@ def drive_figure(
     arrows: list[Array] = []
     largest = 0.0
     if isinstance(of, Drive):
-        title = "As it begins"
+        title = "Layout at t = 0"
         chains = [_at_start(ring.drive) for ring in rings_of(of)]
     else:
         need(of, "position")

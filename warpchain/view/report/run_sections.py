@@ -59,14 +59,14 @@ def summary(found: HandedIn, row: Row, info: RunInfo) -> html.Section:
         lines.insert(0, f"{status}: {row['reason']}")
     step = "" if info.step is None else f", step {numbers.written(info.step, 's')}"
     lines.append(f"warpchain {info.version} on {info.device}, {info.precision}{step}, {info.created}, {info.ended}")
-    note = "" if status == OK else html.text("Numbers of a run that is not ok describe no drive: see why above.")
+    note = "" if status == OK else html.text("Do not use these numbers: the run is not valid (reason above).")
     picture = pictured(drive_figure(found.whole), "the drive with forces on the chain")
     return html.section("summary", "In short", f'<div class="counts">{cells}</div>', html.bullets(lines), note, picture)
 
 
 def tension(found: HandedIn, _: Row) -> Iterator[str]:
     yield html.text(
-        "Each row of the picture is the largest tension of every link in its spell of time; spectra are of the latter "
+        "Each row of the picture is the maximum tension of every link in a time bin; spectra are of the latter "
         "half, over orders of the driver's revolution."
     )
     yield pictured(chain_figures.waterfall_figure(found.whole), "tension of all links over time")

@@ -168,7 +168,7 @@ def log_tension_image(
 ) -> Chart:
     """Logs the tension along the chain over time: link index upward, time to the right, a cursor at the time shown.
 
-    Each column is the largest tension of each link over its spell, so that no peak is lost.
+    Each column is the maximum tension of each link in a time bin, so that no peak is lost.
     """
     (tension,) = need(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, WIDEST))
