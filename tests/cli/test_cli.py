@@ -10,13 +10,15 @@ import sys
 import numpy as np
 import pytest
 from command import refused, run
-from drives import example
+from drives import example, two_sprockets
 from waiting import bytes_in, wait_for
 
 from warpchain import cli, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _status_lines
 from warpchain.cli.shared_options import name_options
+from warpchain.cli.study_commands import about
+from warpchain.drive import dumps_drive
 from warpchain.drive.examples import drive_path
 
 RUN = ["run", "marine", "-o", "x.mcap"]
@@ -155,7 +157,7 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     status, out, err = run(capsys, *words)
     assert status == 0 and "status: ok" in out and err == []
     (told,) = [line for line in out if line.startswith("losses: ")]
-    assert all(re.search(rf"{group} [\d.e-]+ W", told) for group in ("joints", "sprocket contacts", "links"))
+    assert all(re.search(rf"{group} [\d.e-]+ [mk]?W", told) for group in ("joints", "sprocket contacts", "links"))
     status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
     assert status == 0
     assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
@@ -217,3 +219,41 @@ def test_what_is_no_option_of_a_command_is_named_as_its_file_has_it():
     text = 'lower memory=, or use precision="float32"; x=True\nchain.links = 9: use device="cpu"'
     told = 'lower --memory, or use run.precision = "float32"; x=True\nchain.links = 9: use run.device = "cpu"'
     assert name_options(text, known) == told
+
+
+SIZES = {"mJ": 1e-3, "J": 1.0, "kJ": 1e3, "N": 1.0, "kN": 1e3}
+
+
+def run_of(capsys, tmp_path, duration, *words):
+    """Lines of a run of two sprockets that begin at their speed, by their heads."""
+    (tmp_path / "two.toml").write_text(dumps_drive(two_sprockets(duration=duration)))
+    line = ["run", str(tmp_path / "two.toml"), "-o", str(tmp_path / "a.mcap"), "--quiet", "--device", "cpu"]
+    _, out, err = run(capsys, *line, *words)
+    return {line.partition(":")[0]: line for line in out}, err
+
+
+def test_a_summary_has_a_whole_balance_and_rollers_that_engaged(capsys, tmp_path):
+    """In = out + lost + stored, to the digits printed; in 0.1 s at 10 rad/s 20 teeth pass 3.2 rollers."""
+    lines, _ = run_of(capsys, tmp_path, 0.2, "--limit", "energy_change=inf")
+    found = re.findall(r"(in|out|lost|springs) (-?[\d.e+]+) (\w*J)", lines["energy"])
+    terms = {word: float(value) * SIZES[unit] for word, value, unit in found}
+    size = max(map(abs, terms.values()))
+    assert list(terms) == ["in", "out", "lost", "springs"]
+    assert terms["in"] == pytest.approx(terms["out"] + terms["lost"] + terms["springs"], abs=2e-3 * size)
+    assert re.search(r", [2-5] rollers engaged$", lines["driver"]) and "impacts" not in lines["driver"]
+
+
+def test_a_start_names_what_judges_it_and_gives_no_efficiency(capsys, tmp_path):
+    """The start of a drive from rest stores more than it loses; with the option that the message names it is ok."""
+    ramp = ["--set", "sprockets.driver.prescribed.ramp_time=0.02"]
+    lines, _ = run_of(capsys, tmp_path, 0.02, *ramp)
+    assert "energy_change" not in lines["energy"] and "efficiency" not in lines["energy"]
+    assert lines["status"].startswith("status: suspect") and "--limit energy_change=inf" in lines["status"]
+    lines, _ = run_of(capsys, tmp_path, 0.02, *ramp, "--limit", "energy_change=inf", "--overwrite")
+    assert "energy changes" not in "".join(lines.values())
+
+
+def test_a_page_tells_settings_as_the_study_file_has_them(tmp_path):
+    """TOML's words, not Python's."""
+    (tmp_path / "study.toml").write_text('[design]\nkind = "sobol"\n[run]\nkeep_states = false\nwindow = [0.1, 0.3]\n')
+    assert about(tmp_path) == {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}

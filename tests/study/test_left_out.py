@@ -48,7 +48,7 @@ def test_a_limit_on_the_metric_itself_ranks_no_factor_and_says_what_is_lost():
     assert left_out.selects("y") and not LeftOut(fair).selects("y") and LeftOut(fair).lines() == []
     lost = int((y > 1.5).sum())
     assert re.search(
-        rf"{lost} of 61 variants are left out by their own results, {lost} variants, e.g. suspect, .*0\.2", words
+        rf"{lost} of 61 variants are left out by their own results: {lost} variants, e.g. suspect, .*0\.2", words
     )
     low = float(a[y > 1.5].min())
     told = f"Lost, by factor: a: {lost} of {lost} from {low:.5g} to 1, 0 of {61 - lost} elsewhere."
@@ -68,7 +68,7 @@ def test_few_rows_that_chance_takes_change_nothing_and_many_do():
         status[np.random.default_rng(1).permutation(100)[:lost]] = "diverged"
         words = words_of(table_of(status, a=a, b=b, y=y))
         assert ("a matters most" in words) == ranked
-        assert f"{lost} of 100 variants are left out by their own results, {lost} variants, e.g. diverged" in words
+        assert f"{lost} of 100 variants are left out by their own results: {lost} variants, e.g. diverged" in words
 
 
 def test_few_rows_at_the_end_of_a_factor_or_of_the_metric_are_not_chance():

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
 from warpchain.view.figures.sweep import run_up_cuts, telling_orders
-from warpchain.view.report import report_html
+from warpchain.view.report import numbers, report_html
 from warpchain.view.report.run_sections import sections
 
 CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}
@@ -195,3 +196,16 @@ def test_the_page_in_a_browser(page, tmp_path):
     # sections all the way down, none wider than the window: the margins are the page's background
     assert shown[:, :4].std() < 1.0 and shown[:, -4:].std() < 1.0
     assert (shown[:5000].reshape(50, 100, -1).min(axis=(1, 2)) < 200).mean() > 0.9
+
+
+def test_only_motions_cover_a_distance_and_each_value_has_its_own_prefix():
+    """A moment that swings by 2 N m has no distance in a second; 1.049 W beside 2 kW stays 1.049 W."""
+    time = np.linspace(0.0, 1.0, 101)
+    swing = np.sin(20.0 * time)[:, None]
+    found = SimpleNamespace(part=SimpleNamespace(time=time), whole=SimpleNamespace(time=time), start=0.0, end=1.0)
+    page = numbers.stroke_table(found, {"moment": ("N m", swing), "angle": ("rad", swing)}, 0)
+    moment, angle = (line for line in page.split("<tr>") if "moment" in line or "angle" in line)
+    assert "\u2013" in moment and "\u2013" not in angle
+    found.power = {"small": np.full(101, 1.049), "large": np.full(101, 2e3)}
+    page = numbers.friction_table(found, {})
+    assert "1.049 W" in page and "2 kW" in page

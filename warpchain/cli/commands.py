@@ -272,6 +272,10 @@ def _limits(words: list[str]) -> Any:
 
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """Results of a run in a few lines."""
+    from warpchain.results.judgement import STARTS
+    from warpchain.results.losses import losses
+    from warpchain.results.units import quantity
+
     if row["diverged"]:
         return [row["reason"]]
     if row.get("input_work") is None:
@@ -282,29 +286,35 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     for before in [f"{chain.name}." for chain in drive.chains] or [""]:
         mean, least, most = (row[f"{before}tension_{of}"] for of in ("mean", "min", "max"))
         named = before.replace(".", ": ")
-        lines.append(f"{named}tension: mean {mean:.0f} N, from {least:.0f} to {most:.0f} N")
+        words = [quantity(value, "N") for value in (mean, least, most)]
+        lines.append(f"{named}tension: mean {words[0]}, from {words[1]} to {words[2]}")
     for sprocket in drive.sprockets:
         name = sprocket.name
+        moment, force = quantity(row[f"{name}.moment_mean"], "N m"), quantity(row[f"{name}.force_max"], "N")
         lines.append(
-            f"{name}: speed {row[f'{name}.speed_mean']:.5g} rad/s, moment {row[f'{name}.moment_mean']:.5g} N m, "
-            f"largest contact force {row[f'{name}.force_max']:.0f} N, {row[f'{name}.impacts']} impacts"
+            f"{name}: speed {row[f'{name}.speed_mean']:.4g} rad/s, moment {moment}, largest contact force {force}, "
+            f"{row[f'{name}.contacts']} rollers engaged"
         )
         if row.get(f"{name}.travel_max") is not None:
             lines.append(
-                f"{name}: center up to {row[f'{name}.travel_max']:.4g} m from its place, mean mount force "
-                f"{row[f'{name}.mount_force_mean']:.0f} N"
+                f"{name}: center up to {quantity(row[f'{name}.travel_max'], 'm')} from its place, mean mount force "
+                f"{quantity(row[f'{name}.mount_force_mean'], 'N')}"
             )
     residual = row["energy_residual_relative"]
-    works = f"in {row['input_work']:.5g} J, out {row['output_work']:.5g} J"
-    efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
+    terms = {"in": row["input_work"], "out": row["output_work"], "lost": sum(losses(drive, row).values())}
+    terms |= {"into motion and springs": row["energy_change"]}
+    works = ", ".join(f"{word} {quantity(value, 'J')}" for word, value in terms.items())
+    of_start = abs(row["energy_change_relative"] or 0.0) > STARTS  # out and lost are of no steady work there
+    known = row.get("efficiency") is not None and not of_start
+    efficiency = f", efficiency {100.0 * row['efficiency']:.2f} % (out over out and lost)" if known else ""
     joints = [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"]
     rubbed = [row[name] for name in joints if row.get(name) is not None]
-    rubbing = f", joint friction {sum(rubbed):.4g} J" if rubbed else ""
+    rubbing = f", joint friction {quantity(sum(rubbed), 'J')}" if rubbed else ""
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
     lines += _loss_lines(drive, row)
     if row.get("steady") is False:
         change = row.get("tension_drift")
-        size = "" if change is None else f" (mean tension {change:+.4g} N over the window)"
+        size = "" if change is None else f" (mean tension changes by {quantity(change, 'N')} over the window)"
         lines.append(f"not steady yet{size}: run longer (--duration) before you take its means for those of the drive")
     return [*lines, *_status_lines(row)]
 
@@ -312,6 +322,7 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     """Losses of the drive by group: power, and share of the input."""
     from warpchain.results.losses import losses
+    from warpchain.results.units import quantity
 
     seconds, works = row["window_end"] - row["window_start"], row["input_work"]
     found = losses(drive, row)
@@ -319,12 +330,12 @@ def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     if total <= 0.0 or seconds <= 0.0:
         return []
     shares = [
-        f"{group} {energy / seconds:.4g} W" + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
+        f"{group} {quantity(energy / seconds, 'W')}" + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
         for group, energy in found.items()
         if energy != 0.0
     ]
     part = f", {100.0 * total / works:.3g} % of the input" if works > 0.0 else ""
-    return [f"losses: {total / seconds:.4g} W{part}: {', '.join(shares)}"]
+    return [f"losses: {quantity(total / seconds, 'W')}{part}: {', '.join(shares)}"]
 
 
 def _status_lines(row: dict[str, Any]) -> list[str]:

@@ -383,6 +383,7 @@ def table_path(source: Path) -> Path:
 
 def about(folder: Path) -> dict[str, str]:
     """Name, design and run settings of a study's folder, in words; empty where it has none."""
+    from warpchain.drive.toml import value_text
     from warpchain.study.spec.study_tables import of_file
 
     try:
@@ -395,7 +396,7 @@ def about(folder: Path) -> dict[str, str]:
     tables |= {f"adjust {k + 1}" if len(adjusts) > 1 else "adjust": adjust for k, adjust in enumerate(adjusts)}
     for key, table in tables.items():
         if table:
-            found[key] = ", ".join(f"{name} = {value}" for name, value in table.items())
+            found[key] = ", ".join(f"{name} = {value_text(value)}" for name, value in table.items())
     for number, constraint in enumerate(study.get("constraints", ())):
         found[f"constraint {number + 1}"] = str(constraint.get("require", ""))
     return found

@@ -232,8 +232,11 @@ RULES = (
         "energy_change",
         "energy_change_relative",
         "of the losses",
-        lambda of, value: f"the drive's energy changes by {100.0 * value:+.2g} % of the losses",
-        "take a longer run or a later window, after the start",
+        lambda of, value: (
+            f"the drive's energy changes by {100.0 * value:+{'.2g' if abs(value) < 1.0 else '.0f'}} % of the losses"
+        ),
+        "take a longer run or a later window, after the start, or for a start itself --limit energy_change=inf (in a "
+        "study file limits.energy_change = inf)",
     ),
     Rule(
         "settle_residual",

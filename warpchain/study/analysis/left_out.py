@@ -111,7 +111,7 @@ class LeftOut:
             status, reason, often = self._reasons(self.by_result)[0]
             lost = f"{int(self.by_result.sum())} of {count} variants are left out by their own results"
             rest = f"{self.rest()}{_parts_words(self.parts)}"
-            found.append(f"{lost}, {reason_words(often, f'{status}, {reason}')}. {rest}.")
+            found.append(f"{lost}: {reason_words(often, f'{status}, {reason}')}. {rest}.")
         if self.unbuilt.any():
             found.append(
                 f"{int(self.unbuilt.sum())} of {count} variants could not be built and have no result"
@@ -156,7 +156,7 @@ def _of_numbers(
     gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # of (a); 0 at the highest level
     at = int(np.argmax(np.abs(gap)))
     low, high = (0, at) if gap[at] > 0.0 else (min(at + 1, len(levels) - 1), len(levels) - 1)
-    ends = [quantity(float(levels[k]), unit, digits=5) for k in (low, high)]
+    ends = [quantity(float(levels[k]), "" if unit == "-" else unit, digits=5) for k in (low, high)]
     within = [int(((of >= levels[low]) & (of <= levels[high])).sum()) for of in (out, rest)]
     part = f"at {ends[0]}" if low == high else f"from {ends[0]} to {ends[1]}"
     chance = min(1.0, tests * _chance(out, rest))

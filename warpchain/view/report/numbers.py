@@ -14,7 +14,7 @@ from warpchain.results.engineering_report import HandedIn
 from warpchain.results.formulas import THINGS
 from warpchain.results.metric_columns import COLUMNS, SPEEDS, column_of
 from warpchain.results.signals import events, stroke
-from warpchain.results.units import shown, shown_unit
+from warpchain.results.units import shown_unit
 from warpchain.view.html import number, table, text
 
 DIGITS = 4
@@ -34,11 +34,6 @@ def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str
 def written(value: float, unit: str) -> str:
     """A value [SI] with its unit in one text."""
     return " ".join(quantity(value, unit)).strip()
-
-
-def rounded(value: float) -> float:
-    """A number to `DIGITS` significant digits."""
-    return float(f"{value:.{DIGITS}g}")
 
 
 def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
@@ -81,7 +76,6 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
 
 def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     """Mean and largest force on each shaft: from the sums over every step where there are any, or else from frames."""
-    unit, factor = shown("N", float(np.hypot(*np.moveaxis(found.hubs, -1, 0)).max()))
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
         frames = found.hubs[:, s]
@@ -91,8 +85,8 @@ def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
         top = float(most) if exact and most is not None else float(np.hypot(*frames.T).max())
         values = [mean[0], mean[1], float(np.hypot(*mean)), top]
         heading = math.degrees(math.atan2(mean[1], mean[0]))
-        rows.append([sprocket.name, *(rounded(factor * value) for value in values), round(heading, 1)])
-    head = [f"mean to the right [{unit}]", f"mean upward [{unit}]", f"size of the mean [{unit}]", f"largest [{unit}]"]
+        rows.append([sprocket.name, *(written(value, "N") for value in values), round(heading, 1)])
+    head = ["mean to the right", "mean upward", "size of the mean", "largest"]
     return table(["shaft", *head, "direction of the mean [degrees]"], rows)
 
 
@@ -140,7 +134,7 @@ def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str,
 
 
 def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """Motion of each channel (F, count) of body k in the window: extremes, mean, travel, way in a second."""
+    """Each channel (F, count) of body k in the window: extremes, mean, range; of motions the distance in a second."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = stroke(found.part.time, values[:, k])
@@ -148,8 +142,9 @@ def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: in
         cells = [
             quantity(value, unit, largest) for value in (moved.low, moved.mean, moved.high, moved.travel, moved.path)
         ]
+        cells[-1] = cells[-1] if unit in ("m", "rad") else ("\u2013", "")  # only motions cover a distance
         rows.append([title, *(value for value, _ in cells), cells[0][1]])
-    return table(["what", "least", "mean", "most", "travel", "way in a second", "unit"], rows)
+    return table(["what", "least", "mean", "most", "range", "distance in a second", "unit"], rows)
 
 
 def valve_line(found: HandedIn, k: int) -> str:
@@ -174,11 +169,10 @@ def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     whole = {name: row.get(f"{name}.friction") for name in means}
     steps = {name: means[name] if work is None else float(work) / seconds for name, work in whole.items()}
     total = sum(steps.values())
-    unit, factor = shown("W", max([total, *means.values()], default=0.0))
     rows: list[list[Any]] = [
-        [name, rounded(factor * steps[name]), rounded(factor * means[name]), round(100.0 * steps[name] / total, 1)]
+        [name, written(steps[name], "W"), written(means[name], "W"), round(100.0 * steps[name] / total, 1)]
         for name in means
         if total > 0.0
     ]
-    rows.append(["all", rounded(factor * total), rounded(factor * sum(means.values())), 100.0])
-    return table(["what rubs", f"mean power [{unit}]", f"from the frames [{unit}]", "share [%]"], rows)
+    rows.append(["all", written(total, "W"), written(sum(means.values()), "W"), 100.0])
+    return table(["what rubs", "mean power", "from the frames", "share [%]"], rows)
