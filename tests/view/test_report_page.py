@@ -209,3 +209,8 @@ def test_only_motions_cover_a_distance_and_each_value_has_its_own_prefix():
     found.power = {"small": np.full(101, 1.049), "large": np.full(101, 2e3)}
     page = numbers.friction_table(found, {})
     assert "1.049 W" in page and "2 kW" in page
+
+
+def test_a_margin_is_at_most_the_whole_climb():
+    """A roller that its contact lets sink below the seat still has all of the climb before it: 100 %, not 103 %."""
+    assert [numbers.climb_share(margin) for margin in (1.03, 0.4567, 0.0)] == ["100 %", "45.7 %", "0 %"]

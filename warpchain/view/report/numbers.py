@@ -36,6 +36,11 @@ def written(value: float, unit: str) -> str:
     return " ".join(quantity(value, unit)).strip()
 
 
+def climb_share(margin: float) -> str:
+    """A margin to tooth jump over the whole climb; a roller pressed below its seat has no more than all of it."""
+    return f"{100.0 * min(1.0, margin):.3g} %"
+
+
 def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
     """The metrics whose names begin with a prefix, and have no further one, with their standard errors."""
     for name, value in row.items():

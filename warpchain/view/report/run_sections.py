@@ -49,7 +49,7 @@ def summary(found: HandedIn, row: Row, info: RunInfo) -> html.Section:
             boxes.append(("", value, words))
     least = [value for name, value in metrics.items() if name.endswith(".jump_margin_relative")]
     if least:
-        boxes.append(("", f"{100.0 * min(1.0, *least):.0f} %", "least margin to tooth jump"))
+        boxes.append(("", numbers.climb_share(min(least)), "least margin to tooth jump"))
     cells = "".join(
         f'<div class="{kind}"><b>{html.escape(value)}</b>{html.escape(words)}</div>' for kind, value, words in boxes
     )
@@ -147,7 +147,7 @@ def safety(found: HandedIn, row: Row) -> Iterator[str]:
         "chain jumps), and for how long strands carry no tension in their middles and guides are not touched."
     )
     metrics = found.metrics()
-    rows = [[name, f"{100.0 * min(1.0, metrics[f'{name}.jump_margin_relative']):.1f} %",
+    rows = [[name, numbers.climb_share(metrics[f"{name}.jump_margin_relative"]),
              numbers.written(metrics[f"{name}.jump_margin"], "m"), str(row.get(f"{name}.slips", ""))]
             for name in (sprocket.name for sprocket in found.drive.sprockets)
             if f"{name}.jump_margin" in metrics]  # fmt: skip
