@@ -157,6 +157,41 @@ def test_a_residual_is_held_against_a_thousandth_of_what_is_stored_where_hardly_
     assert busy.relative == pytest.approx(1.0 / 9.5)
 
 
+def test_reasons_of_a_variant_do_not_depend_on_what_runs_beside_it():
+    """A crowd's columns stand in the order of its first variants; clauses of one limit in that of the variant's own."""
+    strands = SIZED.strand_names
+    given = {f"{strand}.tension_mean": -2.0 for strand in strands}
+    given |= {f"{name}.slips": 1.0 for name in ("driver", "driven")} | {"driven.gap_max": math.nan, "links": math.nan}
+    given |= {"tension_max": 100.0, "diverged_time": 0.0, "diverged": False}
+
+    def reason(names):
+        columns = {name: (np.full(2, given[name]), np.array([False, False])) for name in names}
+        return judge([example("marine"), SIZED], columns, np.ones(2, dtype=bool)).reason[1]
+
+    alone = reason(list(given))
+    assert [alone.index(f"{strand}: pushes") for strand in strands] == sorted(
+        alone.index(f"{strand}: pushes") for strand in strands
+    )
+    assert reason(sorted(given)) == reason(list(reversed(given))) == alone
+
+
+def test_a_chain_of_another_drive_does_not_take_a_strand_from_its_limit():
+    """A drive of several chains, one named like a sprocket of this drive, runs beside it."""
+    beside = example("v6")
+    name = beside.chains[0].name
+    drive = two_sprockets()
+    drive = drive.model_copy(
+        update={"sprockets": (drive.sprockets[0].model_copy(update={"name": name}), *drive.sprockets[1:])}
+    )
+    columns = {f"{name}.slips": 1.0, "diverged": False, "diverged_time": 0.0}
+
+    def reason(drives):
+        given = {of: (np.full(len(drives), value), np.zeros(len(drives), dtype=bool)) for of, value in columns.items()}
+        return judge(drives, given, np.ones(len(drives), dtype=bool)).reason[0]
+
+    assert reason([drive]) == reason([drive, beside]) != ""
+
+
 def test_ten_thousand_variants_are_judged_in_little_time():
     """0.05 ms a variant at most, all of them suspect for three reasons; 0.01 ms here."""
     count = 10_000

@@ -395,25 +395,12 @@ def judge(
         found.setdefault(v, []).insert(0, f"diverged at {times[v]:.4g} s{end}")
     for v in np.flatnonzero(~measured & ~diverged.astype(bool)).tolist():
         found.setdefault(v, []).append(UNMEASURED)
-    for v, name in _not_finite(columns).items():
+    for v, name in _not_finite(drives, columns).items():
         if not diverged[v]:
             found.setdefault(v, []).append(f"{name} is not finite: {CAUSES[TORN]}, or less load")
-    chains = {chain.name for drive in drives for chain in drive.chains}
-    for rule in RULES:
-        limit = float(getattr(limits, rule.key))
-        names = [name for name in columns if _is_of(name, rule, chains)]
-        if not names or limit == (0.0 if rule.least else np.inf):
-            continue
-        for name in names:
-            of = name.removesuffix(rule.column).removesuffix(".")
-            scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns, of)
-            values, null = columns[name]
-            shares = values / scale
-            within = shares >= limit if rule.least else rule.size(shares) <= limit
-            beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool) & np.isfinite(values)
-            for v in np.flatnonzero(beyond).tolist():
-                named = f"{of}: " if drives[v].chains and not rule.of and of else ""
-                found.setdefault(v, []).append(f"{named}{rule.reason(of, float(shares[v]), limit)}")
+    for v, reasons in _beyond(drives, columns, limits).items():
+        if not diverged[v]:
+            found.setdefault(v, []).extend(reasons)
     status, reason = [OK] * len(drives), [""] * len(drives)
     for v, reasons in found.items():
         status[v] = DIVERGED if diverged[v] else SUSPECT
@@ -421,20 +408,72 @@ def judge(
     return Judgement(status, reason)
 
 
-def _is_of(name: str, rule: Rule, chains: set[str]) -> bool:
-    """Whether a column is held against a rule's limit; chains have the names of `chains` where there are several."""
-    of, _, column = name.rpartition(".")
-    return column == rule.column and (of != "" and of not in chains if rule.of else of == "" or of in chains)
+def _beyond(drives: Sequence[Drive], columns: Mapping[str, Given], limits: Limits) -> dict[int, list[str]]:
+    """Reasons of each variant, by its number: rule by rule, and in the order of its drive's own columns."""
+    found: dict[int, list[tuple[int, str, str]]] = {}
+    chains = {chain.name for drive in drives for chain in drive.chains}
+    for r, rule in enumerate(RULES):
+        limit = float(getattr(limits, rule.key))
+        if limit == (0.0 if rule.least else np.inf):
+            continue
+        for name in columns:
+            of, _, column = name.rpartition(".")
+            if column != rule.column:
+                continue
+            mine = _has_rule(drives, of, rule, chains)
+            if not mine.any():
+                continue
+            scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns, of)
+            values, null = columns[name]
+            shares = values / scale
+            within = shares >= limit if rule.least else rule.size(shares) <= limit
+            for v in np.flatnonzero(mine & ~(within | null | np.isnan(scale)) & np.isfinite(values)).tolist():
+                named = f"{of}: " if drives[v].chains and not rule.of and of else ""
+                text = f"{named}{rule.reason(of, float(shares[v]), limit)}"
+                found.setdefault(v, []).append((r, name, text))
+    return {v: [text for _, _, text in _in_own_order(drives[v], of)] for v, of in found.items()}
 
 
-def _not_finite(columns: Mapping[str, Given]) -> dict[int, str]:
-    """The first column of each variant, by its number, that has a value which is not finite."""
-    found: dict[int, str] = {}
+def _in_own_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
+    """Reasons (rule, column, text) rule by rule; of one rule in the order of the drive's own columns."""
+    if len({rule for rule, _, _ in reasons}) == len(reasons):
+        return reasons
+    places = _places(drive)
+    return sorted(reasons, key=lambda of: (of[0], places.get(of[1], -1), of[1]))
+
+
+def _places(drive: Drive) -> dict[str, int]:
+    """Place of each column among those of the drive's own table."""
+    from warpchain.results.metric_columns import metric_names  # which imports what this module judges
+
+    return {name: place for place, name in enumerate(metric_names(drive))}
+
+
+def _has_rule(drives: Sequence[Drive], of: str, rule: Rule, chains: set[str]) -> NDArray[np.bool_]:
+    """(V,) whether a rule's column of this prefix is held against its limit.
+
+    Args:
+        of: what stands before the column's name; "" for a drive's only chain.
+        chains: names of the chains of all drives that have several.
+    """
+    own: bool | NDArray[np.bool_] = of == ""
+    if of in chains:
+        own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
+    return np.broadcast_to(np.logical_not(own) if rule.of else own, len(drives))
+
+
+def _not_finite(drives: Sequence[Drive], columns: Mapping[str, Given]) -> dict[int, str]:
+    """The first of each variant's own columns, by its number, that has a value which is not finite."""
+    found: dict[int, list[str]] = {}
     for name, (values, null) in columns.items():
         if values.dtype.kind == "f":
             for v in np.flatnonzero(~np.isfinite(values) & ~null).tolist():
-                found.setdefault(v, name)
-    return found
+                found.setdefault(v, []).append(name)
+    first = {}
+    for v, names in found.items():
+        places = _places(drives[v]) if len(names) > 1 else {}
+        first[v] = min(names, key=lambda name: (places.get(name, -1), name))
+    return first
 
 
 def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:
