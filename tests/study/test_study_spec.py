@@ -79,6 +79,8 @@ EXPECTED = [
     (WITH + "[study2]\n", "study2 = {}: unknown key; did you mean study?"),
     (HEAD + "drives = 1\n" + DESIGN + RANGE, "study.drives = 1: unknown key; did you mean drive?"),
     ("[study]\ndrive = 3\n" + DESIGN + RANGE, "study.drive = 3: must be a text that is not empty"),
+    (WITH + '[[objectives]]\nmetric = ["a"]\n', 'objectives.0.metric = ["a"]: must be a text that is not empty'),
+    (WITH + "[[limits]]\nmetric = [1]\nmax = 1\n", "limits.0.metric = [1]: must be a text that is not empty"),
     # factors
     (factor("rang = [1, 2]"), "factors.torque.rang = [1, 2]: unknown key; did you mean range?"),
     (factor(""), "factors.torque.range: missing; give range, a distribution, levels, choice or expression"),

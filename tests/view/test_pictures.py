@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from drives import STARTING, example, two_sprockets
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
 
-from warpchain import Record, simulate, write_archive
+from warpchain import Record, dumps_drive, loads_drive, simulate, write_archive
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, tension_figure
 from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.plot import plot_figures, plot_sweep
-from warpchain.view.figures.style import save_figure
+from warpchain.view.figures.style import grid, panels, save_figure
 from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps
 from warpchain.view.html import picture
 from warpchain.view.rerun.drive_scene import shown_frames
@@ -29,10 +28,17 @@ def run():
 
 
 def test_names_of_parts_are_no_formulas(tmp_path):
-    figure = Figure()
-    figure.suptitle("$x^{$")
-    save_figure(figure, tmp_path / "name.png")
-    assert (tmp_path / "name.png").exists() and "svg" in picture(figure, "")
+    """A name with two dollar signs around what is no formula, in a figure that is laid out before it is written."""
+    drive = loads_drive(dumps_drive(two_sprockets()).replace('"driven"', '"$x^{$"'))
+    figure = drive_figure(drive)
+    save_figure(figure, tmp_path / "drive.png")
+    assert (tmp_path / "drive.png").exists() and "svg" in picture(figure, "")
+    figure.savefig(tmp_path / "by-hand.png")  # as a user of the library does
+    others = panels(2, 3.0, "$x^{$", drive)[0], grid(2, 2, 2.0, 2.0)[0]
+    for other in others:
+        other.axes[0].set_yscale("log")
+        other.axes[0].set_title("$x^{$")
+        other.draw_without_rendering()
 
 
 def colored(image, least=60):

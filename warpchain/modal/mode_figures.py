@@ -65,14 +65,14 @@ def swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.fl
 
 def shapes_figure(modes: Modes) -> Figure:
     """The first modes, each at both ends of its swing, with how far each sprocket and arm turns."""
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
     count = min(len(modes), MOST)
     columns = min(count, COLUMNS)
     lines = -(-count // columns)
     span = np.ptp(modes.position, axis=0)
     tall = float(np.clip(3.0 * span[1] / span[0], 1.4, 5.0))
-    figure = Figure(figsize=(3.1 * columns, (tall + 0.55) * lines + 0.6), layout="constrained")
+    figure = PlainFigure(figsize=(3.1 * columns, (tall + 0.55) * lines + 0.6), layout="constrained")
     for k, axis in enumerate(figure.subplots(lines, columns, squeeze=False).ravel()):
         if k < count:
             _draw_shape(axis, modes, k)
@@ -108,9 +108,9 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
 
 def campbell_figure(found: Campbell) -> Figure:
     """Frequencies of the modes over the driver's speed, with the orders that excite the drive and the tongues."""
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
     axis = figure.subplots()
     speed = rpm(1.0) * found.speed
     top = 1.08 * float(np.nanmax(found.frequency))

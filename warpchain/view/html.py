@@ -136,10 +136,7 @@ def picture(figure: Figure, words: str, kind: str = "svg+xml") -> str:
     """A figure as data in the page, SVG or "png"; `words` is what it is called by those who cannot see it."""
     import matplotlib
 
-    from warpchain.view.figures.style import without_math
-
     buffer = io.BytesIO()
-    without_math(figure)
     with matplotlib.rc_context({"svg.hashsalt": "warpchain", "svg.fonttype": "path"}):
         figure.savefig(buffer, format=kind[:3], metadata={"Date": None} if kind[:3] == "svg" else None, dpi=110)
     data = base64.b64encode(buffer.getvalue()).decode()

@@ -457,10 +457,12 @@ def as_written(line: str, values: Any) -> str:
 def objective_rules(node: Any) -> Iterator[Problem]:
     """No metric is wanted twice, and limits and a search need something that is wanted."""
     for key in ("objectives", "bounds"):
-        names: set[Any] = set()
+        names: set[str] = set()
         for i, entry in enumerate(elements(node, key)):
             name = get(entry, "metric")
-            if name in names and isinstance(name, str):
+            if not isinstance(name, str):
+                continue  # its own rule says so
+            if name in names:
                 yield Problem((key, i, "metric"), name, f"must be unique among {key}")
             names.add(name)
     if get(node, "optimize") is not None and not elements(node, "objectives"):

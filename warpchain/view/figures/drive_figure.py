@@ -64,7 +64,7 @@ def drive_figure(
         DriveError: a drive whose chain has no path.
         SimulationError: a trajectory without positions.
     """
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
     arrows: list[Array] = []
     largest = 0.0
@@ -87,7 +87,7 @@ def drive_figure(
     low, high = _extent([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
     unit, factor = shown("m", span)
-    figure = Figure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
+    figure = PlainFigure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
     for chain, mine, reached in zip(chains, parts, travel, strict=True):
         draw_parts(axis, chain.drive, chain.pose, mine, factor)

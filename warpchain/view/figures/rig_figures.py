@@ -81,9 +81,9 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
         tables: samples of rides by their labels, a label for the legend.
         cycles: of each ride.
     """
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
-    figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    figure = PlainFigure(figsize=(11.0, 5.2), layout="constrained")
     axes = figure.subplot_mosaic([["loop", "pressure"], ["loop", "lift"]], width_ratios=[1.15, 1.0])
     loop, pressure, lift = axes["loop"], axes["pressure"], axes["lift"]
     oil = any(_columns(table)["pressure"].any() for table in tables.values())
@@ -140,9 +140,9 @@ def sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, t
         x: what is swept, in the unit of `axis`.
         axis: label of `x`; frequencies are drawn over decades.
     """
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True).ravel()
     colors = _colors(len(rides))
     for panel, (name, label, columns, factor) in zip(axes, PANELS, strict=True):

@@ -78,9 +78,9 @@ def panels(
         title: none where it is empty.
         of: what was run, for the line below the title.
     """
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
-    figure = Figure(figsize=(10.0, height), layout="constrained")
+    figure = PlainFigure(figsize=(10.0, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
     if title:
         figure.suptitle(title if of is None else f"{title}\n{about(of)}", fontsize=12)
@@ -106,11 +106,11 @@ def mark_teeth(axis: Any, teeth: int) -> None:
 
 def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
     """A figure of panels in rows of `columns`, each of a size [in]."""
-    from matplotlib.figure import Figure
+    from warpchain.view.figures.plain_figure import PlainFigure
 
     columns = min(columns, count)
     rows = -(-count // columns)
-    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    figure = PlainFigure(figsize=(width * columns, height * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for axis in axes[count:]:
         axis.set_visible(False)
@@ -125,27 +125,12 @@ def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: 
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
-def without_math(figure: Figure) -> None:
-    """Makes texts mean themselves: names of parts may hold any character. Numbers at ticks keep their powers of ten."""
-    from matplotlib.text import Text
-
-    ticks = {
-        text
-        for axis in figure.axes
-        for line in (axis.xaxis, axis.yaxis)
-        for text in (*line.get_ticklabels(which="both"), line.get_offset_text())
-    }
-    for text in figure.findobj(Text):
-        text.set_parse_math(text in ticks)
-
-
 def save_figure(figure: Figure, path: Path) -> None:
     """Writes a figure as the path's ending says; it appears under its name only when whole.
 
     Raises:
         ArchiveError: a file that cannot be written.
     """
-    without_math(figure)
     with refusals(path, ArchiveError), whole_file(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=130)
 
@@ -170,7 +155,6 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
     with refusals(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
-            without_math(figure)
             for kind in wanted:
                 style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
                 paths.append(target / f"{name}.{kind}")
