@@ -61,3 +61,23 @@ def test_links_without_an_arm_tell_it_too(tmp_path, capsys):
     status, out, _ = run(capsys, "fit", path, "--links")
     (line,) = looks(out)
     assert status == 0 and line.startswith("LOOK AT chain: strain +1.50 % at assembly")
+
+
+def test_a_file_written_elsewhere_stands_alone_and_keeps_units(tmp_path, capsys):
+    """The CSV file is beside the first drive file; a center in mm is written in mm."""
+    given, other = tmp_path / "drive.toml", tmp_path / "elsewhere" / "drive.toml"
+    other.parent.mkdir()
+    save_drive(two_sprockets(links=60, span=20.3), given)
+    (tmp_path / "load.csv").write_text("time,torque\n0,0\n0.1,5\n")
+    drive = load_drive(given)
+    x = drive.sprockets[1].center[0]
+    text = given.read_text().replace(f"center = [{x}", f'center = ["{1e3 * x:.10g} mm"')
+    head, mark, rest = text.partition('name = "driven"')
+    text = head + mark + rest.replace("load = {", 'load = { table = { file = "load.csv" },', 1)
+    assert '"load.csv"' in text and " mm" in text
+    given.write_text("# ours\n" + text)
+    assert run(capsys, "fit", given, "-o", other, "--sprocket", "driven", "--along", "1,0", "--strain", 0)[0] == 0
+    written = other.read_text()
+    assert written.startswith("# ours\n") and ' mm"' in written and "load.csv" not in written
+    moved, was = load_drive(other), load_drive(given)
+    assert moved.sprockets[1].load == was.sprockets[1].load and moved.sprockets[1].center[0] != x

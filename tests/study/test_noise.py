@@ -428,7 +428,8 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     pytest.importorskip("sklearn")
     path = write_study(tmp_path)
     path.write_text(GOALS + TINY.format(shard=64))
-    out = tmp_path / "out"
+    out, file = tmp_path / "out", tmp_path / "tiny.toml"
+    file.write_text("# of the rig\n" + file.read_text())
     status, lines, _ = run(capsys, "optimize", path, "-o", out, "--quiet")
     text = "\n".join(lines)
     assert status == 0 and "48 variants of 6 designs over the same noise" in text
@@ -436,6 +437,7 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     base = load_drive(tmp_path / "tiny.toml")
     for file in sorted(out.rglob("design-*.toml")):
         drive = load_drive(file)
+        assert file.read_text().startswith("# of the rig\n")
         assert drive.chain.stiffness == base.chain.stiffness
         assert drive.get_value("sprockets.s1.load.torque") != base.get_value("sprockets.s1.load.torque")
     found = optimize(path, out)
@@ -446,6 +448,7 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     assert "which nobody can choose" in page
     for file in beside:  # the page's designs are drives of design factors only, as the search writes them
         assert f"<code>{file.name}</code>" in page and "torque" in file.read_text().splitlines()[0]
+        assert file.read_text().splitlines()[1] == "# of the rig"
         assert load_drive(file).chain.stiffness == base.chain.stiffness
     searched = {load_drive(file).get_value("sprockets.s1.load.torque") for file in out.rglob("design-*.toml")}
     assert {load_drive(file).get_value("sprockets.s1.load.torque") for file in beside} == searched

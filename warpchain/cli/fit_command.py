@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitted_chain, strand_sag
 from warpchain.assembly.layout_checks import findings, idle_arms, stretched
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
+from warpchain.drive.drive_text import text_alone, with_changes
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
@@ -20,6 +21,8 @@ from warpchain.errors import DriveError
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
+FIT_DIGITS = 15
+"""Significant digits of centers in the file: all that fitting leaves of them, which is 1e-10 m."""
 NEAR = 1.0
 """Of a wanted angle of an arm [degrees]: nearer is as near as wanted."""
 
@@ -71,7 +74,8 @@ def fit_file(arguments: Namespace) -> list[str]:
             sag=arguments.sag,
             strand=arguments.strand,
         )
-    write_drive_text(edited(text, drive), output)
+    beside = output.parent.resolve() == path.parent.resolve()
+    write_drive_text(with_changes(text if beside else text_alone(path), before, drive, FIT_DIGITS), output)
     return [*_changes(before, drive), *_state(drive), *_off(drive, angle or {}), f"written: {output}"]
 
 
@@ -84,27 +88,6 @@ def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
     if arguments.arm is None and len(drive.arms) != 1:
         raise DriveError(f"--angle: needs --arm, the drive has {len(drive.arms)} arms")
     return {arguments.arm or drive.arms[0].name: arguments.angle}
-
-
-def edited(text: str, drive: Drive) -> str:
-    """A drive file's text with the links and centers of a drive, all else as it is.
-
-    Args:
-        text: TOML of a drive that differs from `drive` at most in these.
-        drive: where the values come from.
-    """
-    import tomlkit
-
-    document: Any = tomlkit.parse(text)
-    tables = document["chains"] if "chains" in document else [document["chain"]]
-    for table, ring in zip(tables, rings_of(drive), strict=True):
-        if table["links"] != ring.drive.chain.links:
-            table["links"] = ring.drive.chain.links
-    for table, sprocket in zip(document["sprockets"], drive.as_read.sprockets, strict=True):
-        for axis, value in enumerate(sprocket.center):
-            if table["center"][axis] != value:
-                table["center"][axis] = value
-    return tomlkit.dumps(document)
 
 
 def _direction(word: str) -> list[float]:

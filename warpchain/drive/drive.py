@@ -679,7 +679,13 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
 @checked(DriveError)
 def dumps_drive(drive: Drive) -> str:
     """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
-    return drive_toml.dumps(_without_empty(drive.as_read.model_dump(exclude_none=True)))
+    return drive_toml.dumps(values_of(drive))
+
+
+def values_of(drive: Drive) -> dict[str, Any]:
+    """The values that a drive's file gives, defaults among them, as nested tables and lists."""
+    values: dict[str, Any] = _without_empty(drive.as_read.model_dump(exclude_none=True))
+    return values
 
 
 def _without_empty(value: Any) -> Any:

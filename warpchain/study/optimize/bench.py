@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from warpchain.arguments import Count, Index, Workers, checked
 from warpchain.drive import Drive, dumps_drive, load_drive
+from warpchain.drive.drive_text import text_alone
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
 from warpchain.results.arrow_tables import with_column
@@ -24,7 +25,7 @@ from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
 from warpchain.study.results import ARCHIVED, ROUND, SEARCH_TARGET, Results, read_results
 from warpchain.study.run.folder import Folder, make_folder
-from warpchain.study.run.prepare import read_study, shard_size
+from warpchain.study.run.prepare import drive_file, read_study, shard_size
 from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.run.runner import run_folder
 from warpchain.study.spec import Study, load_study
@@ -108,6 +109,7 @@ class Bench:
     ) -> None:
         self.source = Path(source)
         self.study, self.drive, _ = read_study(source, drive)
+        self.drive_text = text_alone(drive_file(self.study, source, drive))
         self.folder = None if folder is None else Path(folder)
         self._workers, self._memory, self._search_target = workers, memory, search_target
         self._known: dict[str, tuple[pa.Table, int]] = {}

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.arguments import Count, Workers, checked
-from warpchain.drive import dumps_drive
+from warpchain.drive.drive_text import drive_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
@@ -396,7 +396,7 @@ def _write(folder: Path, runs: Runs, mean: Array, after: Array) -> Path:
     ]
     write_text(folder / "posterior.csv", "\n".join(lines) + "\n")
     drive = folder / "calibrated.toml"
-    write_text(drive, dumps_drive(runs.bench.drives(runs.rows_at(mean[None]))[0]))
+    write_text(drive, drive_text(runs.bench.drive_text, runs.bench.drives(runs.rows_at(mean[None]))[0]))
     return drive
 
 

@@ -1,6 +1,7 @@
 """`warpchain optimize`: rounds of rows in a folder up to the count, then designs to recommend.
 
     study.toml  drive.toml    the study and its base drive, as they were when the folder was made
+    drive-text.toml           text of the drive's file, with its comments, which drive files of designs are made of
     rounds/NNNN/              a round: a study's folder of the rows whose drives were not run yet
     rounds/NNNN/rows.parquet  all rows of the round; it is done when this is there
     results.parquet           the rows of all rounds that are done
@@ -20,6 +21,7 @@ from typing import Any
 
 from warpchain.arguments import Count, Workers, checked
 from warpchain.drive import dumps_drive, load_drive
+from warpchain.drive.drive_text import drive_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
@@ -32,6 +34,7 @@ from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.bench import Bench, Report, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.results import ARCHIVED, Results, read_results
+from warpchain.study.run.folder import DRIVE_TEXT
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.study_tables import Recording, Search
 from warpchain.study.store import read_table, write_table, write_text
@@ -137,6 +140,7 @@ def made_folder(path: Path, bench: Bench) -> Path:
     sweep(leftovers(path))
     fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
     write_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
+    write_text(path / DRIVE_TEXT, bench.drive_text, keep=True)
     write_text(path / "study.toml", dumps_study(fixed), keep=True)
     held, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     differing = [name for name in Study.model_fields if _fixed(held, name) != _fixed(fixed, name)]
@@ -185,7 +189,7 @@ def _recorded(
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):
         files.append(place / f"design-{k}.toml")
-        write_text(files[-1], dumps_drive(drive))
+        write_text(files[-1], drive_text(bench.drive_text, drive))
     names, numbers = (table[name].to_pylist() for name in ARCHIVED)
     archives = [None if name is None else (place / name, number) for name, number in zip(names, numbers, strict=True)]
     return tuple(files), tuple(archives)

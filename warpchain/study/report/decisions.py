@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.drive import dumps_drive, load_drive
+from warpchain.drive import load_drive, read_drive_text
+from warpchain.drive.drive_text import drive_text
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis.left_out import LeftOut
@@ -20,6 +21,7 @@ from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
 from warpchain.study.results import ARCHIVED, Results
+from warpchain.study.run.folder import DRIVE_TEXT
 from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.spec import load_study
 from warpchain.study.spec.noise import metric_in
@@ -358,6 +360,8 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
     study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     made = [Variant(row) for row in rows_of(study, drive, designs, chosen)]
     build(study, drive, made)
+    given = path / DRIVE_TEXT
+    text = read_drive_text(given if given.exists() else path / "drive.toml")
     files = []
     for letter, one, variant in zip(LETTERS, chosen, made, strict=False):
         if variant.drive is None:
@@ -365,5 +369,5 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
         words = ", ".join(factor_words(designs, name, one.row) for name in designs.factors)
         head = f"# Design {letter} of {page.name}, variant {one.variant} of {folder}: {words}\n"
         files.append(page.with_name(f"{page.stem}-{letter}.toml"))
-        write_text(files[-1], head.replace("\r", " ") + dumps_drive(variant.drive))
+        write_text(files[-1], head.replace("\r", " ") + drive_text(text, variant.drive))
     return files

@@ -1,6 +1,7 @@
 """A study's folder: what is to be run, decided once, which part of it is done, and how its rows ended.
 
     study.toml  drive.toml   the study and its base drive, as they were when the folder was made
+    drive-text.toml          text of the drive's file, with its comments, which drive files of designs are made of
     design.parquet           a row a variant
     plan.json                how rows are cut into shards, and digests of the files above and of itself
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 MARK = "study.json"
 """Name of the attachment that says which study and which shard an archive belongs to."""
+DRIVE_TEXT = "drive-text.toml"
+"""Text of the base drive's file as the user has written it; the drive that is run is drive.toml."""
 REPLICATES = "replicates.parquet"
 """The table of all runs, of a study that runs rows several times."""
 GONE_ON = "gone_on"

@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive import Drive, dumps_drive
+from warpchain.drive import Drive, dumps_drive, read_drive_text
+from warpchain.drive.drive_text import drive_text
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
@@ -30,7 +31,7 @@ from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.design import make_design
 from warpchain.study.results import ARCHIVED, search_target_of
 from warpchain.study.run.checkpoints import states_of, write_joined
-from warpchain.study.run.folder import Folder, Outcome, open_folder, plan_file, study_status, write_plan
+from warpchain.study.run.folder import DRIVE_TEXT, Folder, Outcome, open_folder, plan_file, study_status, write_plan
 from warpchain.study.run.runner import finish, runs_of
 from warpchain.study.run.shard_plan import blocks_of
 from warpchain.study.spec import Study, dumps_study
@@ -301,6 +302,8 @@ def _write(place: Path, opened: Sequence[Folder], study: Study, pool: _Pool) -> 
     every = ((row, copy) for row in range(len(pool.rows)) for copy in range(copies))
     missing = [task for task in every if task not in pool.runs]
     write_text(place / "drive.toml", dumps_drive(opened[0].drive))
+    if (text := opened[0].path / DRIVE_TEXT).exists():
+        write_text(place / DRIVE_TEXT, drive_text(read_drive_text(text), opened[0].drive))
     write_text(place / "study.toml", dumps_study(study))
     design = make_design(study, place / "study.toml")
     size = max(folder.shard for folder in opened)

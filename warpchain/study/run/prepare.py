@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
+from warpchain.drive.drive_text import text_alone
 from warpchain.drive.examples import drive_path
 from warpchain.drive.schema import elements, nearest, valid
 from warpchain.drive.toml import value_text
@@ -26,7 +27,16 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text, refusals, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
-from warpchain.study.run.folder import REPLICATES, Folder, differences, make_folder, open_folder, plan_file, write_plan
+from warpchain.study.run.folder import (
+    DRIVE_TEXT,
+    REPLICATES,
+    Folder,
+    differences,
+    make_folder,
+    open_folder,
+    plan_file,
+    write_plan,
+)
 from warpchain.study.run.shard_plan import Block
 from warpchain.study.spec import Study, check_drive, dumps_study, load_study
 from warpchain.study.spec.calibration import Calibrate, Measurement
@@ -71,7 +81,9 @@ def prepare(
     runs = design.num_rows * study.design.copies
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     if not grow or not (Path(out) / "plan.json").exists():
-        return make_folder(Path(out), study, drive, design, size)
+        folder = make_folder(Path(out), study, drive, design, size)
+        write_text(folder.path / DRIVE_TEXT, text_alone(drive_file(study, source)), keep=True)
+        return folder
     folder = open_folder(Path(out))
     fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
     if folder.drive == drive and differences(folder.study, fixed) and growable(folder.study, fixed):
@@ -98,12 +110,12 @@ def read_study(
         if readable is None:
             raise
         study = readable
-    word = study.study.drive if base is None else os.fspath(base)
-    beside = Path(source).parent / word if base is None else Path(word)
     try:
-        drive = load_drive(beside if beside.exists() or beside.suffix == ".toml" else drive_path(word))
+        drive = load_drive(drive_file(study, source, base))
     except DriveError as error:
-        lines = [f'{source}: study.drive = "{word}": {line}' for line in error.errors]
+        lines = [
+            f'{source}: study.drive = "{study.study.drive if base is None else base}": {line}' for line in error.errors
+        ]
         raise StudyError("\n".join([*wrong.splitlines(), *lines])) from None
     lines = [*wrong.splitlines(), *_mistakes(study, drive, source)]
     if lines:
@@ -117,6 +129,17 @@ def read_study(
     if lines:
         raise StudyError("\n".join(lines))
     return study, drive, design
+
+
+def drive_file(study: Study, source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None) -> Path:
+    """The file of a study's base drive; arguments as those of `read_study`.
+
+    Raises:
+        DriveError: neither a drive file nor an example.
+    """
+    word = study.study.drive if base is None else os.fspath(base)
+    beside = Path(source).parent / word if base is None else Path(word)
+    return beside if beside.exists() or beside.suffix == ".toml" else drive_path(word)
 
 
 def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
