@@ -27,7 +27,7 @@ from warpchain.progress import duration
 from warpchain.results.statuses import common_reasons, reason_words
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
+from warpchain.study.run.prepare import gpus_of, read_study, seconds_besides, shard_size, stored_rate
 from warpchain.study.run.row_drives import Variant, try_out
 from warpchain.study.spec import Study
 
@@ -191,7 +191,8 @@ def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calib
         return Cost(0.0, 0.0, 0.0, 0.0, False)
     steps = [(study.run.duration or drive.run.duration) / resolve_step(drive, study.run.step) for drive in drives]
     work = count * float(np.mean([n * drive.links for n, drive in zip(steps, drives, strict=True)]))
-    rate, each = (GPU_RATE * gpus if gpus else CORE_RATE * cores), 0.0
+    rate = stored_rate(gpus, cores)
+    each = float(np.mean([seconds_besides(study, drive, gpus, cores) for drive in drives]))
     if calibrate:
         rate, each = _measured(study, drives, 1000 * PROBES * gpus if gpus else PROBES * cores, min(steps), cores)
     return Cost(work, rate, each, count * each + work / rate, calibrate)

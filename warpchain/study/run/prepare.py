@@ -62,6 +62,10 @@ SHARD_SECONDS = 30.0
 """Work that a shard should hold, so that little is lost when a run is killed."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
 """Roller-steps a second to size shards by."""
+SETTLE_STEPS = 15_000
+"""Steps that settling takes about as long as, 1,000 to 22,000 for the example drives."""
+HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
+"""Time of a core for a row's assembly, packing and table, and for its modes where they are followed [s]."""
 FEWEST, GPU_FEWEST = 8, 4224
 """Variants that a core, and a GPU, should have at once."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
@@ -190,7 +194,7 @@ def _place_only(factor: Any) -> dict[str, Any]:
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
-    """Rows of a shard: about half a minute's work of the device, enough to fill it, within the memory.
+    """Rows of a shard: about half a minute's work, steps and all else, enough to fill the device, within the memory.
 
     Args:
         parts: a shard has at most rows / parts rows, rounded up.
@@ -204,10 +208,21 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
     except DriveError:
         step = 1e-5
     gpus = gpus_of(study.run.device)
-    rate, fewest = (GPU_RATE * gpus, GPU_FEWEST * gpus) if gpus else (CORE_RATE * cores, FEWEST * cores)
     work = links * (study.run.duration or drive.run.duration) / step
-    wanted = max(int(SHARD_SECONDS * rate / work), fewest)
+    seconds = work / stored_rate(gpus, cores) + seconds_besides(study, drive, gpus, cores)
+    wanted = max(int(SHARD_SECONDS / seconds), GPU_FEWEST * gpus or FEWEST * cores)
     return max(1, min(wanted, fits, -(-rows // parts)))
+
+
+def stored_rate(gpus: int, cores: int) -> float:
+    """Roller-steps a second of so many GPUs, or of so many cores where there is none."""
+    return GPU_RATE * gpus or CORE_RATE * cores
+
+
+def seconds_besides(study: Study, drive: Drive, gpus: int, cores: int) -> float:
+    """What a run of a drive takes apart from its steps, about, where many run at once [s]."""
+    settling = drive.links * SETTLE_STEPS / stored_rate(gpus, cores) if drive.run.settle else 0.0
+    return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
 
 def gpus_of(device: str | None) -> int:
