@@ -62,8 +62,8 @@ SHARD_SECONDS = 30.0
 """Work that a shard should hold, so that little is lost when a run is killed."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
 """Roller-steps a second to size shards by."""
-SETTLE_STEPS = 15_000
-"""Steps that settling takes about as long as, 1,000 to 22,000 for the example drives."""
+SETTLE_STEPS = 30_000
+"""Steps at these rates that take about as long as settling: 10,000 to 40,000 for most of the example drives."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
 """Time of a core for a row's assembly, packing and table, and for its modes where they are followed [s]."""
 FEWEST, GPU_FEWEST = 8, 4224
@@ -220,7 +220,7 @@ def stored_rate(gpus: int, cores: int) -> float:
 
 
 def seconds_besides(study: Study, drive: Drive, gpus: int, cores: int) -> float:
-    """What a run of a drive takes apart from its steps, about, where many run at once [s]."""
+    """About the time that a run of a drive takes apart from its steps, where many run at once [s]."""
     settling = drive.links * SETTLE_STEPS / stored_rate(gpus, cores) if drive.run.settle else 0.0
     return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
