@@ -4,6 +4,8 @@ import math
 import os
 import re
 import sys
+import time
+import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from drives import BLADE
 
 from warpchain import dumps_drive, load_drive, loads_drive
 from warpchain.drive.biarcs import TOLERANCE
-from warpchain.drive.dxf_files import read_edges, read_face, read_teeth
+from warpchain.drive.dxf_files import joined, read_edges, read_face, read_teeth
 from warpchain.drive.tooth_shape import gap_outline, iso606_tooth
 from warpchain.errors import DriveError, WarpchainError
 
@@ -439,3 +441,128 @@ def test_blocks_without_end_are_refused(tmp_path, monkeypatch):
     space.add_blockref("NONE", (0.0, 0.0))
     with pytest.raises(DriveError, match='its block "NONE" is not in the file'):
         read_face(saved(document, tmp_path), None)
+
+
+MESH = "is a mesh, no edge of a contour"
+NO_CURVE = "its numbers make no curve; must be finite, and its points differ"
+UNBOUND = "is without bounds, or has numbers that are not finite; must be at most 1000 m"
+PIECES = "lines, curves and points of splines; must be at most 10000"
+CROWD = "two others begin or end where it ends"
+WAVE = np.linspace(0.0, 1.0, 20_000)
+X = math.nan
+INF = math.inf
+
+
+def spline(space, knots=None, weights=(), **values):
+    found = space.add_open_spline([(0.0, 0.0), (1.0, 1.0), (2.0, 0.0), (3.0, 0.0)], **values)
+    found.knots = found.knots if knots is None else knots
+    found.weights = weights
+
+
+def two_rings(space):
+    ring(space)
+    for angle in (0.0, 120.0, 240.0):
+        space.add_arc((200.0, 0.0), 50.0, angle, angle + 120.0)
+
+
+def pieces_of_a_block(space):
+    """Two contours whose entities all have the name of their reference."""
+    block = space.doc.blocks.new("TWO")
+    block.add_line((0.0, 0.0), (1.0, 0.0))
+    for angle in (0.0, 180.0):
+        block.add_arc((9.0, 0.0), 2.0, angle, angle + 180.0)
+    space.add_blockref("TWO", (0.0, 0.0))
+
+
+def references_to_nothing(space):
+    space.doc.blocks.new("EMPTY")
+    space.add_blockref("EMPTY", (0.0, 0.0), dxfattribs={"column_count": 30_000, "row_count": 30_000,
+                                                       "column_spacing": 1.0, "row_spacing": 1.0})  # fmt: skip
+
+
+def references_to_a_long_polyline(space):
+    block = space.doc.blocks.new("LONG")
+    block.add_lwpolyline(np.column_stack([WAVE, WAVE]).tolist())
+    for k in range(10):
+        space.add_blockref("LONG", (k, 0.0))
+
+
+def stretched_without_bounds(space):
+    space.doc.blocks.new("ARC").add_arc((0.0, 0.0), 1.0, 0.0, 90.0)
+    space.add_blockref("ARC", (0.0, 0.0), dxfattribs={"xscale": 1e300, "yscale": 2.0})
+
+
+HOSTILE = {
+    "ARC of 1e9 m": (lambda s: s.add_arc((0, 0), 1e9, 0, 90), "is 1e\\+09 m large"),
+    "ARC of 1e300 m": (lambda s: s.add_arc((0, 0), 1e300, 0, 90), "is 1e\\+300 m large"),
+    "ARC at 1e300 m": (
+        lambda s: s.add_arc((1e300, 0), 1, 0, 90),
+        "places that are not within 1e\\+06 m of",
+    ),
+    "ARC to nan": (lambda s: s.add_arc((0, 0), 1, 0, X), "places that are not within 1e\\+06 m of"),
+    "2,000 ARCs of 900 m": (
+        lambda s: [s.add_arc((0, 0), 900, 0, 359) for _ in range(2000)],
+        "curves up to it have more than 100000 points",
+    ),
+    "bulge of 1e9": (lambda s: s.add_lwpolyline([(0, 0, 1e9), (1, 0, 0)], format="xyb"), "is 2.5e\\+08 m large"),
+    "bulge of 1e300": (lambda s: s.add_lwpolyline([(0, 0, 1e300), (1, 0, 0)], format="xyb"), UNBOUND),
+    "bulge of nan": (lambda s: s.add_lwpolyline([(0, 0, X), (1, 0, 0)], format="xyb"), "has no length"),
+    "bulge of inf": (lambda s: s.add_lwpolyline([(0, 0, INF), (1, 0, 0)], format="xyb"), "has no length"),
+    "one vertex": (lambda s: s.add_lwpolyline([(0, 0)]), "has no length"),
+    "20,000 vertices": (lambda s: s.add_lwpolyline(np.column_stack([WAVE, WAVE]).tolist()), PIECES),
+    "old 20,000 vertices": (lambda s: s.add_polyline2d(np.column_stack([WAVE, WAVE]).tolist()), PIECES),
+    "20,000 points": (lambda s: s.add_spline(np.column_stack([WAVE, WAVE, WAVE]).tolist()), PIECES),
+    "mesh": (lambda s: s.add_polymesh((3, 3)), MESH),
+    "polyface": (lambda s: s.add_polyface().append_face([(0, 0), (1, 0), (1, 1)]), MESH),
+    "LINE to 1e300": (lambda s: s.add_line((-1e300, 0), (1e300, 0)), UNBOUND),
+    "LINE at 1e300": (lambda s: s.add_line((1e300, 0), (1e300, 1)), "places that are not within"),
+    "LINE of nan": (lambda s: s.add_line((X, 0), (1, 1)), UNBOUND),
+    "star": (lambda s: [s.add_line((0, 0), (k, 1)) for k in range(900)], CROWD),
+    "equal lines": (lambda s: [s.add_line((0, 0), (1, 1)) for _ in range(5000)], CROWD),
+    "two rings": (two_rings, "is of another contour than"),
+    "pieces of a block": (pieces_of_a_block, "is of another contour than"),
+    "ELLIPSE of 1e9 m": (lambda s: s.add_ellipse((0, 0), (1e9, 0), 0.5, 0, 3), "is 1e\\+09 m large"),
+    "ELLIPSE of nan": (lambda s: s.add_ellipse((0, 0), (X, 0), 0.5, 0, 3), UNBOUND),
+    "ELLIPSE at inf": (lambda s: s.add_ellipse((INF, 0), (1, 0), 0.5, 0, 3), NO_CURVE),
+    "ELLIPSE on edge": (lambda s: s.add_ellipse((0, 0), (0, 0, 1), 0.5, 0, 3), NO_CURVE),
+    "SPLINE of nothing": (lambda s: s.add_spline(), NO_CURVE),
+    "SPLINE of nan": (lambda s: s.add_spline([(0, 0), (1, X), (2, 0)]), UNBOUND),
+    "SPLINE of one point": (lambda s: s.add_spline([(0, 0)] * 5), NO_CURVE),
+    "SPLINE of equal knots": (lambda s: spline(s, [0.0] * 8), NO_CURVE),
+    "SPLINE of too few knots": (lambda s: spline(s, [0.0, 1.0]), NO_CURVE),
+    "SPLINE of a knot nan": (lambda s: spline(s, [0, 0, 0, 0, X, 1, 1, 1]), "must have knots that ascend"),
+    "SPLINE of knots that descend": (lambda s: spline(s, [1, 1, 1, 1, 0, 0, 0, 0]), "must have knots that ascend"),
+    "SPLINE of weights 0": (lambda s: spline(s, weights=[0.0] * 4), "must have knots that ascend, and weights above 0"),
+    "SPLINE of degree 40": (lambda s: s.add_open_spline([(k, k * k) for k in range(50)], degree=40), "must be 1 to 11"),
+    "references to nothing": (references_to_nothing, "is one of more than 100000 entities of blocks"),
+    "references to a long polyline": (references_to_a_long_polyline, "is one of more than 100000 entities of blocks"),
+    "block of 1e300": (stretched_without_bounds, NO_CURVE),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_drawing_beyond_all_bounds_is_one_line_in_bounded_time(tmp_path, case):
+    """Seconds of the processor: three times those of the slowest case, 2 s, on a machine shared with others."""
+    draw, told = HOSTILE[case]
+    document, space = drawing(6)
+    draw(space)
+    path = saved(document, tmp_path)
+    begin = time.process_time()
+    with warnings.catch_warnings(), pytest.raises(DriveError, match=told) as caught:
+        warnings.simplefilter("error")
+        read_face(path, None)
+    assert time.process_time() - begin < 6.0
+    assert "\n" not in str(caught.value)
+
+
+def test_a_contour_of_as_many_pieces_as_it_may_have(tmp_path):
+    """Zigzag of 10,000 lines, shuffled, some the other way round: each is found once, in order."""
+    document, space = drawing(6)
+    places = [(0.01 * k, float(k % 2)) for k in range(10_001)]
+    for k in np.random.default_rng(1).permutation(10_000):
+        space.add_line(*(places[k : k + 2] if k % 3 else places[k : k + 2][::-1]))
+    edges, closed = joined(read_edges(saved(document, tmp_path), None))
+    found = np.array([edge.points[0] for edge in edges] + [edges[-1].points[-1]])
+    found = found if found[0, 0] == 0.0 else found[::-1]
+    assert not closed
+    np.testing.assert_allclose(found, places, atol=1e-12)

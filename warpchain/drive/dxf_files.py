@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,14 @@ LENGTHS = {
 """The same in meters: the international ones of 1959, and those of surveyors in the United States."""
 LARGEST = 1000.0
 """Largest curve [m]; a larger one is drawn in another unit than is said."""
+FARTHEST = 1e6
+"""Farthest place of a drawing from its origin [m]; beyond, places are too coarse for ends that meet within `GAP`."""
 DEEPEST, MOST_ENTITIES = 16, 100_000
 """Blocks within blocks, and entities of all blocks where they are placed, at most."""
+MOST_PIECES, MOST_POINTS = 10_000, 100_000
+"""Lines, curves and points of splines of a contour, and points along its curves, at most."""
+MOST_DEGREE = 11
+"""Degree of a spline, at most, as in CAD programs."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,18 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
     if layer is not None and layer not in layers:
         raise DriveError(f'has nothing on layer "{layer}"; allowed is one of {", ".join(layers)}')
     chosen = [(entity, name) for on, entity, name in entities if layer in (None, on)]
-    return [edge for entity, name in chosen for edge in _edges(entity, name, unit)]
+    for entity, name in chosen:
+        _check_kind(entity, name)
+    pieces = sum(_pieces(entity) for entity, _ in chosen)
+    if pieces > MOST_PIECES:
+        raise DriveError(f"the contour has {pieces} lines, curves and points of splines; must be at most {MOST_PIECES}")
+    edges: list[Edge] = []
+    left = MOST_POINTS
+    for entity, name in chosen:
+        found = _edges(entity, name, unit, left)
+        edges += found
+        left -= sum(len(edge.points) for edge in found)
+    return edges
 
 
 def _entities(
@@ -126,7 +144,7 @@ def _entities(
     Args:
         insert: layer and name of the reference whose block this is.
         depth: references that lead here.
-        passed: counts the entities of blocks.
+        passed: counts the entities of blocks, polylines and splines by their points, and references.
 
     Raises:
         DriveError: a reference to no block, to itself, or to a block that cannot be drawn so.
@@ -140,7 +158,9 @@ def _entities(
     for entity in space:
         on = insert[0] if insert and entity.dxf.layer == "0" else entity.dxf.layer
         name = f"{entity.dxftype()} of {insert[1]}" if insert else f"{entity.dxftype()} {entity.dxf.handle}"
-        if insert and next(passed) >= MOST_ENTITIES:
+        references = entity.mcount if entity.dxftype() == "INSERT" else 0  # also to an empty block
+        pieces = min((_pieces(entity) if insert else 0) + references, MOST_ENTITIES + 1)
+        if pieces and next(islice(passed, pieces - 1, None)) >= MOST_ENTITIES:
             raise DriveError(f"{name}: is one of more than {MOST_ENTITIES} entities of blocks")
         if entity.dxftype() != "INSERT":
             if entity.dxftype() not in ("ATTRIB", "ATTDEF"):  # texts of a block
@@ -148,34 +168,82 @@ def _entities(
             continue
         if entity.block() is None or entity.block().block.is_xref:
             raise DriveError(f'{name}: its block "{entity.dxf.name}" is not in the file')
-        inner = (
-            each
-            for one in (entity.multi_insert() if entity.mcount > 1 else (entity,))
-            for each in one.virtual_entities(skipped_entity_callback=refuse)
-        )
-        yield from _entities(inner, (on, name), depth + 1, passed)
+        for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
+            with _curves(name):
+                inner = list(islice(one.virtual_entities(skipped_entity_callback=refuse), MOST_ENTITIES + 1))
+            yield from _entities(inner, (on, name), depth + 1, passed)
 
 
-def _edges(entity: Any, name: str, unit: str) -> list[Edge]:
-    """The edges of an entity."""
-    kind, scale = entity.dxftype(), LENGTHS[unit]
+@contextmanager
+def _curves(name: str) -> Iterator[None]:
+    """Reports numbers of an entity that ezdxf makes no curve of, in one line instead of its errors and warnings.
+
+    Raises:
+        DriveError: in place of all errors of ezdxf and numpy, which are of many kinds.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except DriveError:
+        raise
+    except Exception:
+        raise DriveError(f"{name}: its numbers make no curve; must be finite, and its points differ") from None
+
+
+def _pieces(entity: Any) -> int:
+    """Pieces of an entity, known before any is drawn."""
+    kind = entity.dxftype()
+    if kind == "SPLINE":
+        return max(1, len(entity.control_points) + len(entity.fit_points), len(entity.knots) - MOST_DEGREE - 1)
+    return max(1, len(entity)) if kind in ("LWPOLYLINE", "POLYLINE") else 1
+
+
+def _check_kind(entity: Any, name: str) -> None:
+    """Refuses an entity that is no edge, or a spline that is none."""
+    kind, allowed = entity.dxftype(), ", ".join(KINDS)
     if kind not in KINDS:
-        allowed = ", ".join(KINDS)
         raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
-    pieces = list(entity.virtual_entities()) if kind in ("LWPOLYLINE", "POLYLINE") else [entity]
-    found = []
+    if kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
+        raise DriveError(f"{name}: is a mesh, no edge of a contour ({allowed})")
+    if kind == "SPLINE":
+        if not 1 <= entity.dxf.degree <= MOST_DEGREE:
+            raise DriveError(f"{name}: is a spline of degree {entity.dxf.degree}; must be 1 to {MOST_DEGREE}")
+        if not ((np.diff(entity.knots) >= 0.0).all() and (np.array(entity.weights) > 0.0).all()):
+            raise DriveError(f"{name}: must have knots that ascend, and weights above 0")
+
+
+def _edges(entity: Any, name: str, unit: str, most: int) -> list[Edge]:
+    """The edges of an entity.
+
+    Args:
+        most: points that they may have.
+    """
+    scale = LENGTHS[unit]
+    with _curves(name):
+        pieces = list(entity.virtual_entities()) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else [entity]
+    found: list[Edge] = []
     for piece in pieces:
         straight = piece.dxftype() == "LINE"
-        size = scale * _size(piece)
-        if not size <= LARGEST:
+        with _curves(name):
+            size = scale * _size(piece)
+            if not size <= LARGEST:
+                large = f"is {size:.3g} m large in the drawing's unit, {unit}"
+                large = large if math.isfinite(size) else "is without bounds, or has numbers that are not finite"
+                raise DriveError(f"{name}: {large}; must be at most {LARGEST:g} m")
+            ends = (piece.dxf.start, piece.dxf.end) if straight else piece.flattening(SAG / scale)
+            points = np.array([(p.x, p.y) for p in islice(ends, most + 1)]).reshape(-1, 2) * scale
+        most -= len(points)
+        if most < 0:
             raise DriveError(
-                f"{name}: is {size:.3g} m large in the drawing's unit, {unit}; must be at most {LARGEST:g} m"
+                f"{name}: the curves up to it have more than {MOST_POINTS} points; must be fewer, or smaller"
             )
-        ends = (piece.dxf.start, piece.dxf.end) if straight else piece.flattening(SAG / scale)
-        points = np.array([(p.x, p.y) for p in ends]) * scale
-        if not np.isfinite(points).all() or len(points) < 2 or np.ptp(points, axis=0).max() == 0.0:
+        if len(points) < 2 or np.ptp(points, axis=0).max() == 0.0:
             raise DriveError(f"{name}: has no length")
+        if not (np.abs(points) <= FARTHEST).all():
+            raise DriveError(f"{name}: has places that are not within {FARTHEST:g} m of the drawing's origin")
         found.append(Edge(name, points, straight))
+    if not found:
+        raise DriveError(f"{name}: has no length")
     return found
 
 
@@ -187,7 +255,7 @@ def _size(piece: Any) -> float:
     if kind == "ARC":
         return float(abs(piece.dxf.radius))
     if kind == "ELLIPSE":
-        return float(piece.dxf.major_axis.magnitude)
+        return float(piece.dxf.major_axis.magnitude * max(1.0, abs(piece.dxf.ratio)))
     points = np.array([(p[0], p[1]) for p in (*piece.control_points, *piece.fit_points)])
     return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
 
@@ -202,29 +270,33 @@ def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
 
     ends = np.array([[edge.points[0], edge.points[-1]] for edge in edges])
     flat = ends.reshape(-1, 2)
-    close: list[list[int]] = [[] for _ in flat]
-    for a, b in sorted(cKDTree(flat).query_pairs(GAP)):
-        close[a].append(b)
-        close[b].append(a)
-    crowded = next((a for a, others in enumerate(close) if len(others) > 1), None)
-    if crowded is not None:
+    # three nearest, of which one is the end itself: two others are too many, whatever their number
+    _, place, times = np.unique(flat, axis=0, return_inverse=True, return_counts=True)
+    meeting = times[place.reshape(-1)]
+    if meeting.max() <= 2:  # a tree is slow where many points are one
+        gaps, near = cKDTree(flat).query(flat, k=3, distance_upper_bound=np.nextafter(GAP, 1.0))
+        meeting = np.isfinite(gaps).sum(axis=1)
+    if meeting.max() > 2:
+        crowded = int((meeting > 2).argmax())
         raise DriveError(f"{edges[crowded // 2].name}: two others begin or end where it ends; must be one line")
-    loose = np.array([a for a, others in enumerate(close) if not others], dtype=np.intp)
+    own = np.arange(len(flat))
+    other = np.where(near[:, 0] == own, near[:, 1], near[:, 0])
+    loose = np.flatnonzero(meeting == 1)
     if len(loose) > 2:
         _open(edges, loose, flat)
-    at = int(loose[0]) if len(loose) else 0
-    chain: list[Edge] = []
-    for _ in edges:
+    at = begin = int(loose[0]) if len(loose) else 0
+    chain: dict[int, Edge] = {}
+    while True:
         edge = edges[at // 2]
-        chain.append(edge if at % 2 == 0 else edge.turned)
-        after = close[at ^ 1]
-        if not after:
+        chain[at // 2] = edge if at % 2 == 0 else edge.turned
+        at ^= 1
+        if meeting[at] == 1 or other[at] == begin:
             break
-        at = after[0]
+        at = int(other[at])
     if len(chain) < len(edges):
-        beside = next(edge for edge in edges if not any(edge.name == other.name for other in chain))
-        raise DriveError(f"{beside.name}: is of another contour than {chain[0].name}; must be one line")
-    return chain, not len(loose)
+        beside = next(edge for k, edge in enumerate(edges) if k not in chain)
+        raise DriveError(f"{beside.name}: is of another contour than {edges[begin // 2].name}; must be one line")
+    return list(chain.values()), not len(loose)
 
 
 def _open(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
