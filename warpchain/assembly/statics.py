@@ -22,6 +22,7 @@ from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.potential import Map, Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
+from warpchain.drive.schema import HUGE
 from warpchain.drive.shafts import Beside
 from warpchain.drive.sprocket import ElasticMount, Led, SliderMount
 from warpchain.drive.trains import is_free, loads_of, names_of, rigid, signed_turns, speed_ratio, stands
@@ -215,6 +216,8 @@ def equilibrium(
     """
     potentials = []
     for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
+        if not abs(speed) <= HUGE:
+            raise SimulationError(f"speed = {speed:g}: must be within {HUGE:g} rad/s of 0")
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle
         if shafts:  # the sprockets that they are have the loads
             moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, Beside)]] = 0.0

@@ -18,6 +18,7 @@ KINDS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """Finds the modes, writes what was asked for, and returns the lines to print."""
+    from warpchain.modal.campbell import MOST_PHASES, MOST_POINTS
     from warpchain.modal.eigenmodes import modes
     from warpchain.modal.mode_page import campbell_lines, lines
 
@@ -28,6 +29,9 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
     if arguments.phases > 1 and len(speeds) < 2:
         raise WarpchainError(f"--phases {arguments.phases}: takes a diagram over two speeds, --speed FROM TO")
+    for name, most in (("phases", MOST_PHASES), ("points", MOST_POINTS)):
+        if getattr(arguments, name) > most:
+            raise WarpchainError(f"--{name} {getattr(arguments, name)}: must be 1 to {most}")
     if arguments.valve != "shut" and len(speeds) == 2:
         raise WarpchainError(f"--valve {arguments.valve}: takes one speed; diagrams are with valves shut")
     found = None

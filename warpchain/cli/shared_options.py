@@ -53,9 +53,12 @@ def angular_speed(word: str) -> float:
 
     speed = converted(word, "rad/s")
     try:
-        return float(word) if speed is None else speed
+        found = float(word) if speed is None else speed
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{word!r}: must be a number of rad/s, or one with rad/s or rpm") from None
+        found = math.nan
+    if not math.isfinite(found):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number of rad/s, or one with rad/s or rpm")
+    return found
 
 
 def number_or_auto(word: str) -> float | str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import inspect
 import math
 import re
@@ -47,12 +46,21 @@ UNITS = {
 """Units by their signs."""
 
 QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
+LONGEST = 100
+"""Characters of a quantity, or of a unit, at most."""
 FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
+
+
+def quantity(text: str) -> re.Match[str] | None:
+    """A number and a unit, as `QUANTITY` matches them; None for another text, or one longer than `LONGEST`."""
+    return QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
 
 
 @cache
 def unit(text: str) -> Unit | None:
     """The unit that a text such as "N s/m" or "kg m^2" means, each slash dividing by what follows; None for none."""
+    if len(text) > LONGEST:
+        return None
     found, end = ONE, 0
     for match in FACTOR.finditer(text):
         mark, sign, power = match.groups()
@@ -93,14 +101,18 @@ def fitting(wanted: str) -> Iterator[str]:
 def converted(text: str, wanted: str) -> float | None:
     """The number that a quantity is in another unit, rounded once but for pi; None for one of another kind.
 
+    One beyond all numbers is infinite.
+
     Args:
-        text: such as "540 rpm", which `QUANTITY` matches.
+        text: such as "540 rpm", which `quantity` matches.
         wanted: the unit.
     """
-    match, to = QUANTITY.fullmatch(text), unit(wanted)
+    match, to = quantity(text), unit(wanted)
     given = unit(match[2]) if match else None
     if match is None or to is None or given is None or given.powers != to.powers:
         return None
-    with contextlib.suppress(OverflowError):
-        return float(Fraction(match[1]) * given.factor / to.factor) * math.pi ** (given.pi - to.pi)
-    return None
+    exact = Fraction(match[1]) * given.factor / to.factor
+    try:
+        return float(exact) * math.pi ** (given.pi - to.pi)
+    except OverflowError:
+        return math.inf if exact > 0 else -math.inf

@@ -28,7 +28,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from warpchain.drive.quantities import QUANTITY, converted, fitting, unit_of
+from warpchain.drive.quantities import LONGEST, converted, fitting, quantity, unit_of
 from warpchain.drive.toml import value_text, word_text
 from warpchain.errors import drive_error
 
@@ -306,12 +306,19 @@ class Part(BaseModel):
             if isinstance(value, (list, tuple)) and any(isinstance(x, (str, list, tuple)) for x in value):
                 inner = [number(x, key, (*path, k)) for k, x in enumerate(value)]
                 return inner if isinstance(value, list) else tuple(inner)
-            if not isinstance(value, str) or not QUANTITY.fullmatch(value):
+            if isinstance(value, str) and len(value) > LONGEST and value.lstrip("+-.")[:1].isdecimal():
+                problems.append(
+                    Problem(path, value, f"must be a number, or one with a unit, of at most {LONGEST} characters")
+                )
+            if not isinstance(value, str) or not quantity(value):
                 return value
             found = converted(value, units_of[key])
             if found is None:
                 units = ", ".join(fitting(units_of[key]))
                 problems.append(Problem(path, value, f"must be a number, or one with a unit that fits: {units}"))
+            elif abs(found) > HUGE:
+                problems.append(Problem(path, value, f"must be within {HUGE:g} {units_of[key]} of 0"))
+                return value
             return value if found is None else found
 
         if not isinstance(values, Mapping):

@@ -19,12 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from warpchain.arguments import Count, NonNegativeNumber, checked
+from warpchain.arguments import Count, NonNegativeNumber, Range, checked
 from warpchain.assembly.frequencies import Order, orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
@@ -36,6 +37,10 @@ SPARE = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
 ALIKE = 0.35
 """Least modal assurance with which a mode is followed from one speed to the next."""
+
+MOST_PHASES, MOST_POINTS = 1000, 10_000
+"""Phases that a diagram is a mean of, and its speeds where they are counted, at most."""
+Phases = Annotated[int, Range(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
 @dataclass(frozen=True)
@@ -220,7 +225,7 @@ def over_a_pitch(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
     count: Count,
-    phases: Count = 4,
+    phases: Phases = 4,
     report: Callable[[int, int], None] | None = None,
 ) -> tuple[Campbell, Array]:
     """Modes over speed, their frequencies and damping ratios averaged over a tooth pitch.
@@ -228,7 +233,8 @@ def over_a_pitch(
     Args:
         speeds: of the driver [rad/s], at least two, ascending from 0 or more.
         count: modes, the lowest at the first speed.
-        phases: in equal steps; modes of the others are those of phase 0 whose shapes they are most alike to.
+        phases: in equal steps, `MOST_PHASES` at most; modes of the others are those of phase 0 whose shapes they are
+            most alike to.
         report: called with (done, all) phases.
 
     Returns:

@@ -6,13 +6,14 @@ limits on metrics (`Study.bounds`), the others together are that table. Its `adj
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.quantities import QUANTITY, converted, fitting, unit
+from warpchain.drive.quantities import converted, fitting, quantity, unit
 from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
@@ -158,7 +159,7 @@ def measured_condition(text: str, units: Mapping[str, str]) -> tuple[str, str]:
     """
     words = _MARKS.split(text)
     for k in range(0, len(words), 2):
-        match = QUANTITY.fullmatch(words[k].strip())
+        match = quantity(words[k].strip())
         if match is None or unit(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
             continue  # 90 % m is a remainder
         beside = [words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARED]
@@ -168,6 +169,8 @@ def measured_condition(text: str, units: Mapping[str, str]) -> tuple[str, str]:
         found = converted(words[k].strip(), *wanted)
         if found is None:
             return text, f"{words[k].strip()} must have a unit that fits: {', '.join(fitting(*wanted))}"
+        if not math.isfinite(found):
+            return text, f"{words[k].strip()} must be a finite number of {', '.join(wanted)}"
         words[k] = f" {found!r} "
     return "".join(words).strip(), ""
 
