@@ -16,6 +16,7 @@ import contextlib
 import datetime
 import errno
 import hashlib
+import json
 import os
 import re
 import secrets
@@ -24,7 +25,7 @@ import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 try:
     import fcntl
@@ -334,8 +335,8 @@ def refusals(path: str | Path, error: type[Exception]) -> Iterator[None]:
         raise error(f"{str(path)!r}: cannot be written (its name has a zero byte)") from None
 
 
-def reason(error: OSError | ValueError) -> str:
-    """Why the system refused, in a few words on one line."""
+def reason(error: Exception) -> str:
+    """Why the system or a library refused, in a few words on one line; the error's kind where it says nothing."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -364,6 +365,18 @@ def check_size(path: str | os.PathLike[str]) -> None:
 def _check_length(length: int) -> None:
     if length > LARGEST:
         raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        ValueError: no JSON, or one nested too deeply to be read.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:

@@ -328,3 +328,12 @@ def test_numbers_that_do_not_fit_are_refused(tmp_path, numbers, line):
         options = ArchiveOptions(numbers=numbers)
         simulate(DRIVES, duration=5e-4, step=1e-5, record=RECORD, archive=tmp_path / "a.mcap", archive_options=options)
     assert not list(tmp_path.glob("*.mcap"))
+
+
+def test_a_name_longer_than_the_system_allows_is_one_line(run, tmp_path):
+    path = tmp_path / ("a" * 300 + ".mcap")
+    with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(File name too long\)$"):
+        write_archive(run, path)
+    with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be read \(No such file or directory\)$"):
+        read_archive(path)
+    assert list(tmp_path.iterdir()) == []

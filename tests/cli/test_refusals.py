@@ -31,7 +31,9 @@ from warpchain.archive.export import FORMATS
 from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.drive import dumps_drive
-from warpchain.errors import ArchiveError, WarpchainError
+from warpchain.errors import ArchiveError, StudyError, WarpchainError
+from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.noise import with_sample
 
 SMALL = ["--set", "run.settle=false", "--set", "run.duration=0.0005", "--quiet"]
 
@@ -440,6 +442,20 @@ def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
     else:
         parquet.write_table(pa.table({"torque": rows, "links": [44, 45]}), tmp_path / name)
     assert told in refused(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+
+
+def test_small_tables_of_many_rows_are_refused_before_they_are_read(capsys, tmp_path, monkeypatch):
+    """Equal rows take no room in Parquet; its footer says how many there are."""
+    monkeypatch.setattr("warpchain.study.store.MOST_ROWS", 10**6)
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_: pytest.fail("it was read"))
+    rows = 10**6 + 1
+    parquet.write_table(pa.table({"torque": np.zeros(rows), "links": np.zeros(rows, int)}), tmp_path / "rows.parquet")
+    assert (tmp_path / "rows.parquet").stat().st_size < 10**4
+    told = "rows.parquet: 1000001 rows of 2 columns; allowed are at most 1000000 rows"
+    assert told in refused(capsys, "study", "run", of_a_table(tmp_path, "rows.parquet"), "-o", tmp_path / "out")
+    sample = Factor(name="k", path="x.k", kind="noise", distribution="empirical", file="rows.parquet", column="torque")
+    with pytest.raises(StudyError, match=told):
+        with_sample(sample, tmp_path)
 
 
 def with_table(tmp_path, table):

@@ -6,6 +6,7 @@ from math import pi
 
 import numpy as np
 import pytest
+import scipy.sparse
 from command import refused
 from command import run as command
 from drives import example, two_sprockets
@@ -295,3 +296,72 @@ def test_numbers_of_which_it_is_not_said_what_they_are(tmp_path, text, decimal, 
     with pytest.raises(SimulationError) as caught:
         read_signal(tmp_path / "rig.csv", "a.tension", "N", Columns(decimal=decimal))
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_small_mat_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    """The head of a variable says its length; the zeros themselves, compressed a thousand times, are not read."""
+    monkeypatch.setattr("warpchain.results.measured_file.MOST_VALUES", 10**5)
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
+    time = np.linspace(0.0, 1.0, 10**5 + 1)
+    savemat(tmp_path / "rig.mat", {"t": time, "force": np.zeros_like(time)}, do_compression=True)
+    with pytest.raises(SimulationError, match=r"rig.mat: t has 100001 values; allowed are at most 100000"):
+        read_signal(tmp_path / "rig.mat", "a.tension", "N")
+
+
+def test_a_small_mdf4_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    asammdf, time = pytest.importorskip("asammdf"), np.linspace(0.0, 1.0, 1001)
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append([asammdf.Signal(np.zeros_like(time), time, unit="N", name="force")])
+        mdf.save(tmp_path / "rig.mf4", overwrite=True)
+    monkeypatch.setattr("warpchain.results.measured_file.MOST_VALUES", 1000)
+    monkeypatch.setattr("asammdf.MDF.get", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(SimulationError, match=r"rig.mf4: force has 1001 values; allowed are at most 1000"):
+        read_signal(tmp_path / "rig.mf4", "a.tension", "N")
+
+
+def test_variables_that_are_no_vectors_of_real_numbers_are_none_of_a_signal(tmp_path):
+    """A sparse matrix is passed over; complex numbers are known only when they are read."""
+    time = np.arange(5.0)
+    row = scipy.sparse.csc_matrix(np.ones((1, 5)))
+    savemat(tmp_path / "rig.mat", {"sparse": row, "t": time, "force": 2.0 * time, "wave": 1j * time})
+    assert read_signal(tmp_path / "rig.mat", "a.tension", "N").values.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+    with pytest.raises(SimulationError, match=r"rig.mat: no column 'sparse': allowed are t, force, wave"):
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns("sparse"))
+    with pytest.raises(SimulationError, match=r"rig.mat: variable 'wave': must hold real numbers"):
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns("wave"))
+
+
+def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
+    """Of 300 flips of a bit, each gives a signal or one line that says something.
+
+    Compressed variables have checksums; some flips of others end the process inside scipy.
+    """
+    time = np.linspace(0.0, 1.0, 20)
+    path = tmp_path / "rig.mat"
+    savemat(path, {"t": time, "force": time}, do_compression=True)
+    data, rng, told = path.read_bytes(), np.random.default_rng(1), 0
+    for bit in rng.choice(8 * len(data), 300, replace=False):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(flipped)
+        try:
+            read_signal(path, "a.tension", "N")
+        except SimulationError as error:
+            told += 1
+            assert "\n" not in str(error) and "()" not in str(error)
+    assert told
+
+
+@pytest.mark.parametrize("reader", ["scipy.io.whosmat", "asammdf.MDF"])
+def test_an_exception_without_words_is_named(tmp_path, monkeypatch, reader):
+    """As scipy and asammdf raise them where a file is damaged."""
+    pytest.importorskip(reader.split(".")[0])
+
+    def wordless(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr(reader, wordless)
+    path = tmp_path / ("rig.mat" if "mat" in reader else "rig.mf4")
+    path.touch()
+    with pytest.raises(SimulationError, match=r"\(AssertionError\)$"):
+        read_signal(path, "a.tension", "N")

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pyarrow as pa
 import pytest
-from command import run
+from command import refused, run
 from pyarrow import parquet
 from study_helpers import STUDY, tiny_drive, write_study
 
@@ -34,6 +34,11 @@ def done(tmp_path_factory):
     source = write_study(home, points=2, text=TIGHT)
     run_study(source, home / "out", workers=1)
     return home / "out"
+
+
+def test_a_plan_nested_without_end_is_damaged(folder, capsys):
+    (folder / "plan.json").write_text("[" * 300_000)
+    assert "plan.json: damaged" in refused(capsys, "study", "status", folder)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.files import parse_json
 from warpchain.results.channels import OF_BODIES, OF_ROLLERS
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ def with_head(end: Mapping[str, str], head: Mapping[str, str]) -> dict[str, str]
 
 def head_of(end: Mapping[str, str]) -> dict[str, str]:
     """The copy of the start's metadata in those of the end, empty in archives of earlier versions."""
-    return {str(name): str(value) for name, value in json.loads(end.get("run", "{}")).items()}
+    return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
 def topic_path(variant: int, topic: str) -> str:

@@ -8,6 +8,7 @@ part, which alone says how many there are, has its name.
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -91,9 +92,10 @@ def of_cut(file: Path) -> Path:
 def archive_files(path: Path) -> list[Path]:
     """Files of the archive that `path` names: the file itself, or the set that it names or is a part of."""
     named = part_name(path)
-    if named and path.is_file():
+    is_file = os.path.isfile(path)  # False also of a name too long, where a path's own method raises
+    if named and is_file:
         return editions(named.archive)[named.edition]
-    return [path] if path.is_file() else part_files(path) or [path]
+    return [path] if is_file else part_files(path) or [path]
 
 
 class Target:
@@ -111,10 +113,10 @@ class Target:
 
     def __init__(self, path: Path, overwrite: bool, split: bool) -> None:
         self.path, self.overwrite, self.split, self._edition = path, overwrite, split, 0
-        if path.is_dir():
-            raise ArchiveError(f"{path}: is a folder; give a file name such as {path / 'run.mcap'}")
-        self.check_free()
         with refusals(path, ArchiveError):
+            if path.is_dir():
+                raise ArchiveError(f"{path}: is a folder; give a file name such as {path / 'run.mcap'}")
+            self.check_free()
             self._lock = Lock(target_of(path))
         try:
             self.check_free()

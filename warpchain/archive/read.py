@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -143,7 +144,7 @@ def read_archive(path: str | Path) -> Archive:
     """
     name = Path(path)
     paths = archive_files(name)
-    if not paths[0].exists():
+    if not os.path.exists(paths[0]):
         _missing(name)
     return open_files(name, tuple(map(McapIndex, paths)))
 

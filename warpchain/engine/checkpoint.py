@@ -29,6 +29,7 @@ from warpchain.engine.arrays import TABLE, Engine, starts
 from warpchain.engine.outcomes import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
+from warpchain.files import parse_json
 from warpchain.kernels.statistics import NOTES
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.results.schedule import LOOK_EVERY, Schedule
@@ -70,7 +71,7 @@ class Kept:
             ValueError: other bytes.
         """
         size = int.from_bytes(data[:8], "little")
-        facts = json.loads(data[8 : 8 + size])
+        facts = parse_json(data[8 : 8 + size])
         if not isinstance(facts, dict) or facts.get("format") != FORMAT:
             raise ValueError("a state of another version")
         return cls(facts, data[8 + size :])

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from warpchain.engine.compiling import in_cache
-from warpchain.files import write_text
+from warpchain.files import parse_json, write_text
 from warpchain.progress import Stop
 from warpchain.version import installed
 
@@ -235,7 +235,7 @@ def store() -> Path:
 def stored(gpus: Sequence[str]) -> dict[str, Speed]:
     """The speeds measured on this machine, by "DEVICE PRECISION"; empty where none were, or on another machine."""
     try:
-        held = json.loads(store().read_text(encoding="utf-8"))
+        held = parse_json(store().read_text(encoding="utf-8"))
         if held["machine"] != machine(gpus):
             return {}
         speeds = {name: Speed(**values) for name, values in held["speeds"].items()}

@@ -7,7 +7,7 @@ import io
 import math
 import os
 import re
-import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError
 from warpchain.extras import require_extra
-from warpchain.files import open_regular, read_text
+from warpchain.files import open_regular, read_text, reason
 from warpchain.results.units import DISPLAYED
 
 Array = NDArray[np.float64]
@@ -48,6 +48,8 @@ STATISTICS: dict[str, Callable[[Array], float]] = {
     "largest": lambda x: float(x.max()),
 }
 """Values by which a measured signal is compared with that of a run."""
+MOST_VALUES = 2**25
+"""Values of a signal of MAT or MDF4, at most; 256 MiB, as a chunk of an archive."""
 LATEST = 1e9
 """Times beyond are mistakes [s]; recordings count nanoseconds in 64 bits."""
 
@@ -124,8 +126,8 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
     return Measured(name, unit, time, signal)
 
 
-_TWICE = re.compile(r'Duplicate variable name "(.*)" in stream')
-"""What scipy warns of, before it takes the last one."""
+_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "single", "double", "logical")
+"""Kinds of variables in MAT files that are arrays of numbers."""
 _TIMES = ("time", "t", "Time")
 """Channels of MDF4 that have the time of others."""
 _Column = tuple[str, str, Array]
@@ -144,31 +146,51 @@ def _of_csv(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
 
 
 def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     try:
-        with open(open_regular(path), "rb") as file, warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
-            held = loadmat(file)
+        with open(open_regular(path), "rb") as file:
+            listed = whosmat(file)
+            twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
+            if twice:
+                raise SimulationError(
+                    f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two"
+                )
+            lengths = {
+                name: math.prod(shape)
+                for name, shape, kind in listed
+                if kind in _NUMBERS and math.prod(shape) == max(shape, default=0) > 1
+            }
+            names = [(name, name) for name in lengths]
+            at = _index(path, names, columns.time, 0, "time")
+            of = _index(path, names, columns.column, 1 if at == 0 else 0)
+            wanted = [names[at][0], names[of][0]]
+            for name in wanted:
+                _check_length(path, name, lengths[name])
+            file.seek(0)
+            held = loadmat(file, variable_names=wanted)
+            found = [np.asarray(held[name]).ravel() for name in wanted]
+    except SimulationError:
+        raise
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({str(error).splitlines()[0]})") from None
-    twice = [found[1] for found in (_TWICE.match(str(warning.message)) for warning in warned) if found]
-    if twice:
-        raise SimulationError(f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two")
-    vectors = {
-        name: np.asarray(value, dtype=float).ravel()
-        for name, value in held.items()
-        if not name.startswith("__") and value.dtype.kind in "iuf" and value.size == max(value.shape, default=0) > 1
-    }
-    names = [(name, name) for name in vectors]
-    at = _index(path, names, columns.time, 0, "time")
-    of = _index(path, names, columns.column, 1 if at == 0 else 0)
-    time, signal = ((names[k][0], "", _finite(path, names[k][0], vectors[names[k][0]])) for k in (at, of))
+        raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({reason(error)})") from None
+    for name, values in zip(wanted, found, strict=True):
+        if values.dtype.kind not in "iuf":
+            raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
+    time, signal = (
+        (name, "", _finite(path, name, values.astype(float))) for name, values in zip(wanted, found, strict=True)
+    )
     if len(time[2]) != len(signal[2]):
         raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
     return time, signal
+
+
+def _check_length(path: str | Path, name: str, count: int) -> None:
+    """Refuses more values than a signal may have, before they are read: a small file can state any number of zeros."""
+    if count > MOST_VALUES:
+        raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_VALUES}")
 
 
 def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
@@ -181,13 +203,14 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
             places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
             names = [(name, f"{name} of group {group}") for name, group, _ in places]
             name, group, channel = places[_index(path, names, columns.column, 0)]
+            _check_length(path, name, mdf.groups[group].channel_group.cycles_nr)
             signal = mdf.get(name, group, channel)
     except SimulationError:
         raise
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not MDF4 ({str(error).splitlines()[0]})") from None
+        raise SimulationError(f"{path}: is not MDF4 ({reason(error)})") from None
     if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
         raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
     time = _finite(path, "time", np.asarray(signal.timestamps, dtype=float))

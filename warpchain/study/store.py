@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain import files
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.files import PATIENCE, open_regular, reason, refusals, whole_file
+from warpchain.files import PATIENCE, open_regular, parse_json, reason, refusals, whole_file
 from warpchain.results.statuses import STATUSES as JUDGED
 from warpchain.results.statuses import alike_reasons
 
@@ -68,16 +68,23 @@ class Ended:
         return Ended(dict(Counter(status for status, _ in pairs)), alike_reasons(given))
 
 
-def read_table(path: Path, columns: list[str] | None = None, study: str | None = None) -> pa.Table:
+MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
+"""Rows and cells of a table that is given to a study, at most; 2 GiB of numbers."""
+
+
+def read_table(
+    path: Path, columns: list[str] | None = None, study: str | None = None, bounded: bool = False
+) -> pa.Table:
     """Reads a Parquet (.parquet) file, or chosen columns of it, or a CSV (.csv) file.
 
     Args:
         columns: which; the digest is checked only where all are read.
         study: the study that a table must belong to, under the name that it has; None takes any table.
+        bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`; those of Parquet before they are read.
 
     Raises:
-        StudyError: a file that is missing, of another kind, another one's, or damaged, a name that several columns
-            have, or numbers with decimal commas; one line.
+        StudyError: a file that is missing, of another kind, another one's, too long, or damaged, a name that several
+            columns have, or numbers with decimal commas; one line.
     """
     import pyarrow as pa
 
@@ -87,6 +94,8 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
             from pyarrow import parquet
 
             with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+                if bounded:
+                    _check_length(file.metadata.num_rows, file.metadata.num_columns, path)
                 table = file.read(columns)
             _check_names(table, path)
             if columns is None:
@@ -96,6 +105,8 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
             from pyarrow import csv
 
             table = csv.read_csv(path)
+            if bounded:
+                _check_length(table.num_rows, table.num_columns, path)
             _check_names(table, path)
             _check_points(table, path)
             return table
@@ -106,6 +117,13 @@ def read_table(path: Path, columns: list[str] | None = None, study: str | None =
     except (pa.ArrowException, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise StudyError(f"{path}: not a table ({(str(error).splitlines() or [type(error).__name__])[0]})") from None
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
+
+
+def _check_length(rows: int, columns: int, path: Path) -> None:
+    """Refuses more rows or cells than a table that is given may have; a small file can say any number of equal ones."""
+    if rows > MOST_ROWS or rows * columns > MOST_CELLS:
+        most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
+        raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
 
 
 def _check_names(table: pa.Table, path: Path) -> None:
@@ -133,7 +151,7 @@ def _check_points(table: pa.Table, path: Path) -> None:
 def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
     """A table without its note, which is right."""
     held = dict(table.schema.metadata or {})
-    note = json.loads(held.pop(NOTE, b"{}"))
+    note = parse_json(held.pop(NOTE, b"{}"))
     table = table.replace_schema_metadata(held or None)
     if study is not None and (note.get("table"), note.get("study")) != (path.stem, study):
         raise StudyError(f"{path}: is another table, of shard {note.get('table')!r}, or of another study; {AGAIN}")
@@ -178,7 +196,7 @@ def _note(path: Path) -> dict[str, Any]:
             footer = file.read(length)
         at = footer.rindex(PAIR) + len(PAIR)
         return dict(json.JSONDecoder().raw_decode(footer[footer.index(b"{", at) :].decode("utf-8", "replace"))[0])
-    except (OSError, ValueError, TypeError):  # said when the table is read
+    except (OSError, ValueError, TypeError, RecursionError):  # said when the table is read
         return {}
 
 

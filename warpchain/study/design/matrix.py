@@ -33,15 +33,13 @@ from warpchain.study.design.factor_values import (
 )
 from warpchain.study.design.noise import crossed, noise_rows
 from warpchain.study.results import DISTRIBUTION, NOISE, TIED
+from warpchain.study.store import MOST_ROWS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from warpchain.study.spec import Study
     from warpchain.study.spec.factor import Factor
-
-MOST_ROWS = 10_000_000
-"""More rows than this are surely a mistake."""
 
 
 def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) -> pa.Table:
@@ -234,7 +232,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
 
     assert study.design.file is not None  # the design's own rule
     path = Path(source).parent / study.design.file
-    table = read_table(path)
+    table = read_table(path, bounded=True)
     wanted = [factor.name for factor in study.factors if factor.form != "expression"]
     if not any(factor.name in table.column_names for factor in study.noise_alone.factors):
         wanted = [name for name in wanted if name not in study.noise_names]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from warpchain.errors import StudyError
+from warpchain.files import parse_json
 from warpchain.study.store import file_digest, write_text
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Par
     """Rows of the design, what a plan adds, and whether it begins anew."""
     file = path / plan_file("plan.json", number)
     try:
-        plan = json.loads(file.read_text())
+        plan = parse_json(file.read_text())
         known = plan["format"] == FORMAT
         rows, shard, digests = int(plan["rows"]), int(plan["shard"]), dict(plan.get("digests", {}))
         identity = plan.get("digest", "")

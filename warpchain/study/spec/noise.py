@@ -218,7 +218,7 @@ def with_sample(factor: Factor, folder: Path) -> Factor:
     if factor.file is None or factor.column is None:
         return factor
     path = folder / factor.file
-    table = read_table(path)
+    table = read_table(path, bounded=True)
     if factor.column not in table.column_names:
         raise StudyError(f"{path}: no column {factor.column}; it has {', '.join(table.column_names)}")
     values = table[factor.column].to_pylist()
