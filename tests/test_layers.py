@@ -15,8 +15,7 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "arguments", "version", "files", "progress", "show", "gc_tuning"),
-    ("extras",),
+    ("errors", "arguments", "extras", "version", "files", "progress", "show", "gc_tuning"),
     ("drive",),
     ("assembly",),
     ("results",),

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from urllib.parse import unquote, urlparse
-
-from warpchain.errors import WarpchainError
 
 SURROGATE = ("sklearn", "threadpoolctl")
 MODULES = {
@@ -40,16 +39,13 @@ def install_command(extra: str) -> str:
     return f"pip install {editable}'{unquote(url.path)}[{extra}]'"
 
 
-def require_extra(extra: str, what: str, error: type[WarpchainError] = WarpchainError) -> None:
+def require_extra(extra: str, what: str, error: Callable[[str], Exception]) -> None:
     """Checks that an extra's modules are installed, without importing them.
 
     Args:
         extra: one of `MODULES`.
         what: what needs it, for the message.
-        error: the kind of error.
-
-    Raises:
-        WarpchainError: of the kind `error`, with the modules that are missing and the command that installs them.
+        error: makes the error from the modules that are missing and the command that installs them.
     """
     missing = [module for module in MODULES[extra] if find_spec(module) is None]
     if missing:

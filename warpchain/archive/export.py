@@ -85,7 +85,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
         raise ArchiveError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(FORMATS)}")
     ending = path.suffix.lower()
     if ending in EXTRAS:
-        require_extra(EXTRAS[ending], ending)
+        require_extra(EXTRAS[ending], ending, ArchiveError)
     trajectory = _recorded(archive, variant)
     with refusals(path, ArchiveError), whole_file(path) as file:
         FORMATS[ending](file, trajectory)

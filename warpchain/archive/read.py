@@ -36,6 +36,7 @@ class Archive(Run):
 
     trajectories: Tracks = field(repr=False)
 
+    @checked(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
         self._check_frames([variant])
         return super().__getitem__(variant)

@@ -543,7 +543,7 @@ def completions(parser: argparse.ArgumentParser, shell: str) -> str:
     """
     from warpchain.extras import require_extra
 
-    require_extra("completions", "--completions")
+    require_extra("completions", "--completions", WarpchainError)
     import shtab
 
     _mark(parser, {"DIR": shtab.DIRECTORY}, shtab.FILE)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.errors import DriveError
+from warpchain.errors import DriveError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.files import check_size
 
@@ -95,7 +95,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
         DriveError: in one line that names the entity, if it is one.
         WarpchainError: without the package ezdxf.
     """
-    require_extra("dxf", "DXF")
+    require_extra("dxf", "DXF", WarpchainError)
     import ezdxf
 
     try:

@@ -56,7 +56,7 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     Raises:
         WarpchainError: xarray is not installed.
     """
-    require_extra("xarray", "to_xarray")
+    require_extra("xarray", "to_xarray", WarpchainError)
     import xarray as xr
 
     variables = {}

@@ -194,7 +194,7 @@ def _check_length(path: str | Path, name: str, count: int) -> None:
 
 
 def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
-    require_extra("mdf", "MDF4")
+    require_extra("mdf", "MDF4", SimulationError)
     import asammdf
 
     try:

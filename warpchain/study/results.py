@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from warpchain.results.arrow_tables import without_unit_heads
 from warpchain.results.metric_columns import RUN, SETTLING
 from warpchain.results.replicate_metrics import COUNT, ERROR, ROLE_OF_ERRORS
 from warpchain.results.statuses import common_reasons
-from warpchain.study.store import OUTCOME, STATUSES, read_table
+from warpchain.study.store import OUTCOME, STATUSES, check_archive_name, read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -332,16 +332,6 @@ def read_results(
         for name in set(table[ARCHIVED[0]].to_pylist()) - {None}:
             check_archive_name(name)
     return results
-
-
-def check_archive_name(name: object) -> None:
-    """Refuses the file of a recorded variant that does not lie in its study's folder.
-
-    Raises:
-        StudyError: in one line.
-    """
-    if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
-        raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
 
 def _with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from warpchain import files
@@ -258,6 +258,16 @@ def check_no_link(path: Path) -> None:
     """
     if path.is_symlink():
         raise StudyError(f"{path}: is a symbolic link, where a study writes a file of its own; remove it")
+
+
+def check_archive_name(name: object) -> None:
+    """Refuses the file of a recorded variant that does not lie in its study's folder.
+
+    Raises:
+        StudyError: in one line.
+    """
+    if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+        raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
 
 def file_digest(path: Path) -> str:

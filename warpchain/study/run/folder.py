@@ -30,9 +30,17 @@ from typing import TYPE_CHECKING
 
 from warpchain.errors import StudyError
 from warpchain.results.statuses import alike_reasons, by_frequency
-from warpchain.study.results import check_archive_name
 from warpchain.study.run.shard_plan import Numbers, Part, check_file, plan_file, read_plan, write_plan
-from warpchain.study.store import AGAIN, STATUSES, Ended, read_ended, read_table, write_table, write_text
+from warpchain.study.store import (
+    AGAIN,
+    STATUSES,
+    Ended,
+    check_archive_name,
+    read_ended,
+    read_table,
+    write_table,
+    write_text,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
