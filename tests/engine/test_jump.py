@@ -178,9 +178,9 @@ def test_the_command_prints_and_gives_json(capsys, tmp_path, triangle, monkeypat
     [
         (["marine", "--on", "tightener"], "tightener: has no load; allowed is one of camshaft"),
         (["marine", "--by", "wear", "--on", "x"], "x: no such chain"),
-        (["marine", "--tolerance", "0"], "tolerance = 0.0: must be a number from 1e-4 to 0.5"),
-        (["marine", "--values", "2000"], "values = 2000: must be a whole number from 1 to 1000"),
-        (["marine", "--most", "-1"], "most = -1.0: must be a finite number above 0"),
+        (["marine", "--tolerance", "0"], "--tolerance 0.0: must be a number from 1e-4 to 0.5"),
+        (["marine", "--values", "2000"], "--values 2000: must be a whole number from 1 to 1000"),
+        (["marine", "--most", "-1"], "--most -1.0: must be a finite number above 0"),
         (["conveyor", "--direction", "reverse"], "has no sprocket"),
     ],
 )
