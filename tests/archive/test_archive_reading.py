@@ -163,7 +163,7 @@ def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
         begin = time.process_time()
         assert len(read_archive(tmp_path / "big.mcap")) == variants
         took.append(time.process_time() - begin)
-    assert sum(map(len, read)) < 3 * 5.5e6  # the summary, and none of the data
+    assert sum(map(len, read)) < 3 * 5.8e6  # the summary, with a reason for each variant, and none of the data
     assert min(took) < 1.5  # 0.3 s; the limit is for a slow machine
 
 

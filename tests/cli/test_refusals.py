@@ -63,8 +63,8 @@ def refused(capsys, *words, limit=30.0):
         (["--duration", "50000"], "allowed are at most 2147483646"),
         (["--duration", "1e308"], "allowed are at most 2147483646"),
         (["--step", "1e-300"], "allowed are at most 2147483646"),
-        (["--rate", "1e-6"], "rate = 1e-06 Hz"),
-        (["--rate", "1e-300"], "rate = 1e-300 Hz"),
+        (["--rate", "1e-6"], "--rate 1e-06 Hz"),
+        (["--rate", "1e-300"], "--rate 1e-300 Hz"),
         (["--set", "run.duration=" + "9" * 5000], "run.duration"),
         (["--set", "sprockets." + "9" * 5000 + ".teeth=20"], "unknown path"),
         (["--memory", "1e300"], "must be a finite number above 0 (GiB)"),
@@ -146,14 +146,9 @@ def test_a_full_disk_is_one_line_in_every_format(capsys, archive, tmp_path, endi
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
 
 
-@pytest.mark.parametrize(
-    "display", [None, pytest.param(":77", marks=pytest.mark.viewer)], ids=["none", "one that does not answer"]
-)
-def test_a_viewer_without_a_display_says_what_to_do(capsys, archive, monkeypatch, display):
+def test_a_viewer_without_a_display_says_what_to_do(capsys, archive, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    if display is not None:
-        monkeypatch.setenv("DISPLAY", display)
     line = refused(capsys, "view", archive)
     assert "--web for a browser, --save OUT.rrd for a file" in line
 

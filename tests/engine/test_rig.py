@@ -224,8 +224,8 @@ def test_a_name_that_is_none(drive):
     [
         ("element", {"amplitude": 0.0}, "amplitude = 0: must be a number above 0, at most 1 m"),
         ("element", {"amplitude": math.nan}, "amplitude = nan: must be a number above 0"),
-        ("element", {"frequency": -1.0}, "frequency = -1: must be a number above 0"),
-        ("element", {"frequency": math.inf}, "frequency = inf: must be a number above 0"),
+        ("element", {"frequency": -1.0}, "frequency = -1: must be from 0.0001 to 100000 Hz"),
+        ("element", {"frequency": math.inf}, "frequency = inf: must be from 0.0001 to 100000 Hz"),
         ("element", {"cycles": 0}, "cycles = 0: must be 1 to 10000"),
         ("element", {"extension": math.nan}, "extension = nan: must be a number from -1 to 1 m"),
         ("element", {"amplitude": 0.01}, "above the bottom of its chamber, -0.00497"),

@@ -6,7 +6,8 @@ import pytest
 from fired import fired
 from study_helpers import write_study
 
-from warpchain import dumps_drive, read_archive
+from warpchain import Drive, dumps_drive, read_archive
+from warpchain.drive.path_units import path_unit
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
 
@@ -53,9 +54,7 @@ def test_each_factor_alone_changes_what_it_must(tmp_path, precision):
     for k, value in enumerate(base):
         rows[k + 1] = [*base[:k], value + 1 if isinstance(value, int) else 1.1 * value or 5.0, *base[k + 1 :]]
     names = [f"f{k}" for k in range(len(base))]
-    factors = "".join(
-        f'[[factors]]\nname = "{n}"\npath = "{p}"\nunit = "U{n}"\n' for n, (_, p) in zip(names, pairs, strict=True)
-    )
+    factors = "".join(f'[[factors]]\nname = "{n}"\npath = "{p}"\n' for n, (_, p) in zip(names, pairs, strict=True))
     text = f'[study]\ndrive = "fired.toml"\n[design]\nkind = "table"\nfile = "rows.csv"\n{factors}'
     text += f'[run]\nduration = 0.004\nwindow = [0.0, 0.004]\nprecision = "{precision}"\n'
     study = write_study(tmp_path, text=text + "[record]\nvariants = [1]\nrate = 1e4\n")
@@ -69,7 +68,9 @@ def test_each_factor_alone_changes_what_it_must(tmp_path, precision):
     for (metric, path), row in zip(pairs, others, strict=True):
         assert row["status"] in ("ok", "suspect"), (path, row["reason"])
         assert abs(row[metric] - first[metric]) > 1e-5 * abs(first[metric]), path
-    assert [table.schema.field(name).metadata[b"unit"].decode() for name in names] == [f"U{name}" for name in names]
+    assert [table.schema.field(name).metadata[b"unit"].decode() for name in names] == [
+        path_unit(Drive, path) or "1" for _, path in pairs
+    ]
     for metric, _ in pairs:
         assert table.schema.field(metric).metadata[b"unit"].decode() not in ("", "1"), metric
     (archive,) = (tmp_path / "out" / "shards").glob("*.mcap")

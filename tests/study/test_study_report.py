@@ -219,7 +219,9 @@ def test_command_writes_page_and_table(tmp_path, capsys):
     assert (status, out) == (0, [str(output), str(copy)])
     html = output.read_text()
     assert html.startswith("<!DOCTYPE html>")
-    assert "<h1>Load &amp; place</h1>" in html and "kind = sobol, count = 120" in html and "a &lt; b" in html
+    assert (
+        "<h1>Load &amp; place</h1>" in html and "kind = &quot;sobol&quot;, count = 120" in html and "a &lt; b" in html
+    )
     assert read_results(copy, FACTORS).table.num_rows == 120
     (tmp_path / "empty").mkdir()
     for name, told in (("absent", ""), ("", "factors: none given"), ("empty", "make it with: warpchain study merge")):

@@ -41,7 +41,7 @@ PATHS["torque"] = "sprockets.s1.load.viscous"
 ROWS = (
     '[study]\ndrive = "tiny.toml"\n[design]\nkind = "table"\nfile = "rows.csv"\n'
     + "".join(f'[[factors]]\nname = "{name}"\npath = "{path}"\n' for name, path in PATHS.items())
-    + 'unit = "N m"\n[[constraints]]\nrequire = "teeth != 13"\n[limits]\nenergy_residual = inf\nenergy_change = inf\n'
+    + 'unit = "N m s"\n[[constraints]]\nrequire = "teeth != 13"\n[limits]\nenergy_residual = inf\nenergy_change = inf\n'
     + "[run]\nduration = 0.0005\nshard = 3\n"
 )
 TABLE = """teeth,links,step,torque
@@ -109,7 +109,7 @@ def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(t
         assert len(names) > 30
         for name in names:
             assert row[name] == alone[name], (number, name)
-    assert table.schema.field("torque").metadata == {b"role": b"factor", b"unit": b"N m"}
+    assert table.schema.field("torque").metadata == {b"role": b"factor", b"unit": b"N m s"}
     assert table.schema.field("tension_max").metadata == {b"role": b"metric", b"unit": b"N"}
 
 
@@ -337,7 +337,7 @@ def test_status_tells_rate_and_time_left(tmp_path, capsys):
         os.utime(out / "shards" / f"{shard:05d}.parquet", (1000.0 * number, 1000.0 * number))
     assert run(capsys, "study", "status", out)[1] == [
         "4 of 12 shards are done; variants: 4 ok, 0 suspect, 0 diverged, 0 infeasible",
-        "8 variants are left; at the latest 0.001 variants/s they take 2:13:20",
+        "8 variants are left; at the latest 0.001 variants/s they take 2 h 13 min",
     ]
 
 

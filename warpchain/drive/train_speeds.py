@@ -132,12 +132,12 @@ def _in_time(one: AsOne, low: Any, high: Any, duration: Any) -> Any:
     """The speed that is come to from one toward another within a time, motors' ramps counted at half [rad/s]."""
     import numpy as np
 
-    grid = steps(low, high)
+    given = largest(0.0, duration - 0.5 * smallest(*(motor.ramp_time for _, motor in one.motors)))
+    grid = steps(low, high + 0.0 * given)  # a column for each variant, also where only their times differ
     moment = one.moment(0.5 * (grid[1:] + grid[:-1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         time = np.cumsum(one.inertia * np.diff(grid, axis=0) / np.maximum(moment, 0.0), axis=0)
     time = np.concatenate([np.zeros_like(time[:1]), time])
-    given = largest(0.0, duration - 0.5 * smallest(*(motor.ramp_time for _, motor in one.motors)))
     late = time[1:] > given
     cell = late.argmax(axis=0)
     begin, end = _of(time, cell), _of(time, cell + 1)

@@ -37,6 +37,8 @@ PATIENCE = 30.0
 """Seconds that the viewer may take to listen."""
 ALIVE = 0.5
 """Seconds after which a viewer that still takes data is asked whether it runs."""
+OPENING = 1.5
+"""Seconds in which a native viewer tells that it cannot open a window."""
 NO_VIEWER = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
@@ -154,6 +156,11 @@ class Viewer:
                 break
             except RuntimeError:  # not yet taken, or the connection is lost: then the process has ended or will
                 time.sleep(0.05)
+        if self.kind == "native":  # one that cannot open its window ends with what it was sent
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(OPENING)
+            if self._process.poll():
+                raise self._failure("the Rerun viewer ended")
         stream.disconnect()
 
     def wait(self) -> None:
