@@ -127,6 +127,8 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
             shown[phase] = bar(total, **{"name": phase, **PHASES[phase]})
             shown[phase].start_t -= ago
         shown[phase].update(done - shown[phase].n)
+        if phase == COMPILING and done >= total:  # in a study no other phase takes its place
+            close()
 
     try:
         yield report
