@@ -6,16 +6,18 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from typing import Any
 
 Report = Callable[[str, float, float], None]
-"""Called with (phase, done, total)."""
+"""Called with (phase, done, total): a key of `PHASES`, how much of it is done and how much there is, in its unit."""
+Progress = bool | Report
+"""What functions take as `progress`: False shows nothing, True a bar; a function is called as `Report` says."""
 
-COMPILING = "compiling"
-"""The phase in which kernels are compiled."""
+COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
+"""The phases in which kernels are compiled, and variants of a study run and recorded in a second pass."""
 TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 """The words of a bar."""
 PHASES: dict[str, dict[str, Any]] = {
@@ -27,7 +29,12 @@ PHASES: dict[str, dict[str, Any]] = {
     },
     "settling": {"unit": "drives"},
     "modes": {"unit": "drives"},
+    "speeds": {"name": "modes", "unit": "speeds"},
+    "phases": {"name": "modes", "unit": "phases"},
+    "rides": {"name": "rig", "unit": "rides"},
     "simulating": {"unit": "s", "text": "{desc}: {percentage:.0f} %, {n:.3g} of {total:.4g} {unit} of simulated time"},
+    RUNNING: {"unit": "variants"},
+    RECORDING: {"name": "recording the worst", "unit": "variants"},
 }
 """Settings of `bar` for the phases of runs and of other long work."""
 
@@ -103,14 +110,38 @@ def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TE
     return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, bar_format=shape)
 
 
+def nothing(phase: str, done: float, total: float) -> None:
+    """A report that nobody hears."""
+
+
+def part_of(report: Report, phase: str, begin: float, end: float, total: float = 1.0) -> Report:
+    """A report for one part of some work, which tells the work that goes from `begin` to `end` meanwhile.
+
+    Kernels that are compiled are told as they are.
+    """
+
+    def report_part(part: str, done: float, size: float) -> None:
+        if part == COMPILING:
+            report(part, done, size)
+        else:
+            report(phase, begin + (end - begin) * done / size, total)
+
+    return report_part
+
+
 @contextmanager
-def reporter(progress: bool | Report) -> Iterator[Report]:
-    """A function to call as work goes on: shows nothing (False), a bar (True), or passes on to the caller's own."""
+def reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[Report]:
+    """A function to call as work goes on: shows nothing (False), a bar (True), or passes on to the caller's own.
+
+    Args:
+        progress: which.
+        settings: of bars, by phases, in place of those of `PHASES`.
+    """
     if callable(progress):
         yield progress
         return
     if not progress:
-        yield lambda phase, done, total: None
+        yield nothing
         return
     shown: dict[str, Any] = {}  # the bar of the phase that goes on
     begun: dict[str, float] = {}  # phases come again, and their time goes on
@@ -124,10 +155,10 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
         if phase not in shown:
             close()
             ago = time.monotonic() - begun.setdefault(phase, time.monotonic())
-            shown[phase] = bar(total, **{"name": phase, **PHASES[phase]})
+            shown[phase] = bar(total, **{"name": phase, **PHASES[phase], **settings.get(phase, {})})
             shown[phase].start_t -= ago
         shown[phase].update(done - shown[phase].n)
-        if phase == COMPILING and done >= total:  # in a study no other phase takes its place
+        if phase == COMPILING and done >= total:  # what follows may take long to begin
             close()
 
     try:

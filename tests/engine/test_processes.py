@@ -18,11 +18,11 @@ def at_once(monkeypatch):
 
 def test_answers_come_in_order_and_errors_are_answers(at_once):
     done = []
-    answers = each(partial(divmod, 7), [3, 0, 2], 2, done.append)
+    answers = each(partial(divmod, 7), [3, 0, 2], 2, "dividing", lambda *told: done.append(told))
     assert answers[0] == (2, 1)
     assert isinstance(answers[1], ZeroDivisionError)
     assert answers[2] == (3, 1)
-    assert done == [1, 2, 3]
+    assert done == [("dividing", k, 3) for k in (1, 2, 3)]
 
 
 def test_many_things_go_to_others_and_few_stay_here():

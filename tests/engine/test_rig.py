@@ -178,7 +178,9 @@ def test_the_tenth_cycle_is_like_the_ninth(drive):
 
 def test_rides_together_are_those_alone(drive):
     shakes = [Shake(2e-4, 50.0), Shake(1e-4, 200.0, extension=1e-4), Shake(2e-4, 50.0, viscosity=1e-5)]
-    together = shake(drive, "element", shakes, cycles=2).rides.to_pylist()
+    told = []
+    together = shake(drive, "element", shakes, cycles=2, progress=lambda *of: told.append(of)).rides.to_pylist()
+    assert told == [("rides", k, 3) for k in (1, 2, 3)]
     for row, one in zip(together, shakes, strict=True):
         assert shake(drive, "element", [one], cycles=2).rides.to_pylist()[0] == row
     assert together[2]["viscosity"] == 1e-5 and together[0]["viscosity"] == 8e-5

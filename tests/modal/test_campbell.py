@@ -71,6 +71,13 @@ def test_means_over_a_pitch_lie_between_phases():
     assert np.sort(phases[1], axis=1) == pytest.approx(np.sort(alone.frequency, axis=1), rel=1e-6)
 
 
+def test_all_diagrams_tell_how_far_they_are():
+    told = []
+    campbell(two_sprockets(), [1.0, 2.0], 1, progress=lambda *of: told.append(of))
+    over_a_pitch(two_sprockets(), [1.0, 2.0], 1, 1, progress=lambda *of: told.append(of))
+    assert told == [("speeds", 1, 2), ("speeds", 2, 2), ("phases", 1, 1)]
+
+
 def test_crossings_and_tongues_lie_where_lines_meet(taut):
     """Two modes that are straight lines, 10 + s and 30 - s Hz; order 2 pi is s Hz at a speed s [rad/s]."""
     speed = np.array([0.0, 8.0, 30.0])

@@ -180,7 +180,7 @@ def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, 
 
     calls = 0
 
-    def stop(done, total):
+    def stop(phase, done, total):
         nonlocal calls
         calls += 1
         if calls == after:
@@ -268,13 +268,13 @@ def test_a_drive_is_run_once(tmp_path):
     study = open_study(written(tmp_path))
     rows = [{"torque": 1.0, "links": 44}, {"torque": 2.0, "links": 44}, {"torque": 1.0, "links": 44}]
     seen = []
-    first = study.evaluate(rows, progress=lambda done, total: seen.append(total))
+    first = study.evaluate(rows, progress=lambda phase, done, total: seen.append(total))
     assert max(seen) == 2.0  # of three rows two are different
     assert first["torque"].to_pylist() == [1.0, 2.0, 1.0]
     assert first["variant"].to_pylist() == [0, 1, 2]
     assert first["tension_max"][0] == first["tension_max"][2] != first["tension_max"][1]
     seen.clear()
-    again = study.evaluate(rows[1:], progress=lambda done, total: seen.append(total))
+    again = study.evaluate(rows[1:], progress=lambda phase, done, total: seen.append(total))
     assert not seen
     assert again["tension_max"].to_pylist() == first["tension_max"].to_pylist()[1:]
     alone = warpchain.simulate(study.drives(rows[:2]), record=warpchain.Record("none"), duration=0.0003, step=1e-5)

@@ -150,7 +150,7 @@ def test_any_executor_comes_to_the_same_bytes(tmp_path, uninterrupted, kind):
     with pool:
         run_study(source, tmp_path / "out", executor=pool, workers=1, progress=lambda *told: calls.append(told))
     assert whole_files(tmp_path / "out") == wanted
-    assert calls == [(2.0 * n, 12.0) for n in range(1, 7)]
+    assert calls == [("running", 2.0 * n, 12.0) for n in range(1, 7)]
 
 
 class Breaking(Executor):

@@ -155,8 +155,8 @@ def test_progress_counts_variants_of_the_whole_study(tmp_path):
     calls, source = [], write_study(tmp_path)
     run_study(source, tmp_path / "out", part=(0, 2))
     run_study(source, tmp_path / "out", progress=lambda *told: calls.append(told))
-    assert calls[-1] == (12.0, 12.0)
-    done = [d for d, _ in calls]
+    assert calls[-1] == ("running", 12.0, 12.0)
+    done = [d for phase, d, _ in calls if phase == "running"]
     assert done == sorted(done) and 6.0 <= done[0] <= 8.0  # the half that was there, and the first shard's progress
 
 
@@ -418,13 +418,32 @@ def test_the_second_pass_has_a_bar_of_its_own_and_none_goes_beyond_its_end(tmp_p
     class Noted(progress.Lines):
         def __init__(self, total, name, unit, initial=0.0, **_):
             super().__init__(total, name, unit, initial)
-            bars.append(self)
+            bars.extend([self] if unit == "variants" else [])  # and not of kernels, where some are compiled
 
-    monkeypatch.setattr("warpchain.study.run.runner.bar_of", Noted)
+    monkeypatch.setattr(progress, "bar", Noted)
     source = write_study(tmp_path, '[record]\nworst = { metric = "tension_max", count = 2 }\n')
     run_study(source, tmp_path / "out", progress=True)
     assert [(bar.name, bar.total) for bar in bars] == [("study", 12.0), ("recording the worst", 2.0)]
     assert all(bar.n <= bar.total + 1e-9 for bar in bars)
+
+
+def test_a_function_hears_of_the_second_pass_and_of_kernels_too(tmp_path, monkeypatch):
+    compiled = [("compiling", 0, 2), ("compiling", 2, 2)]
+
+    def simulate(*arguments, progress, **options):
+        for told in compiled:
+            progress(*told)
+        return simulated(*arguments, progress=progress, **options)
+
+    simulated = simulation.simulate
+    monkeypatch.setattr(simulation, "simulate", simulate)
+    source = write_study(tmp_path, '[record]\nworst = { metric = "tension_max", count = 2 }\n', shard=12)
+    told = []
+    run_study(source, tmp_path / "out", progress=lambda *of: told.append(of))
+    assert told[:2] == compiled
+    recording = told.index(compiled[0], 2)
+    assert {phase for phase, _, _ in told[2:recording]} <= {"running", "compiling"}
+    assert ("running", 12.0, 12.0) in told[:recording] and told[-1] == ("recording", 2.0, 2.0)
 
 
 def test_the_worst_recorded_variant_is_the_first_to_be_shown(tmp_path):

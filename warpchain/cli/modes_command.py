@@ -52,14 +52,11 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases
     import numpy as np
 
     from warpchain.modal.campbell import campbell, over_a_pitch
-    from warpchain.progress import bar as bar_of
 
     between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
     if phases > 1:
-        with bar_of(phases, "modes", "phase") as bar:
-            return over_a_pitch(drive, between, count, phases, lambda done, _: bar.update(done - bar.n))[0]
-    with bar_of(len(between), "modes", "speed") as bar:
-        return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
+        return over_a_pitch(drive, between, count, phases, progress=True)[0]
+    return campbell(drive, between, count, progress=True)
 
 
 def _write(path: Path, result: Modes, found: Campbell | None) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -148,13 +147,9 @@ def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequ
 
 def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
     """Rides, with a bar where there are many."""
-    from tqdm import tqdm
-
     from warpchain.engine.rig import shake
 
-    hidden = len(shakes) < 5
-    with tqdm(total=len(shakes), desc="rig", unit="ride", file=sys.stderr, dynamic_ncols=True, disable=hidden) as bar:
-        return shake(drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n))
+    return shake(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
 
 
 def _oil(viscosity: float | None) -> str:

@@ -18,7 +18,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from warpchain.errors import SimulationError
-from warpchain.progress import completed, look_for_stop
+from warpchain.progress import Report, completed, look_for_stop, nothing
 
 FEWEST = 16
 """Things for which a process is worth its start, which takes a second or two."""
@@ -48,7 +48,7 @@ def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[
 
 
 def each(
-    work: Callable[[Any], Any], things: Sequence[Any], workers: int, report: Callable[[int], object] = lambda done: None
+    work: Callable[[Any], Any], things: Sequence[Any], workers: int, phase: str = "", report: Report = nothing
 ) -> list[Any]:
     """A function's answers for many things, in their order; an exception is the answer where it raises one.
 
@@ -57,7 +57,7 @@ def each(
     Args:
         work: a function of a module, or `functools.partial` of one; it, things and answers can be pickled.
         workers: processes at most.
-        report: called with how many are done.
+        phase, report: what is told as they are done, in things.
 
     Raises:
         SimulationError: a process ended before its work, as for lack of memory.
@@ -69,7 +69,7 @@ def each(
         for thing in things:
             look_for_stop()
             found.append(_tried(work, thing))
-            report(len(found))
+            report(phase, len(found), len(things))
         return found
     processes = [started(__name__, subprocess.PIPE) for _ in range(workers)]
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
@@ -94,7 +94,7 @@ def each(
         futures = [pool.submit(ask, thing) for thing in things]
         for done, future in enumerate(completed(futures), 1):
             future.result()
-            report(done)
+            report(phase, done, len(things))
         return [future.result() for future in futures]
     finally:
         for process in processes:

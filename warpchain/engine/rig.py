@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead
 from warpchain.kernels.structs import Tensioner
+from warpchain.progress import Progress, reporter
 from warpchain.results.arrow_tables import unit_table
 
 if TYPE_CHECKING:
@@ -50,9 +51,6 @@ RIDE_UNITS = {
     "vapor": "1",
 }  # fmt: skip
 """Columns of a ride's own numbers; those from `force_min` on are of the last cycle."""
-
-Report = Callable[[int, int], None]
-"""Called with rides done, and all rides."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +112,17 @@ def bench_tensioner(
 
 def shake(
     drive: Drive, name: str, shakes: Sequence[Shake], cycles: int = 10, samples: bool = False,
-    report: Report = lambda done, total: None,
+    progress: Progress = False,
 ) -> Shaken:  # fmt: skip
     """Rides many sines, each on a tensioner of its own.
+
+    Args:
+        drive: that has the tensioner.
+        name: the tensioner's.
+        shakes: the rides.
+        cycles: of each sine.
+        samples: whether to keep the samples of the rides.
+        progress: True shows a bar; a function is called with ("rides", done, total).
 
     Raises:
         DriveError, SimulationError: as `bench_tensioner`.
@@ -137,9 +143,9 @@ def shake(
     def ride(first: int) -> None:
         wp.launch(lead, dim=1, inputs=[*given, first, values, sums], device="cpu")
 
-    with ThreadPoolExecutor(available_cores(), thread_name_prefix="warpchain") as pool:
+    with ThreadPoolExecutor(available_cores(), thread_name_prefix="warpchain") as pool, reporter(progress) as report:
         for done, _ in enumerate(pool.map(ride, range(len(shakes))), 1):
-            report(done, len(shakes))
+            report("rides", done, len(shakes))
     table = _ride_table(tensioner, shakes, sums.numpy())
     if not samples:
         return Shaken(table, ())

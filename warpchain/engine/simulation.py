@@ -28,7 +28,7 @@ from warpchain.drive.rings import rings_of
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import Report, interruptible, reporter
+from warpchain.progress import Progress, interruptible, reporter
 from warpchain.results.judgement import Limits, warning_text
 from warpchain.results.metrics import metrics_table
 from warpchain.results.replicate_metrics import with_copies
@@ -64,7 +64,7 @@ def simulate(
     step: PositiveNumber | Literal["auto"] | None = None,
     record: Record | None = None,
     window: tuple[FiniteNumber, FiniteNumber] | None = None,
-    progress: bool | Report = False,
+    progress: Progress = False,
     memory: Count = MEMORY,
     archive: str | Path | None = None,
     archive_options: ArchiveOptions | None = None,

@@ -16,7 +16,7 @@ shows is in the middle: the root of the mean of omega^2 (`over_a_pitch`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated
@@ -32,6 +32,7 @@ from warpchain.errors import SimulationError
 from warpchain.modal.eigenmodes import Modes, modes_of
 from warpchain.modal.matrices import Array
 from warpchain.modal.system import Whole, system
+from warpchain.progress import Progress, reporter
 
 SPARE = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
@@ -122,14 +123,15 @@ def campbell(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
     count: Count = 20,
-    report: Callable[[int, int], None] | None = None,
+    *,
+    progress: Progress = False,
 ) -> Campbell:
     """The modes of a drive over speed.
 
     Args:
         speeds: of the driver [rad/s], at least two, ascending from 0 or more.
         count: modes, the lowest at the first speed.
-        report: called with (done, all) speeds.
+        progress: True shows a bar; a function is called with ("speeds", done, total).
 
     Raises:
         DriveError: a chain that does not fit.
@@ -141,18 +143,18 @@ def campbell(
     shown: list[Modes] = []
     frequency, ratio = np.full((2, len(speeds), count), np.nan)
     which = np.arange(count)
-    for p, speed in enumerate(speeds):
-        found = [*found[-1:], system(drive, float(speed), found[-1] if found else None)]
-        shown.append(modes_of(found[-1], count + SPARE))
-        if p > 0:
-            which = followed(shown[-2], shown[-1], which, found[-1])
-        seen = which >= 0
-        frequency[p, seen], ratio[p, seen] = (
-            shown[-1].frequency[which[seen]],
-            shown[-1].damping_ratio[which[seen]],
-        )
-        if report is not None:
-            report(p + 1, len(speeds))
+    with reporter(progress) as report:
+        for p, speed in enumerate(speeds):
+            found = [*found[-1:], system(drive, float(speed), found[-1] if found else None)]
+            shown.append(modes_of(found[-1], count + SPARE))
+            if p > 0:
+                which = followed(shown[-2], shown[-1], which, found[-1])
+            seen = which >= 0
+            frequency[p, seen], ratio[p, seen] = (
+                shown[-1].frequency[which[seen]],
+                shown[-1].damping_ratio[which[seen]],
+            )
+            report("speeds", p + 1, len(speeds))
     return Campbell(
         drive, np.asarray(speeds, float), shown[0].names[:count], frequency, ratio, orders(drive), tuple(shown)
     )
@@ -226,7 +228,8 @@ def over_a_pitch(
     speeds: Sequence[NonNegativeNumber],
     count: Count,
     phases: Phases = 4,
-    report: Callable[[int, int], None] | None = None,
+    *,
+    progress: Progress = False,
 ) -> tuple[Campbell, Array]:
     """Modes over speed, their frequencies and damping ratios averaged over a tooth pitch.
 
@@ -235,7 +238,7 @@ def over_a_pitch(
         count: modes, the lowest at the first speed.
         phases: in equal steps, `MOST_PHASES` at most; modes of the others are those of phase 0 whose shapes they are
             most alike to.
-        report: called with (done, all) phases.
+        progress: True shows a bar; a function is called with ("phases", done, total).
 
     Returns:
         The diagram, with the modes of phase 0, and (phases, P, K) all frequencies [Hz], NaN where one was not found.
@@ -244,17 +247,18 @@ def over_a_pitch(
         DriveError: a chain that does not fit.
         SimulationError: as of `campbell`; one line.
     """
-    first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)
-    at = system(first.drive, float(speeds[0]))
-    frequency, ratio = [first.frequency], [first.damping_ratio]
-    for k in range(1, phases):
-        phase = k / phases - float(2 * k > phases)
-        other = campbell(drive.with_values({"run.phase": phase}), speeds, count + SPARE)
-        which = matched(first.modes[0].first(count), other.modes[0].first(count + SPARE), at)
-        for values, own in ((frequency, other.frequency), (ratio, other.damping_ratio)):
-            values.append(np.where(which >= 0, own[:, which], np.nan))
-        if report is not None:
-            report(k + 1, phases)
+    with reporter(progress) as report:
+        first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)
+        report("phases", 1, phases)
+        at = system(first.drive, float(speeds[0]))
+        frequency, ratio = [first.frequency], [first.damping_ratio]
+        for k in range(1, phases):
+            phase = k / phases - float(2 * k > phases)
+            other = campbell(drive.with_values({"run.phase": phase}), speeds, count + SPARE)
+            which = matched(first.modes[0].first(count), other.modes[0].first(count + SPARE), at)
+            for values, own in ((frequency, other.frequency), (ratio, other.damping_ratio)):
+                values.append(np.where(which >= 0, own[:, which], np.nan))
+            report("phases", k + 1, phases)
     both = np.ma.masked_invalid(np.stack(frequency)), np.ma.masked_invalid(np.stack(ratio))
     mean = np.sqrt((both[0] ** 2).mean(axis=0)).filled(np.nan)
     found = replace(first, frequency=mean, damping_ratio=both[1].mean(axis=0).filled(np.nan))

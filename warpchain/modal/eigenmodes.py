@@ -38,7 +38,7 @@ from warpchain.modal.matrices import Array
 from warpchain.modal.rotations import freed, turning_freely
 from warpchain.modal.system import System, Whole, common_shafts, system
 from warpchain.modal.tensioner_modes import Plungers, plungers, stand
-from warpchain.progress import Report, interruptible, reporter
+from warpchain.progress import Progress, interruptible, reporter
 
 Share = tuple[str, Array]
 WHOLE = 120
@@ -221,7 +221,7 @@ def modes(
     valve: Literal["shut", "open"] = "shut",
     *,
     workers: int | None = None,
-    progress: bool | Report = False,
+    progress: Progress = False,
 ) -> Modes: ...
 
 
@@ -233,7 +233,7 @@ def modes(
     valve: Literal["shut", "open"] = "shut",
     *,
     workers: int | None = None,
-    progress: bool | Report = False,
+    progress: Progress = False,
 ) -> list[Modes | WarpchainError]: ...
 
 
@@ -245,7 +245,7 @@ def modes(
     valve: Literal["shut", "open"] = "shut",
     *,
     workers: Workers | None = None,
-    progress: bool | Report = False,
+    progress: Progress = False,
 ) -> Modes | list[Modes | WarpchainError]:
     """The lowest modes of a drive, or those of each of many drives.
 
@@ -272,7 +272,7 @@ def modes(
     if isinstance(drives, Drive):
         return work(drives)
     with interruptible(), reporter(progress) as report:
-        found = each(work, drives, workers or available_cores(), lambda done: report("modes", done, len(drives)))
+        found = each(work, drives, workers or available_cores(), "modes", report)
     for error in found:
         if not isinstance(error, Modes | WarpchainError):
             raise error

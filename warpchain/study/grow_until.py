@@ -18,6 +18,7 @@ import numpy as np
 
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
+from warpchain.progress import Progress
 from warpchain.study.analysis.effects import main_effects
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.folder import Folder, open_folder
@@ -118,7 +119,7 @@ def grow_until(
     most: int = 10_000,
     workers: int | None = None,
     memory: int = MEMORY,
-    progress: bool = False,
+    progress: Progress = False,
     report: Callable[[Reached], object] | None = None,
 ) -> Reached:
     """Grows a study's folder until a condition is met, or until it would have more than so many rows.

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +19,7 @@ from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.drive.drive_text import text_alone
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
+from warpchain.progress import Progress
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.matrix import table_of_rows
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 DIGEST = "digest"
 """Column of a row's identity."""
 Rows = Sequence[Mapping[str, Any]]
-Report = bool | Callable[[float, float], None]
 
 
 def round_name(number: int) -> str:
@@ -147,14 +147,14 @@ class Bench:
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
     @checked(StudyError)
-    def evaluate(self, rows: Rows, progress: Report = False) -> pa.Table:
+    def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
         """Runs rows, those whose drive was not run yet.
 
         Adjustment, constraints, limits, recording and replicates are the study's.
 
         Args:
             rows: values by factor.
-            progress: True shows a bar; a function is called with (variants done, all that are run).
+            progress: True shows a bar; a function is called as that of `run_study`, for the rows that are run.
 
         Returns:
             A table like a study's, a row each in this order.
@@ -169,7 +169,7 @@ class Bench:
             return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
 
     @checked(StudyError)
-    def round(self, number: Index, rows: Rows, progress: Report = False) -> pa.Table:
+    def round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
         """Runs rows as a round of the folder, or reads what that round gave.
 
         Raises:
@@ -204,7 +204,7 @@ class Bench:
         ]
         return pa.Table.from_arrays(design.columns, schema=pa.schema(fields))
 
-    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report, before: int = 0) -> pa.Table:
+    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0) -> pa.Table:
         """Runs what is new of a design in a folder of its own, whose recordings call rows by their numbers after those
         `before`; returns all its rows."""
         import pyarrow as pa
@@ -226,7 +226,7 @@ class Bench:
         found = pa.concat_tables([table.slice(k, 1) for table, k in parts], promote_options="permissive")
         return _with_factors(found, design, self.factors)
 
-    def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
+    def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
         folder = self.run_folder_of(self.study, place, design)
         if folder.design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
@@ -246,7 +246,7 @@ class Bench:
         return make_folder(place, study, self.drive, design, size)
 
     @checked(StudyError)
-    def run_table(self, folder: Folder, progress: Report = False) -> pa.Table:
+    def run_table(self, folder: Folder, progress: Progress = False) -> pa.Table:
         """Runs what is left of a folder; returns its table."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done

@@ -24,12 +24,12 @@ from warpchain.drive import Drive
 from warpchain.drive.schema import nearest
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.progress import interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible, look_for_stop
 from warpchain.results.metric_columns import metric_names
 from warpchain.study.analysis.paired import MeanDifference, mean_difference
 from warpchain.study.design.factor_values import complete, tied
 from warpchain.study.design.noise import at_normals, noise_dimensions, own_value
-from warpchain.study.optimize.bench import Bench, Report, together
+from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.row_drives import placed
@@ -152,7 +152,7 @@ def find_better(
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-    progress: Report = False,
+    progress: Progress = False,
     report: Callable[[Better], object] | None = None,
 ) -> Better:
     """Runs two drives over the same noise until it is sure which has the better mean of a metric.

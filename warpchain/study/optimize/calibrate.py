@@ -30,7 +30,7 @@ from warpchain.drive.drive_text import drive_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
-from warpchain.progress import interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible, look_for_stop
 from warpchain.results.measured import signal_units, source
 from warpchain.results.measured_file import Columns, Measured, read_signal
 from warpchain.results.run import Trajectory, need
@@ -38,7 +38,7 @@ from warpchain.results.signal_features import Features
 from warpchain.results.signals import forward
 from warpchain.study.analysis.posterior import Direction, directions, residuals, sample_posterior
 from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
-from warpchain.study.optimize.bench import Bench, Report, round_name, together
+from warpchain.study.optimize.bench import Bench, round_name, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import recorded_variants
@@ -256,7 +256,7 @@ def turns_of(trajectory: Trajectory, part: slice) -> float:
 class Runs:
     """Runs of a folder by rounds: their normals, and the numbers that are measured."""
 
-    def __init__(self, bench: Bench, folder: Path, rig: Rig, progress: Report) -> None:
+    def __init__(self, bench: Bench, folder: Path, rig: Rig, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
         chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
         self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
@@ -311,7 +311,7 @@ def calibrate(
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-    progress: Report = False,
+    progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> Calibrated:
     """Calibrates a study's noise factors to measurements, or goes on with a calibration.

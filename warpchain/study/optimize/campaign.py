@@ -26,12 +26,12 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
 from warpchain.files import leftovers, sweep
-from warpchain.progress import interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible, look_for_stop
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.matrix import table_of_rows
-from warpchain.study.optimize.bench import Bench, Report, round_file, together
+from warpchain.study.optimize.bench import Bench, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.results import ARCHIVED, Results, read_results
 from warpchain.study.run.folder import DRIVE_TEXT
@@ -73,7 +73,7 @@ def optimize(
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-    progress: Report = False,
+    progress: Progress = False,
     report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),
 ) -> Found:

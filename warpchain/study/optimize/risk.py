@@ -26,7 +26,7 @@ from warpchain.arguments import Count, Workers, checked
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import read_text
-from warpchain.progress import interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible, look_for_stop
 from warpchain.study.analysis.failure_probability import Estimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import (
     Mixture,
@@ -36,7 +36,7 @@ from warpchain.study.analysis.importance_sampling import (
 )
 from warpchain.study.design.factor_values import dimensions
 from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
-from warpchain.study.optimize.bench import Bench, Report, together
+from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import Rerun, recording_of
@@ -107,7 +107,7 @@ class Margins:
     A run that is not ok fails.
     """
 
-    def __init__(self, bench: Bench, progress: Report, report: Callable[[str], object] = lambda line: None) -> None:
+    def __init__(self, bench: Bench, progress: Progress, report: Callable[[str], object] = lambda line: None) -> None:
         self._bench, self._progress, self._report = bench, progress, report
         chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
         self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
@@ -166,7 +166,7 @@ def estimate_risk(
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-    progress: Report = False,
+    progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> Risked:
     """Estimates how likely a study's limits on metrics are broken over its noise, and finds how they most likely are.

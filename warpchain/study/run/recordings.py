@@ -12,6 +12,7 @@ import numpy as np
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.progress import Progress
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
 from warpchain.study.results import ARCHIVED, Results, read_results
@@ -151,7 +152,7 @@ class Rerun:
         words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value}")]
         return shlex.join(words)
 
-    def run(self, *, workers: int | None = None, memory: int = MEMORY, progress: bool = False) -> None:
+    def run(self, *, workers: int | None = None, memory: int = MEMORY, progress: Progress = False) -> None:
         """Runs it, into its archive.
 
         Raises:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import ExitStack, contextmanager
-from functools import cache
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +24,18 @@ from warpchain.errors import StudyError, warn_caller
 from warpchain.extras import require_extra
 from warpchain.files import leftovers, sweep
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import bar as bar_of
-from warpchain.progress import completed, interruptible, look_for_stop, reporter
+from warpchain.progress import (
+    RECORDING,
+    RUNNING,
+    Progress,
+    Report,
+    completed,
+    interruptible,
+    look_for_stop,
+    nothing,
+    part_of,
+    reporter,
+)
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
 from warpchain.results.replicate_metrics import COPY, summary
@@ -50,10 +59,6 @@ TIMEOUT = 30.0
 """Seconds that a scheduler has to answer."""
 PARTIAL = "partial.parquet"
 """The table of an unfinished study, as far as it is."""
-Report = Callable[[float, float], None]
-"""Called with (variants done, variants of the whole study)."""
-Advance = Callable[[float], object]
-"""Called with the number of further variants done, also parts of one."""
 
 
 @contextmanager
@@ -119,14 +124,15 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
     return finish(folder, None, {"workers": workers, "memory": memory})
 
 
-def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], progress: bool = False) -> Outcome:
-    """The second pass, with a bar of its own, and the whole table; what ended processes have left is swept away."""
+def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], report: Report = nothing) -> Outcome:
+    """The second pass, and the whole table; what ended processes have left is swept away."""
     table = runs_of(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
             if executor is None:
-                _run_worst_here(folder, chosen, options, progress)
+                count = float(len(chosen))
+                run_worst(folder.path, chosen, options, part_of(report, RECORDING, 0.0, count, count))
             else:
                 with workers_named(folder):
                     (future,) = completed([executor.submit(run_worst, folder.path.resolve(), chosen, options)])
@@ -163,17 +169,6 @@ def _archives(table: pa.Table) -> list[str]:
     """The archives that hold a table's recorded variants."""
     name, _ = ARCHIVED
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
-
-
-def _run_worst_here(
-    folder: Folder, chosen: Sequence[tuple[int, int]], options: Mapping[str, Any], progress: bool
-) -> None:
-    """The second pass in this process."""
-    if not (progress and chosen):
-        run_worst(folder.path, chosen, options)
-        return
-    with bar_of(float(len(chosen)), "recording the worst", "variants") as bar:
-        run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
 
 
 def _shards_together(folder: Folder, shards: Sequence[int]) -> pa.Table:
@@ -284,7 +279,7 @@ def run_study(
     parts: Count = 1,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-    progress: bool | Report = False,
+    progress: Progress = False,
     grow: bool = False,
 ) -> Outcome:
     """Runs a study, or what is left of it.
@@ -301,7 +296,8 @@ def run_study(
         memory: budget of a shard [bytes].
         grow: let a folder grow that holds the same study with fewer points of its design, fewer replicates, or another
             duration or window (`study.run.prepare`).
-        progress: True shows a bar; a function is called with (variants done, all variants).
+        progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels; "running"
+            and, for the second pass of `record.worst`, "recording", in variants.
 
     Returns:
         The study's status.
@@ -326,39 +322,37 @@ def run_folder(
     part: tuple[int, int] | None = None,
     workers: int | None = None,
     memory: int = MEMORY,
-    progress: bool | Report = False,
+    progress: Progress = False,
 ) -> Outcome:
     """Runs what is left of a study's folder; see `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
-    with _bar(progress, folder, mine) as report, reporter(progress is True) as compiling:
-        left = [shard for shard in mine if not folder.done(shard)]
+    left = [shard for shard in mine if not folder.done(shard)]
+    total, rest = (float(sum(map(folder.size, shards))) for shards in (mine, left))
+    bar = {"name": folder.study.study.name or "study", "initial": total - rest}
+    with reporter(progress, **{RUNNING: bar}) as report:
+        run = part_of(report, RUNNING, total - rest, total, total)
         if executor is None:
-            _run_here(folder, left, {**options, "compiling": compiling}, report)
+            _run_here(folder, left, options, run)
         else:
-            _run_there(folder, left, executor, options, report)
-    if part is not None:
-        return study_status(folder.path)
-    return finish(folder, executor, options, progress is True)
+            _run_there(folder, left, executor, options, run)
+        if part is not None:
+            return study_status(folder.path)
+        return finish(folder, executor, options, report)
 
 
-def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
+def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Report) -> None:
     """Runs shards one after the other in this process."""
+    done, total = 0, float(sum(map(folder.size, shards)))
     for shard in shards:
         look_for_stop()
-        size, reported = folder.size(shard), 0.0
-
-        def report_part(part: float, size: int = size) -> None:
-            nonlocal reported
-            report(part * size - reported)
-            reported = part * size
-
-        run_shard(folder.path, shard, options, report_part)
-        report(size - reported)
+        begin, done = done, done + folder.size(shard)
+        run_shard(folder.path, shard, options, part_of(report, RUNNING, begin, done, total))
+        report(RUNNING, done, total)
 
 
 def _run_there(
-    folder: Folder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: Advance
+    folder: Folder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: Report
 ) -> None:
     """Runs shards on an executor.
 
@@ -366,39 +360,15 @@ def _run_there(
         StudyError: a worker of the executor died, and the executor does not run its shard again.
     """
     futures: dict[Future[int], int] = {}
+    done, total = 0, float(sum(map(folder.size, shards)))
     try:
         with workers_named(folder):
             for shard in shards:
                 futures[executor.submit(run_shard, folder.path.resolve(), shard, options)] = shard
             for future in completed(futures):
                 future.result()
-                report(folder.size(futures[future]))
+                done += folder.size(futures[future])
+                report(RUNNING, done, total)
     finally:
         for future in futures:
             future.cancel()
-
-
-@contextmanager
-def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iterator[Advance]:
-    """A function of the number of further variants done, which does nothing, moves a bar, or calls the caller's."""
-    total = float(sum(folder.size(shard) for shard in shards))
-    done = float(sum(folder.size(shard) for shard in shards if folder.done(shard)))
-    if callable(progress):
-
-        def add(more: float) -> None:
-            nonlocal done
-            done += more
-            progress(done, total)
-
-        yield add
-    elif not progress:
-        yield lambda more: None
-    else:
-        with ExitStack() as stack:
-
-            @cache
-            def begun() -> Any:
-                """The bar, from the first variants on: compiling before them is no part of their pace."""
-                return stack.enter_context(bar_of(total, folder.study.study.name or "study", "variants", done))
-
-            yield lambda more: begun().update(more)

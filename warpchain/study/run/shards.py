@@ -8,7 +8,7 @@ reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cache, partial
@@ -21,7 +21,7 @@ from warpchain.drive.replicates import copies_of
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import COMPILING
+from warpchain.progress import RUNNING, Report, nothing, part_of
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
     from warpchain.study.run.shard_plan import Numbers
     from warpchain.study.spec import Study
-
-Report = Callable[[float], None]
-"""Called with the part of the shard's work that is done, 0 to 1."""
 
 
 def simulate_variants(
@@ -68,28 +65,26 @@ def simulate_variants(
     if on and len(on) < len(variants):  # a GPU takes those that go on by themselves
         anew = [variant for variant in variants if variant.begin is None]
         share = len(anew) / len(variants)
-        simulate_variants(study, base, anew, archive, options, lambda part: report(share * part))
-        simulate_variants(study, base, on, archive, options, lambda part: report(share + (1.0 - share) * part))
+        simulate_variants(study, base, anew, archive, options, part_of(report, RUNNING, 0.0, share))
+        simulate_variants(study, base, on, archive, options, part_of(report, RUNNING, share, 1.0))
         return
     _build_all(study, base, variants)
     runs = 1.0 if study.metrics.modes is None else 0.5  # of the whole, roughly
-
-    def report_runs(part: float) -> None:
-        report(runs * part)
+    of_runs = part_of(report, RUNNING, 0.0, runs)
 
     def follow() -> None:
-        _follow_modes(study, base, variants, options.get("workers"), lambda part: report(runs + (1.0 - runs) * part))
+        _follow_modes(study, base, variants, options.get("workers"), part_of(report, RUNNING, runs, 1.0))
 
     if _held(study, variants, options.get("memory", MEMORY)):
-        _simulate(study, variants, None, options, report_runs)
+        _simulate(study, variants, None, options, of_runs)
         _archive(variants, archive, options.get("archive_options"))
         follow()
         return
     streamed = [variant for variant in variants if variant.recorded]
     plain = [variant for variant in variants if not variant.recorded]
     share = len(plain) / len(variants)
-    _simulate(study, plain, None, options, lambda part: report_runs(share * part))
-    _simulate(study, streamed, archive, options, lambda part: report_runs(share + (1.0 - share) * part))
+    _simulate(study, plain, None, options, part_of(of_runs, RUNNING, 0.0, share))
+    _simulate(study, streamed, archive, options, part_of(of_runs, RUNNING, share, 1.0))
     follow()
 
 
@@ -103,7 +98,7 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant], worker
     work = partial(mode_metrics, base_modes(base, study.metrics.modes))
     settled = [variant for variant in variants if variant.drive is not None and variant.measured is not None]
     drives = [variant.drive for variant in settled]
-    answers = each(work, drives, workers or available_cores(), lambda done: report(done / len(drives)))
+    answers = each(work, drives, workers or available_cores(), "modes", report)
     for variant, found in zip(settled, answers, strict=True):
         if isinstance(found, Exception):
             raise found
@@ -170,14 +165,9 @@ def _attempt(
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
-    options = dict(options)
-    compiling = options.pop("compiling", None)
-
     def on_progress(phase: str, done: float, total: float) -> None:
-        if phase == "simulating":
-            report(done / total)
-        elif phase == COMPILING and compiling is not None:
-            compiling(phase, done, total)
+        if phase != "settling":  # simulating begins anew
+            report(phase, done, total)
 
     if not variants:
         return None
@@ -267,14 +257,14 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
 
 @rare_collections()
 def run_shard(
-    folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: Report | None = None
+    folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: Report = nothing
 ) -> int:
     """Simulates one shard and writes its results; does nothing if they are there.
 
     Args:
         folder: the study's folder, on a disk that the caller shares.
         shard: its number.
-        options: `memory` and `workers` of `simulate`; "compiling" hears of kernels that are compiled.
+        options: `memory` and `workers` of `simulate`.
         report: called as the work goes on.
 
     Returns:
@@ -290,7 +280,7 @@ def run_shard(
         recorded = opened.recorded()
         tasks = zip(numbers.tolist(), copies.tolist(), strict=True)
         chosen = {i for i, (row, copy) in enumerate(tasks) if copy == 0 and row in recorded}
-        _write(opened, shard, _rows(opened, numbers, copies), chosen, options or {}, report or (lambda part: None))
+        _write(opened, shard, _rows(opened, numbers, copies), chosen, options or {}, report)
     return opened.size(shard)
 
 
@@ -298,7 +288,7 @@ def run_worst(
     folder: Path,
     variants: Sequence[tuple[int, int]],
     options: Mapping[str, Any] | None = None,
-    report: Report | None = None,
+    report: Report = nothing,
 ) -> None:
     """Simulates variants (number, copy) a second time to record them; see `run_shard`."""
     opened = open_folder(folder)
@@ -306,7 +296,7 @@ def run_worst(
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
     copies = np.array([copy for _, copy in variants], dtype=np.int64)
     rows = _rows(opened, numbers, copies)
-    _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
+    _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report)
 
 
 def _rows(folder: Folder, numbers: Numbers, copies: Numbers) -> pa.Table:
