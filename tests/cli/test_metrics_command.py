@@ -45,7 +45,7 @@ def test_lines_for_a_terminal(capsys):
     [
         (
             '[metrics]\nkeep = ["tension_mx"]',
-            'metrics.keep.0 = "tension_mx": no such metric; did you mean tension_max?',
+            'value 1 of metrics.keep = "tension_mx": no such metric; did you mean tension_max?',
         ),
         (
             '[record]\nworst = { metric = "tenson_max", count = 1 }',
@@ -53,9 +53,9 @@ def test_lines_for_a_terminal(capsys):
         ),
         (
             '[[objectives]]\nmetric = "tension_sdt"',
-            'objectives.0.metric = "tension_sdt": no such metric; did you mean tension_std?',
+            'objective 1: metric = "tension_sdt": no such metric; did you mean tension_std?',
         ),
-        ('[[limits]]\nmetric = "slck"\nmax = 1', 'limits.0.metric = "slck": no such metric; did you mean slack?'),
+        ('[[limits]]\nmetric = "slck"\nmax = 1', 'limit 1: metric = "slck": no such metric; did you mean slack?'),
     ],
 )
 def test_a_misspelt_metric_of_a_study_is_answered(capsys, tmp_path, more, line):

@@ -338,7 +338,7 @@ def test_columns_that_share_their_bytes_are_refused():
 FACTORIAL, TWO_LEVEL, LEVELS = 'kind = "factorial"', 'kind = "plackett-burman"', "levels = [44, 45]"
 MASS = '[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0'
 STUDIES = {
-    "name-list": ('name = "torque"', "name = []", "factors.0.name"),
+    "name-list": ('name = "torque"', "name = []", "factor 1: name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
     "center": (FACTORIAL, f"{TWO_LEVEL}\ncenter = 1000000000", "allowed are at most"),
     "choice": (LEVELS, "choice = 0", "must be a list of at least 2"),

@@ -179,7 +179,7 @@ GROUPED = [{**factor, "group": "oil"} for factor in noises("mn")]
         ({"noise": {"count": 2}}, "noise.count = 2: must be an integer from 4"),
         ({"factors": designs("a"), "noise": {"count": 8}}, 'noise: needs at least one factor of kind "noise"'),
         ({"constraints": [{"require": "mu < a"}]}, "mu is noise, which nobody can choose"),
-        ({"objectives": [{"metric": "mu"}]}, 'objectives.0.metric = "mu": is noise'),
+        ({"objectives": [{"metric": "mu"}]}, 'objective 1: metric = "mu": is noise'),
         ({"noise": {"correlated": ["mu", "a"], "ranks": [[1, 0.1], [0.1, 1]]}}, "a is not a noise factor"),
         ({"noise": {"correlated": ["mu", "b"], "ranks": [[1, 0.1]]}}, "must be a symmetric matrix of 2 rows"),
         (
@@ -212,7 +212,7 @@ GROUPED = [{**factor, "group": "oil"} for factor in noises("mn")]
         ),
         (
             {"factors": designs("a"), "objectives": [{"metric": "q95(f)"}]},
-            'objectives.0.metric = "q95(f)": is a statistic over noise',
+            'objective 1: metric = "q95(f)": is a statistic over noise',
         ),
     ],
 )
@@ -454,7 +454,7 @@ def test_optimize_builds_drives_that_leave_noise_alone(tmp_path, capsys):
     assert {load_drive(file).get_value("sprockets.s1.load.torque") for file in beside} == searched
     wrong = path.read_text().replace("q90(tension_max)", "q90(tension_mix)")
     path.write_text(wrong)
-    assert 'objectives.0.metric = "q90(tension_mix)": no such metric' in refused(capsys, "optimize", path, "-o", out)
+    assert 'objective 1: metric = "q90(tension_mix)": no such metric' in refused(capsys, "optimize", path, "-o", out)
 
 
 def test_studies_over_noise_are_run_grown_joined_and_viewed(tmp_path):

@@ -300,9 +300,9 @@ def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
         (
             '"tension_max"',
             '"tension_mux"',
-            'objectives.0.metric = "tension_mux": no such metric; did you mean tension_max?',
+            'objective 1: metric = "tension_mux": no such metric; did you mean tension_max?',
         ),
-        ("max = 900", "min = 5.0, max = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
+        ("max = 900", "min = 5.0, max = 3.0", 'limit on "tension_std": max = 3.0: must be above min, which is 5'),
         ('sense = "max"', 'sense = "most"', 'must be "min" or "max"'),
         ('metric = "tension_max"', 'metric = "s1.transmission_error_rms"', "it needs record.every = 1"),
         ('"bayes"', '"luck"', 'must be "bayes" or "population"'),

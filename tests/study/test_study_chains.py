@@ -179,14 +179,14 @@ def test_an_adjusted_study_of_several_is_resumed_merged_and_reported(tmp_path, c
     rows = whole.table.to_pylist()
     assert [row["status"] for row in rows] == ["ok", "ok", "infeasible", "infeasible"]
     for row in rows[2:]:
-        assert row["reason"].startswith('adjust.1: sprocket "out": no place along ')
+        assert row["reason"].startswith('adjust.second: sprocket "out": no place along ')
         assert all(row[name] is None for name in COLUMNS)
     export_table(whole.table, tmp_path / "table.csv")
     read = read_results(tmp_path / "table.csv", factors=["teeth", "pull"])
     assert "first.tension_max" in read.metrics and not {*COLUMNS} & {*read.metrics}
     source.write_text(source.read_text().replace('preload = "pull"', 'preload = "pull + 1"'))
     run_study(source, tmp_path / "other", workers=1)
-    with pytest.raises(StudyError, match=r'adjust\.0\.preload = "pull \+ 1", but "pull" in '):
+    with pytest.raises(StudyError, match=r'adjust\.first\.preload = "pull \+ 1", but "pull" in '):
         join_studies([tmp_path / "whole", tmp_path / "other"], tmp_path / "joined")
     join_studies([tmp_path / "whole", tmp_path / "out"], tmp_path / "joined")
     assert (tmp_path / "joined" / "study.toml").read_text().count("[[adjust]]") == 2
@@ -201,16 +201,16 @@ BACK = END.replace('"out"', '"mid out"')
 @pytest.mark.parametrize(
     ("adjusts", "line"),
     [
-        (MID + OTHER, 'adjust.1.chain = "first": is adjusted by adjust.0 already'),
+        (MID + OTHER, 'adjustment 2: chain = "first": is that of adjustment 1 already'),
         (MID + END.replace('chain = "second"\n', ""),
-         "adjust.1.chain: missing; each of several adjustments must name a chain of its own"),
+         "adjustment 2: chain: missing; each of several adjustments must name a chain of its own"),
         (MID + END.replace('"second"', '"third"'),
-         'adjust.1.chain = "third": must be a chain of the drive: first, second'),
-        (MID + BACK, 'adjust.1.sprocket = "mid out": moves shaft "mid", which adjust.0 moves already'),
-        (END + MID, 'adjust.1.sprocket = "mid in": moves a sprocket of chain "second", which adjust.0 has adjusted; '
-                    "put it before adjust.0"),
+         'adjust.third.chain = "third": must be a chain of the drive: first, second'),
+        (MID + BACK, 'adjust.second.sprocket = "mid out": moves shaft "mid", which adjust.first moves already'),
+        (END + MID, 'adjust.first.sprocket = "mid in": moves a sprocket of chain "second", which adjust.second has '
+                    "adjusted; put it before adjust.second"),
         (MID + END.replace("4e-4", '"tork"'),
-         'adjust.1.strain = "tork": tork is not a factor; factors are teeth, pull'),
+         'adjust.second.strain = "tork": tork is not a factor; factors are teeth, pull'),
         ("adjust = 3\n", "adjust = 3: must be a table, or a list of tables"),
     ],
 )  # fmt: skip

@@ -183,7 +183,10 @@ def test_a_refusal_of_one_variant_is_a_row(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("more", "line"),
     [
-        ('[metrics]\nkeep = ["tensoin*"]', 'metrics.keep.0 = "tensoin*": no such metric; did you mean tension_min?'),
+        (
+            '[metrics]\nkeep = ["tensoin*"]',
+            'value 1 of metrics.keep = "tensoin*": no such metric; did you mean tension_min?',
+        ),
         (
             '[metrics]\nkeep = ["tension_*"]\nmodes = 2',
             'metrics.modes = 2: metrics.keep keeps none; add "modes.*"',
@@ -380,7 +383,7 @@ def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
     source = write_study(tmp_path, more, text=STUDY.replace("step = 1e-5", 'step = "fast"'))
     status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
     assert status == 2
-    for line, words in zip(err, ("run.step", "factors.y.path", "metrics.keep.0"), strict=True):
+    for line, words in zip(err, ("run.step", "factors.y.path", "value 1 of metrics.keep"), strict=True):
         assert words in line
     assert not (tmp_path / "out").exists()
     lost = '[[objectives]]\nmetric = "tension_mx"\n'  # and a factor that is wrong in its place and in its values
@@ -388,7 +391,7 @@ def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
     source.write_text(text.replace("[limits]\nenergy_residual = inf\nenergy_change = inf", lost))
     status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
     assert status == 2 and len(err) == 5
-    for words in ("run.step", "factors.y.levels", "factors.y.path", "metrics.keep.0", "objectives.0.metric"):
+    for words in ("run.step", "factors.y.levels", "factors.y.path", "value 1 of metrics.keep", "objective 1: metric"):
         assert any(words in line for line in err)
 
 

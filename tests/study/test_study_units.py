@@ -98,12 +98,12 @@ def test_a_shift_is_in_meters_and_a_speed_may_be_in_revolutions():
         (
             RANGE,
             'range = ["1 mm", "2 mm"]\npoints = 3',
-            r'factors\.torque\.range\.0 = "1 mm": must be .* that fits: N m',
+            r'value 1 of factors\.torque\.range = "1 mm": must be .* that fits: N m',
         ),
         (
             RANGE,
             'levels = ["1 rpm", 2.0]',
-            r'factors\.torque\.levels\.0 = "1 rpm": must be a number, or one with a unit',
+            r'value 1 of factors\.torque\.levels = "1 rpm": must be a number, or one with a unit',
         ),
         (
             RANGE,
@@ -112,13 +112,21 @@ def test_a_shift_is_in_meters_and_a_speed_may_be_in_revolutions():
         ),
         ("levels = [44, 45]", 'levels = ["44 mm", 45]', r"factors\.links\.levels"),  # links have no unit
         (RANGE, f'{RANGE}\nunit = "N"', r'factors\.torque\.unit = "N": the values are in N m: leave it out'),
-        (RANGE, 'relative = true\nrange = ["1 N m", 2.0]\npoints = 3', r'factors\.torque\.range\.0 = "1 N m": must be'),
+        (
+            RANGE,
+            'relative = true\nrange = ["1 N m", 2.0]\npoints = 3',
+            r'value 1 of factors\.torque\.range = "1 N m": must be',
+        ),
         (
             LIMITS,
             '[[limits]]\nmetric = "tension_max"\nmax = "5 mm"\n',
-            r'limits\.0\.max = "5 mm": must be .* that fits: N, kN',
+            r'limit on "tension_max": max = "5 mm": must be .* that fits: N, kN',
         ),
-        (LIMITS, '[[limits]]\nmetric = "q95(tension_max)"\nmax = "5 s"\n', r'limits\.0\.max = "5 s": must be'),
+        (
+            LIMITS,
+            '[[limits]]\nmetric = "q95(tension_max)"\nmax = "5 s"\n',
+            r'limit on "q95\(tension_max\)": max = "5 s": must be',
+        ),
         ("energy_residual = inf", 'energy_residual = "1 N"', r'limits\.energy_residual = "1 N": must be'),
     ],
 )
@@ -152,7 +160,7 @@ def test_constraints_may_compare_a_factor_with_a_quantity(require, plain):
 def test_quantities_of_constraints_that_do_not_fit(require, said):
     with pytest.raises(StudyError) as caught:
         study(more=f'\n[[constraints]]\nrequire = "{require}"\n')
-    assert f'constraints.0.require = "{require}": {said}' in str(caught.value)
+    assert f'constraint 1: require = "{require}": {said}' in str(caught.value)
 
 
 def test_limits_may_have_units():

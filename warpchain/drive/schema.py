@@ -273,7 +273,7 @@ class Part(BaseModel):
             try:
                 super().__init__(**values)
             except ValidationError as error:
-                raise drive_error(report(error, values), self._source()) from None
+                raise drive_error(report(error, self._places(values)), self._source()) from None
 
         # pydantic calls a model's own __init__ for every nested part unless it is marked as not the user's: without
         # this mark the first wrong part would hide the errors of the others
@@ -283,6 +283,12 @@ class Part(BaseModel):
     def _source(cls) -> str:
         """The beginning of error lines of a part on its own."""
         return cls.__name__
+
+    @classmethod
+    def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
+        """A function that words the key paths of error lines."""
+        known = dict[int, Counter[str]]()
+        return lambda path: path_text(path, values, known)
 
     @classmethod
     def _current(cls, values: Any) -> Any:
@@ -449,11 +455,10 @@ def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[s
     return ".".join(words)
 
 
-def report(error: ValidationError, values: Any) -> list[str]:
+def report(error: ValidationError, place: Callable[[Sequence[str | int]], str]) -> list[str]:
     """The lines of a validation error: `key.path = value: what is allowed`."""
-    lines, known = [], dict[int, Counter[str]]()
+    lines = []
     for detail in error.errors(include_url=False, include_context=False):
-        where = path_text(detail["loc"], values, known)
         shown = "" if detail["type"] == BARE else f" = {value_text(detail['input'])}"
-        lines.append(f"{where}{shown}: {detail['msg']}")
+        lines.append(f"{place(detail['loc'])}{shown}: {detail['msg']}")
     return lines

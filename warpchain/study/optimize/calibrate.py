@@ -197,24 +197,24 @@ class Rig:
     def numbers(self, turns: float, results: Results) -> tuple[Number, ...]:
         """The measured numbers; the rig's driver is taken to turn at `turns` [1/s]."""
         found = []
-        for i, of in enumerate(self.of):
+        for of in self.of:
             if of.metric is not None:
                 assert of.value is not None  # its own rule
-                found.append(self._number(i, of, of.metric, results.unit(of.metric), of.value, 0.0))
+                found.append(self._number(of, of.metric, results.unit(of.metric), of.value, 0.0))
                 continue
             signal, features = self.signals[str(of.signal)], _features(of)
             values, errors = (form(signal.time, signal.values, turns) for form in (features.of, features.errors))
             for name, value, error in zip(features.names, values, errors, strict=True):
-                found.append(self._number(i, of, f"{of.signal}: {name}", signal.unit, float(value), float(error)))
+                found.append(self._number(of, f"{of.signal}: {name}", signal.unit, float(value), float(error)))
         return tuple(found)
 
-    def _number(self, i: int, of: Measurement, name: str, unit: str, value: float, scatter: float) -> Number:
+    def _number(self, of: Measurement, name: str, unit: str, value: float, scatter: float) -> Number:
         if not np.isfinite(value):
-            raise StudyError(f"measured.{i}: {name}: the measured signal is too short or too coarse for it")
+            raise StudyError(f"measured: {name}: the measured signal is too short or too coarse for it")
         said = of.error if of.error is not None else abs(value) * float(of.relative_error or 0.0)
         error = float(np.sqrt(said**2 + scatter**2 + (self.model_error * value) ** 2))
         if not error > 0.0:
-            raise StudyError(f"measured.{i}: {name} = {value:g}: relative_error of 0 is no error; give error")
+            raise StudyError(f"measured: {name} = {value:g}: relative_error of 0 is no error; give error")
         return Number(name, unit, value, error)
 
     def of_run(self, results: Results, row: int, trajectory: Trajectory | None) -> list[float]:

@@ -36,6 +36,7 @@ from warpchain.study.run.runner import finish, runs_of
 from warpchain.study.run.shard_plan import blocks_of
 from warpchain.study.spec import Study, dumps_study
 from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.places import places
 from warpchain.study.spec.study_tables import Design, for_file
 from warpchain.study.store import write_table, write_text
 
@@ -94,9 +95,11 @@ def _differences(first: Folder, other: Folder) -> Iterator[str]:
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
             fixed["design"] = {"replicate_by": folder.study.design.way}
+    place = places(ours)
     for path, here, there in _unlike(ours, theirs):
+        where = ".".join(map(str, path)) if path[0] == "drive" else place(path)
         yield (
-            f"{other.path}: {path} = {_shown(there)}, but {_shown(here)} in {first.path}; only studies that run the "
+            f"{other.path}: {where} = {_shown(there)}, but {_shown(here)} in {first.path}; only studies that run the "
             "same can be merged"
         )
     for name in WANTED:
@@ -126,14 +129,14 @@ def _fixed(folder: Folder) -> dict[str, Any]:
     return found
 
 
-def _unlike(ours: Any, theirs: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+def _unlike(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[Any, Any, Any]]:
     """Key paths in which two nested values differ, and both values."""
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for key in dict.fromkeys([*ours, *theirs]):
-            yield from _unlike(ours.get(key), theirs.get(key), f"{path}.{key}" if path else str(key))
+            yield from _unlike(ours.get(key), theirs.get(key), (*path, key))
     elif isinstance(ours, list) and isinstance(theirs, list) and len(ours) == len(theirs):
         for k, (one, two) in enumerate(zip(ours, theirs, strict=True)):
-            yield from _unlike(one, two, f"{path}.{one.get('name', k) if isinstance(one, dict) else k}")
+            yield from _unlike(one, two, (*path, one.get("name", k) if isinstance(one, dict) else k))
     elif ours != theirs:
         yield path, ours, theirs
 

@@ -42,6 +42,7 @@ from warpchain.study.spec import Study, check_drive, dumps_study, load_study
 from warpchain.study.spec.calibration import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.noise import statistic_of
+from warpchain.study.spec.places import places
 from warpchain.study.spec.study_file import Subject, too_many_factors
 from warpchain.study.spec.study_tables import (
     SAMPLED,
@@ -251,9 +252,10 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
         names += followed
         if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.wanted)):
             lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{PREFIX}*"')
+    place = places(study)
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
-            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')
+            lines.append(f'{place(("metrics", "keep", i))} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
         lines.append(f'record.worst.metric = "{worst.metric}": no such metric; {nearest(worst.metric, names, 8)}')
@@ -276,25 +278,27 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
         for c in group.columns
     }
     factors = [factor.name for factor in study.factors]
-    wanted = (("objectives", [o.metric for o in study.objectives]), ("limits", [b.metric for b in study.bounds]))
-    for key, metrics in wanted:
-        for i, name in enumerate(metrics):
+    place = places(study)
+    for key in ("objectives", "bounds"):
+        for i, name in enumerate(entry.metric for entry in getattr(study, key)):
+            where = place((key, i, "metric"))
             of = statistic_of(name)
             metric, known = (name, factors) if of is None else (of.metric, [])
             if metric in recorded:
                 if study.record.every != 1:
-                    yield f'{key}.{i}.metric = "{name}": is of recorded variants; it needs record.every = 1'
+                    yield f'{where} = "{name}": is of recorded variants; it needs record.every = 1'
             elif metric not in (*names, *known):
                 near = nearest(metric, [*known, *names, *recorded], 8)
-                yield f'{key}.{i}.metric = "{name}": no such metric; {near}'
+                yield f'{where} = "{name}": no such metric; {near}'
     for i, measured in enumerate(study.measured):
+        where = place(("measured", i, "signal" if measured.metric is None else "metric"))
         if measured.metric is not None and measured.metric not in names:
-            yield f'measured.{i}.metric = "{measured.metric}": no such metric; {nearest(measured.metric, names, 8)}'
+            yield f'{where} = "{measured.metric}": no such metric; {nearest(measured.metric, names, 8)}'
         elif measured.signal is not None and measured.signal not in (signals := signal_units(drive)):
-            yield f'measured.{i}.signal = "{measured.signal}": no such signal; {nearest(measured.signal, signals, 8)}'
+            yield f'{where} = "{measured.signal}": no such signal; {nearest(measured.signal, signals, 8)}'
     for i, name in enumerate(study.calibrate.predict if study.calibrate is not None else ()):
         if name not in names:
-            yield f'calibrate.predict.{i} = "{name}": no such metric; {nearest(name, names, 8)}'
+            yield f'{place(("calibrate", "predict", i))} = "{name}": no such metric; {nearest(name, names, 8)}'
 
 
 def growable(known: Study, other: Study) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +26,7 @@ from warpchain.study.spec.calibration import Calibrate, Measurement, calibration
 from warpchain.study.spec.expression import Expression, parse
 from warpchain.study.spec.factor import NEEDS, Factor, form_of, values_unit
 from warpchain.study.spec.noise import NOISE, Noise, metric_in, noise_names, noise_rules, with_sample
+from warpchain.study.spec.places import places
 from warpchain.study.spec.study_tables import (
     Adjust,
     Bound,
@@ -39,7 +40,6 @@ from warpchain.study.spec.study_tables import (
     RunOptions,
     Search,
     adjust_rules,
-    as_written,
     for_file,
     measured_condition,
     named_adjustments,
@@ -297,6 +297,10 @@ class Study(Part):
         return ""
 
     @classmethod
+    def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
+        return places(values)
+
+    @classmethod
     def _completed(cls, values: Any) -> Any:
         return of_file(values)
 
@@ -346,7 +350,7 @@ def loads_study(text: str, source: str = "<text>") -> Study:
         factors = tuple(with_sample(factor, Path(source).parent) for factor in study.factors)
         return study if factors == study.factors else study.model_copy(update={"factors": factors})
     except DriveError as error:
-        raise StudyError("\n".join(f"{source}: {as_written(line, values)}" for line in error.errors)) from None
+        raise StudyError("\n".join(f"{source}: {line}" for line in error.errors)) from None
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:

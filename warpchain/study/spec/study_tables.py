@@ -220,7 +220,7 @@ def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]
     """Adjustments, each with its key in study files and what its columns begin with: of several, the chain's name."""
     if len(adjusts) == 1:
         return [("adjust", "", adjusts[0])]
-    return [(f"adjust.{k}", f"{adjust.chain}.", adjust) for k, adjust in enumerate(adjusts)]
+    return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]
 
 
 def adjust_rules(node: Any) -> Iterator[Problem]:
@@ -234,7 +234,7 @@ def adjust_rules(node: Any) -> Iterator[Problem]:
                 ("adjust", k, "chain"), None, "missing; each of several adjustments must name a chain of its own", BARE
             )
         elif chain in chains:
-            yield Problem(("adjust", k, "chain"), chain, f"is adjusted by adjust.{chains.index(chain)} already")
+            yield Problem(("adjust", k, "chain"), chain, f"is that of adjustment {chains.index(chain) + 1} already")
         chains.append(chain)
 
 
@@ -406,6 +406,8 @@ class Risk(Part):
 
 
 _OF_BOUNDS = ("metric", "min", "max")
+_LISTS = {"objectives": "objectives", "bounds": "limits"}
+"""Lists of metrics that are wanted, and their names in study files."""
 
 
 def _is_bound(entry: Any) -> bool:
@@ -442,31 +444,16 @@ def for_file(values: dict[str, Any]) -> dict[str, Any]:
     return rest | {"limits": (*values["bounds"], *((judged,) if judged else ()))}
 
 
-def as_written(line: str, values: Any) -> str:
-    """An error line about `bounds.K` as one about the entry of the file's list `limits`; about the only adjustment as
-    about a table.
-    """
-    if len(elements(of_file(values), "adjust")) == 1 and line.startswith("adjust.0"):
-        return "adjust" + line.removeprefix("adjust.0")
-    limits = values.get("limits") if isinstance(values, Mapping) else None
-    if isinstance(limits, list) and line.startswith("bounds."):
-        number, dot, rest = line.removeprefix("bounds.").partition(".")
-        places = [i for i, entry in enumerate(limits) if _is_bound(entry)]
-        if number.isdecimal() and int(number) < len(places):
-            return f"limits.{places[int(number)]}{dot}{rest}"
-    return line
-
-
 def objective_rules(node: Any) -> Iterator[Problem]:
     """No metric is wanted twice, and limits and a search need something that is wanted."""
-    for key in ("objectives", "bounds"):
+    for key in _LISTS:
         names: set[str] = set()
         for i, entry in enumerate(elements(node, key)):
             name = get(entry, "metric")
             if not isinstance(name, str):
                 continue  # its own rule says so
             if name in names:
-                yield Problem((key, i, "metric"), name, f"must be unique among {key}")
+                yield Problem((key, i, "metric"), name, f"must be unique among {_LISTS[key]}")
             names.add(name)
     if get(node, "optimize") is not None and not elements(node, "objectives"):
         yield Problem(("optimize",), None, "needs at least one entry of objectives", BARE)
