@@ -165,6 +165,9 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     lines = _status_lines({"status": "suspect", "reason": "energy residual 2 %: take a smaller step; slipped: preload"})
     assert lines == ["status: suspect: energy residual 2 %: take a smaller step", "  and: slipped: preload"]
     assert len(err) == 1 and err[0].startswith("warpchain: warning: suspect: energy residual")
+    strict = [*words, "--overwrite", "--strict"]
+    assert run(capsys, *strict)[0] == 0
+    assert run(capsys, *strict, "--limit", "energy_residual=0")[0] == 3
     assert "limits: energy = 0: unknown key; did you mean energy_change?" in refused(
         capsys, *words, "--overwrite", "--limit", "energy=0"
     )
@@ -244,13 +247,14 @@ def test_a_summary_has_a_whole_balance_and_rollers_that_engaged(capsys, tmp_path
 
 
 def test_a_start_names_what_judges_it_and_gives_no_efficiency(capsys, tmp_path):
-    """The start of a drive from rest stores more than it loses; with the option that the message names it is ok."""
+    """The start of a drive from rest stores more than it loses; with the word that its message names, it may."""
     ramp = ["--set", "sprockets.driver.prescribed.ramp_time=0.02"]
     lines, _ = run_of(capsys, tmp_path, 0.02, *ramp)
     assert "energy_change" not in lines["energy"] and "efficiency" not in lines["energy"]
-    assert lines["status"].startswith("status: suspect") and "--limit energy_change=inf" in lines["status"]
-    lines, _ = run_of(capsys, tmp_path, 0.02, *ramp, "--limit", "energy_change=inf", "--overwrite")
+    assert lines["status"].startswith("status: suspect") and "run.start = true" in lines["status"]
+    lines, _ = run_of(capsys, tmp_path, 0.02, *ramp, "--set", "run.start=true", "--overwrite")
     assert "energy changes" not in "".join(lines.values())
+    assert "window 0.01 to 0.02 s, of a start; the run took" in "".join(lines.values())
 
 
 def test_a_page_tells_settings_as_the_study_file_has_them(tmp_path):

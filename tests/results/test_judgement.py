@@ -87,6 +87,17 @@ def test_a_limit_judges_by_its_metric_as_the_caller_sets_it(key):
     assert judged(limits=Limits(**beside, **{key: OFF.get(key, math.inf)}), **beyond) == ("ok", "")
 
 
+def test_a_start_is_judged_by_what_holds_in_one_and_drives_beside_it_by_all():
+    start = SIZED.with_values({"run.start": True})
+    for key, (beyond, _, words) in BEYOND.items():
+        beside = Limits(**BESIDE.get(key, {}))
+        status, reason = judged(start, beside, **beyond)
+        assert (status, words in reason) == (("ok", False) if key in ("energy_change", "start") else ("suspect", True))
+    columns = {"energy_change_relative": np.array([0.9, 0.9]), "diverged": np.zeros(2), "diverged_time": np.zeros(2)}
+    given = {name: (values, np.zeros(2, dtype=bool)) for name, values in columns.items()}
+    assert judge([start, SIZED], given, np.ones(2, dtype=bool)).status == ["ok", "suspect"]
+
+
 def test_limits_and_rules_are_the_same_keys():
     assert [*(rule.key for rule in RULES), "layout"] == list(Limits.model_fields)
 

@@ -151,6 +151,21 @@ def test_an_adjusted_study_stays_assembled(tmp_path):
         assert assemble(drive).strain == pytest.approx(0.001 * row["torque"], abs=1e-9)
 
 
+def test_a_study_says_that_its_runs_are_starts(tmp_path, capsys):
+    text = STUDY.replace("energy_change = inf\n", "")
+    run_study(write_study(tmp_path / "a", text=text, points=2), tmp_path / "a" / "out")
+    reasons = [row["reason"] for row in table_of(tmp_path / "a" / "out").to_pylist()]
+    assert sum("run.start = true" in (reason or "") for reason in reasons) == 3
+    source = write_study(tmp_path / "b", "start = true\n", text=text, points=2)
+    out = run_study(source, tmp_path / "b" / "out")
+    assert out.counts["ok"] == 4 and load_drive(tmp_path / "b" / "out" / "drive.toml").run.start
+    with source.open("a") as file:
+        file.write('[[factors]]\nname = "kind"\npath = "run.start"\nchoice = [true, false]\n')
+    assert 'run.start = true: not together with factor "kind", which sets it' in refused(
+        capsys, "study", "plan", source
+    )
+
+
 def test_progress_counts_variants_of_the_whole_study(tmp_path):
     calls, source = [], write_study(tmp_path)
     run_study(source, tmp_path / "out", part=(0, 2))

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
     from warpchain.engine.device_choice import Speed
 
-DONE, UNFINISHED, WRONG = 0, 1, 2
-"""Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
+DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
+"""Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's; with
+`run --strict`, a suspect run."""
 
 
 def resumable(kept: str) -> Callable[[Command], Command]:
@@ -211,6 +212,7 @@ def run(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
+    from warpchain.results.statuses import OK
 
     options = ArchiveOptions(
         compression=arguments.compression,
@@ -244,7 +246,9 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"archive: {arguments.output}; look at it with: warpchain view {shlex.quote(str(arguments.output))}")
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
-    return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
+    if row["diverged"] or run.info.ended != "complete":
+        return UNFINISHED
+    return NOT_OK if arguments.strict and row["status"] != OK else DONE
 
 
 def _channels(words: list[str]) -> tuple[str, ...]:
@@ -280,9 +284,8 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
         return [row["reason"]]
     if row.get("input_work") is None:
         return [f"{seconds:.1f} s; the window for metrics was not reached"]
-    lines = [
-        f"window {row['window_start']:g} to {row['window_end']:g} s; the run took {seconds:.1f} s",
-    ]
+    of_start = ", of a start" if drive.run.start else ""
+    lines = [f"window {row['window_start']:g} to {row['window_end']:g} s{of_start}; the run took {seconds:.1f} s"]
     for before in [f"{chain.name}." for chain in drive.chains] or [""]:
         mean, least, most = (row[f"{before}tension_{of}"] for of in ("mean", "min", "max"))
         named = before.replace(".", ": ")
@@ -304,8 +307,8 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     terms = {"in": row["input_work"], "out": row["output_work"], "lost": sum(losses(drive, row).values())}
     terms |= {"into motion and springs": row["energy_change"]}
     works = ", ".join(f"{word} {quantity(value, 'J')}" for word, value in terms.items())
-    of_start = abs(row["energy_change_relative"] or 0.0) > STARTS  # out and lost are of no steady work there
-    known = row.get("efficiency") is not None and not of_start
+    unsteady = abs(row["energy_change_relative"] or 0.0) > STARTS  # out and lost are of no steady work there
+    known = row.get("efficiency") is not None and not unsteady
     efficiency = f", efficiency {100.0 * row['efficiency']:.2f} % (out over out and lost)" if known else ""
     joints = [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"]
     rubbed = [row[name] for name in joints if row.get(name) is not None]

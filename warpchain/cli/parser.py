@@ -1,7 +1,7 @@
 """The command line: `warpchain new | check | draw | metrics | fit | modes | tensioner | run | view | plot | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
-user's or a refusal of the machine's, said in one line each.
+user's or a refusal of the machine's, said in one line each. 3: a suspect run, with `run --strict`.
 """
 
 from __future__ import annotations
@@ -285,6 +285,7 @@ def _run(commands: Any) -> None:
         default=[],
         help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
     )
+    parser.add_argument("--strict", action="store_true", help="exit with status 3 if the run is suspect")
     add_options(parser, "--quiet")
 
 

@@ -33,6 +33,8 @@ class RunSettings(Part):
 
     Attributes:
         settle: find the static equilibrium before the first step.
+        start: the run is a start, and its window at rest or in a run-up on purpose: limits that hold only after a start
+            do not judge it (`warpchain.results.judgement`); it changes nothing of the motion.
         duration: simulated time [s].
         step: time step [s], at most the duration; or "auto".
         integrator: "leapfrog" or "rk4".
@@ -46,6 +48,7 @@ class RunSettings(Part):
     """
 
     settle: Switch = True
+    start: Switch = False
     duration: Positive
     step: Step
     integrator: Integrator = "leapfrog"

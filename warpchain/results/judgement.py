@@ -98,6 +98,7 @@ class Rule:
         size: what of a value an upper limit is for.
         over: what a column is taken over, from drives, columns (V,) and what stands before its name, NaN where there is
             nothing; left out for 1.
+        after_start: whether it is for windows after a start, so that drives with `run.start` are not judged by it.
         order: power of the step that the column goes by, 0 where reasons name no step.
     """
 
@@ -110,6 +111,7 @@ class Rule:
     least: bool = False
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
     over: Callable[[Sequence[Drive], Mapping[str, Given], str], NDArray[np.float64]] | None = None
+    after_start: bool = False
     order: int = 0
 
     def reason(self, of: str, value: float, limit: float) -> str:
@@ -235,8 +237,8 @@ RULES = (
         lambda of, value: (
             f"the drive's energy changes by {100.0 * value:+{'.2g' if abs(value) < 1.0 else '.0f'}} % of the losses"
         ),
-        "take a longer run or a later window, after the start, or for a start itself --limit energy_change=inf (in a "
-        "study file limits.energy_change = inf)",
+        "take a longer run or a later window, after the start, or for a start itself run.start = true",
+        after_start=True,
     ),
     Rule(
         "settle_residual",
@@ -298,8 +300,9 @@ RULES = (
         "tension_drift",
         "of the mean tension, after a ramp",
         lambda of, value: f"the mean tension changes by {100.0 * value:+.2g} % in the window: the start still swings",
-        "take a longer ramp_time, or a longer run and a later window",
+        "take a longer ramp_time, or a longer run and a later window, or for a start itself run.start = true",
         over=tension_after_ramp,
+        after_start=True,
     ),
     Rule(
         "slips",
@@ -412,6 +415,7 @@ def _beyond(drives: Sequence[Drive], columns: Mapping[str, Given], limits: Limit
     """Reasons of each variant, by its number: rule by rule, and in the order of its drive's own columns."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
+    starts = np.array([drive.run.start for drive in drives])
     for r, rule in enumerate(RULES):
         limit = float(getattr(limits, rule.key))
         if limit == (0.0 if rule.least else np.inf):
@@ -420,7 +424,7 @@ def _beyond(drives: Sequence[Drive], columns: Mapping[str, Given], limits: Limit
             of, _, column = name.rpartition(".")
             if column != rule.column:
                 continue
-            mine = _has_rule(drives, of, rule, chains)
+            mine = _has_rule(drives, of, rule, chains) & ~(rule.after_start & starts)
             if not mine.any():
                 continue
             scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns, of)

@@ -122,6 +122,8 @@ def read_study(
             f'{source}: study.drive = "{study.study.drive if base is None else base}": {line}' for line in error.errors
         ]
         raise StudyError("\n".join([*wrong.splitlines(), *lines])) from None
+    if study.run.start is not None:
+        drive = drive.with_values({"run.start": study.run.start})
     lines = [*wrong.splitlines(), *_mistakes(study, drive, source)]
     if lines:
         raise StudyError("\n".join(dict.fromkeys(lines)))

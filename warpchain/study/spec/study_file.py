@@ -411,7 +411,11 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
                 lines.append(
                     f"factors.{factor.name}.{word} = true: needs a number at {path}, which is {shown} in the drive"
                 )
-            given = getattr(study.run, path.removeprefix("run.")) if path in ("run.step", "run.duration") else None
+            given = (
+                getattr(study.run, path.removeprefix("run."))
+                if path in ("run.step", "run.duration", "run.start")
+                else None
+            )
             if given is not None:
                 lines.append(
                     f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'

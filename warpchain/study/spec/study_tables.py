@@ -244,6 +244,7 @@ class RunOptions(Part):
     Attributes:
         duration: simulated time [s].
         step: time step [s], or "auto".
+        start: whether runs are starts, as `run.start` of a drive.
         precision: "float64" or "float32".
         device: the device as in `simulate`; None is what is estimated to finish first.
         window: (start, end) over which metrics are taken [s].
@@ -253,6 +254,7 @@ class RunOptions(Part):
 
     duration: Positive | None = None
     step: Step | None = None
+    start: Switch | None = None
     precision: Annotated[Literal["float64", "float32"], Value('must be "float64" or "float32"')] = "float64"
     device: Text | None = None
     window: Window | None = None
