@@ -234,7 +234,7 @@ def test_missing_csv_and_file_outside_a_drive_file(tmp_path):
     (tmp_path / "speed.csv").unlink()
     with pytest.raises(DriveError, match=r'table\.file = "speed\.csv": cannot be read: no such file or directory$'):
         load_drive(path)
-    with pytest.raises(DriveError, match=r"prescribed\.table\.file = .*: is read by load_drive alone"):
+    with pytest.raises(DriveError, match=r"prescribed\.table\.file = .*: only drive files name a file"):
         loads_drive(path.read_text())
     both = with_csv(tmp_path, table='{ file = "speed.csv", time = [0, 1] }')
     with pytest.raises(DriveError, match=r'"speed\.csv": not together with time; the file has that column$'):

@@ -168,7 +168,7 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     strict = [*words, "--overwrite", "--strict"]
     assert run(capsys, *strict)[0] == 0
     assert run(capsys, *strict, "--limit", "energy_residual=0")[0] == 3
-    assert "limits: energy = 0: unknown key; did you mean energy_change?" in refused(
+    assert "--limit energy=0: unknown key; did you mean energy_change?" in refused(
         capsys, *words, "--overwrite", "--limit", "energy=0"
     )
     assert run(capsys, *words, "--overwrite", "--limit", "energy")[0] == 2
@@ -216,12 +216,30 @@ def test_messages_name_the_options_of_a_command(capsys, monkeypatch, tmp_path):
     assert err == [f"warpchain: error: {archive}: exists already; give another name, or --overwrite"]
 
 
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--rate", "-1"], "--rate -1.0: must be a finite number above 0"),
+        (["--exact-positions"], "--exact-positions: goes with --values float32; else positions are exact already"),
+        (["--limit", "slip=1"], "--limit slip=1: unknown key; did you mean slips?"),
+        (["--memory", "1e-9", "--duration", "0.01"], "simulate fewer variants at a time, or raise --memory"),
+    ],
+)
+def test_no_message_of_the_command_line_speaks_python(capsys, tmp_path, words, line):
+    assert refused(capsys, "run", "marine", "-o", tmp_path / "a.mcap", "--quiet", *words).endswith(line)
+    _, _, err = run(capsys, "check", "marine", "--set", 'sprockets.crankshaft.prescribed.table={file="a.csv"}')
+    assert err[-1].endswith(
+        '"a.csv": only drive files name a file; give the columns themselves, such as time and speed'
+    )
+
+
 def test_what_is_no_option_of_a_command_is_named_as_its_file_has_it():
     """`study run` has --memory, but device and precision are keys of its file; other words stay."""
     known = argparse.Namespace(study="s.toml", memory=1)
     text = 'lower memory=, or use precision="float32"; x=True\nchain.links = 9: use device="cpu"'
     told = 'lower --memory, or use run.precision = "float32"; x=True\nchain.links = 9: use run.device = "cpu"'
     assert name_options(text, known) == told
+    assert name_options("device = 'cuda': none", argparse.Namespace(folder="out")) == "run.device = 'cuda': none"
 
 
 SIZES = {"mJ": 1e-3, "J": 1.0, "kJ": 1e3, "N": 1.0, "kN": 1e3}

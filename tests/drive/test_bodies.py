@@ -320,7 +320,7 @@ OUTLET_RULES = wrong(
     (f"{SUPPLY}/pressure", [[1e5, 2e5, 3e5]], "must have as many elements as speed, 2"),
     (f"{SUPPLY}/speed/1", [0.0], "must be above the element before, 0"),
     (f"{SUPPLY}/shaft", ["crnk"], "must be the name of a sprocket or a shaft; did you mean crank?"),
-    (f"{SUPPLY}/file", ["oil.csv"], "is read by load_drive alone; give the columns themselves"),
+    (f"{SUPPLY}/file", ["oil.csv"], "only drive files name a file; give the columns themselves"),
 )
 OUTLET_RULES += [
     (f"{SUPPLY}/time", [0.0, 1.0], f"{PUSHER}.oil.supply_table.speed = [0.0, 100.0]: not together with time; give one"),

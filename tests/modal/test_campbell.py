@@ -134,6 +134,7 @@ def test_the_command_prints_the_table_and_writes_arrays(tmp_path, capsys):
     ("words", "line"),
     [
         (["--speed", "1", "2", "3"], "must be one or two speeds"),
+        (["--speed", "3", "1"], "--speed 3 1: must be one or two speeds of at least 0, the second above the first"),
         (["-o", "modes.pdf"], "must end in .html"),
         (["--phases", "4"], "takes a diagram over two speeds"),
         *of_long((["--set", "sprockets.conveyor.load.torque=1e7"], "does not settle")),

@@ -47,7 +47,7 @@ class ArchiveOptions:
         if self.split_size is not None and self.split_variants is not None:
             raise ArchiveError("split_size and split_variants: give one of them")
         if self.exact_positions and self.values != "float32":
-            raise ArchiveError('exact_positions: goes with values = "float32"; else positions are exact already')
+            raise ArchiveError('exact_positions = True: goes with values="float32"; else positions are exact already')
         if self.numbers is not None and len(set(self.numbers)) < len(self.numbers):
             raise ArchiveError("numbers: must be different from each other")
         for name in self.attachments:

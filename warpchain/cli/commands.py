@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable
@@ -271,7 +272,10 @@ def _limits(words: list[str]) -> Any:
         if not mark or not key.strip():
             raise WarpchainError(f"--limit {word}: must be KEY=VALUE, such as energy_residual=0.02")
         changes[key.strip()] = _value(value.strip())
-    return Limits(**changes)
+    try:
+        return Limits(**changes)
+    except WarpchainError as error:
+        raise WarpchainError(re.sub(r"^limits: (\S+) = ", r"--limit \1=", str(error), flags=re.MULTILINE)) from None
 
 
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:

@@ -25,8 +25,9 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     path, speeds = arguments.output, arguments.speed
     if path is not None and path.suffix not in KINDS:
         raise WarpchainError(f"-o {path}: must end in {', '.join(KINDS)}")
-    if len(speeds) > 2 or min(speeds) < 0.0:
-        raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
+    if len(speeds) > 2 or min(speeds) < 0.0 or speeds[:-1] >= speeds[1:] != []:
+        given = " ".join(map("{:g}".format, speeds))
+        raise WarpchainError(f"--speed {given}: must be one or two speeds of at least 0, the second above the first")
     if arguments.phases > 1 and len(speeds) < 2:
         raise WarpchainError(f"--phases {arguments.phases}: takes a diagram over two speeds, --speed FROM TO")
     for name, most in (("phases", MOST_PHASES), ("points", MOST_POINTS)):

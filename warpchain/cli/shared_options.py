@@ -187,7 +187,10 @@ def name_options(message: str, arguments: argparse.Namespace) -> str:
         if hasattr(arguments, name):
             option = f"--{name.replace('_', '-')}"
             return option if value in ("", "True") else f"{option} {value.strip(chr(34) + chr(39))}"
-        return f"run.{name} = {value}" if hasattr(arguments, "study") and name in ("device", "precision") else found[0]
+        of_study = hasattr(arguments, "study") or hasattr(arguments, "folder")
+        return f"run.{name} = {value}" if of_study and name in ("device", "precision") else found[0]
 
-    lines = (re.sub(r"^(?P<name>[a-z_]+) = (?P<value>\S+)(?<!:)", named, line) for line in message.split("\n"))
+    lines = (
+        re.sub(r"^(?:record\.)?(?P<name>[a-z_]+) = (?P<value>\S+)(?<!:)", named, line) for line in message.split("\n")
+    )
     return re.sub(r'(?<![-.\w])(?P<name>[a-z_]+)=(?P<value>True|"\w+"|)(?![^\s,;)])', named, "\n".join(lines))

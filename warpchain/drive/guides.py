@@ -57,7 +57,7 @@ _NUMBERS = {"type": "array", "items": {"type": "array", "items": {"type": "numbe
 Measured = Annotated[
     _Points,
     WithJsonSchema({"anyOf": [_NUMBERS, {"type": "string"}]}),
-    Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files"),
+    Value("must be a list of at least 2 points [x, y] of finite numbers; only drive files name a file of them"),
 ]
 
 Bolts = Annotated[

@@ -126,7 +126,7 @@ class Table(Part):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         given = [key for key in cls._axes if get(node, key) is not None]
         if get(node, "file") is not None:
-            text = "is read by load_drive alone; give the columns themselves, such as time and " + cls._quantity
+            text = "only drive files name a file; give the columns themselves, such as time and " + cls._quantity
             yield Problem(("file",), get(node, "file"), text)
             return
         if not given:
@@ -212,7 +212,7 @@ class PlaceTable(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         if get(node, "file") is not None:
-            yield Problem(("file",), get(node, "file"), "is read by load_drive alone; give the columns themselves")
+            yield Problem(("file",), get(node, "file"), "only drive files name a file; give the columns themselves")
             return
         time = elements(node, "time")
         if get(node, "x") is None and get(node, "y") is None:

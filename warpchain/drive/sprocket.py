@@ -243,7 +243,7 @@ class ToothGap(Part):
     tip_radius: Positive
 
 
-Gap = Annotated[ToothGap | None, Allowed("must be a table; load_drive alone reads it of a DXF file")]
+Gap = Annotated[ToothGap | None, Allowed("must be a table; only drive files name a DXF file of it")]
 
 
 class Sprocket(Part):

@@ -137,7 +137,7 @@ class LiftTable(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         if get(node, "file") is not None:
-            yield Problem(("file",), get(node, "file"), "is read by load_drive alone; give angle and lift")
+            yield Problem(("file",), get(node, "file"), "only drive files name a file; give angle and lift")
             return
         angle, lift = elements(node, "angle"), elements(node, "lift")
         if not numbers(*angle, *lift) or min(len(angle), len(lift)) < 2:

@@ -57,7 +57,7 @@ def _beside_statistics(packed: Packed, memory: int) -> int:
     if taken > memory:
         raise SimulationError(
             f"the statistics of {packed.variants} variants take {taken / 2**30:.3g} GiB, more than the memory budget "
-            f"has for them, {memory / 2**30:.3g} GiB; simulate fewer variants at a time, or raise memory"
+            f"has for them, {memory / 2**30:.3g} GiB; simulate fewer variants at a time, or raise memory="
         )
     return memory - taken
 
@@ -96,7 +96,7 @@ class Recorder:
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
             raise SimulationError(
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
-                f"{self._budget / 2**30:.3g} GiB; record fewer variants or raise memory"
+                f"{self._budget / 2**30:.3g} GiB; record fewer variants or raise memory="
             )
         if self.archive_path is None:
             self._check_memory(memory)
@@ -115,7 +115,7 @@ class Recorder:
             raise SimulationError(
                 f"record: the trajectories of {len(self.indices)} variants take {wanted / 2**30:.3g} GiB, more than "
                 f"the memory budget of {self._budget / 2**30:.3g} GiB leaves; write them to an archive, record fewer "
-                "variants, lower the rate, or raise memory"
+                "variants, lower the rate, or raise memory="
             )
 
     def launch_steps(self, limit: int, most: int | None = None) -> int:
