@@ -1,5 +1,6 @@
 """Calibration: closed forms of the posterior, simulation-based calibration, files of signals, and the command."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -211,6 +212,7 @@ def test_a_run_that_stands_for_the_rig_gives_its_torque_back(calibrated, capsys)
     page = (found.folder / "calibration.html").read_text()
     for name in ("unknowns", "fit", "signals", "open", "predictions", "course"):
         assert f'<section id="{name}">' in page
+    assert re.search(r"gap</td>(<td.*?</td>){1,2}?<td>0\.09999\d+ to 0\.10000\d+</td>", page)
     posterior = read_table(found.folder / "posterior.csv")
     assert posterior.column_names == ["torque", "gap"] and posterior.num_rows == len(torque)
 

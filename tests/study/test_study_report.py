@@ -12,6 +12,7 @@ from command import refused, run
 from view.html_page import Page
 
 from warpchain.errors import StudyError
+from warpchain.results.units import decimals
 from warpchain.study.analysis import main_effects
 from warpchain.study.report import report_html, telling_metrics
 from warpchain.study.report.decisions import Wanted
@@ -19,7 +20,7 @@ from warpchain.study.report.panels import surrogate
 from warpchain.study.results import export_table, read_results
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.surrogate import best_surrogate
-from warpchain.view.html import number, table
+from warpchain.view.html import fixed, number, table
 
 FACTORS = ("load.torque", "center.x", "law")
 
@@ -205,6 +206,26 @@ def test_numbers_are_plain():
     assert '<td class="n">\N{EN DASH}</td>' in table(("a",), [(None,), (1.0,)])
 
 
+@pytest.mark.parametrize(
+    ("values", "digits", "words"),
+    [
+        ([93.4634, 1049.27, 12.0], 0, ["93", "1049", "12"]),
+        ([20.00112, 20.00234], 6, ["20.00112", "20.00234"]),
+        ([2.0, 1e-9, np.nan], 3, ["2", "1e-09", "\N{EN DASH}"]),
+        ([5.0, 5.0 + 1e-15], 3, ["5", "5"]),
+        ([3.2e-8, 1.23456e-8], 11, ["3.2e-08", "1.235e-08"]),
+        ([512345.0, 12.0], -2, ["512345", "12"]),
+        ([0.0, 0.0], 0, ["0", "0"]),
+        ([np.nan, np.inf], 0, ["\N{EN DASH}", "inf"]),
+        ([], 0, []),
+    ],
+)
+def test_digits_are_those_of_the_range(values, digits, words):
+    """Four digits of the range, of the value where all are alike, and two of each small value."""
+    assert decimals(values) == digits
+    assert [fixed(value, digits) for value in values] == words
+
+
 def test_command_writes_page_and_table(tmp_path, capsys):
     export_table(study(), tmp_path / "results.parquet")
     text = '[study]\ndrive = "marine"\nname = "Load & place"\n[design]\nkind = "sobol"\ncount = 120\n'
@@ -266,6 +287,31 @@ def test_units_are_those_that_engineers_read(html):
     assert "tension_max [kN]" in html and "contact_energy_per_revolution [J]" in html
     front = html[html.index('id="front"') : html.index('id="explore"')]
     assert re.search(r"tension_<wbr>max \[kN\]", front)
+
+
+def cells_of(page, section, column):
+    """Head and texts of a section's column, of its first table that has one."""
+    part = page[page.index(f'id="{section}"') :].replace("<wbr>", "")
+    for found in re.findall(r"<table.*?</table>", part, re.DOTALL):
+        heads, *rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>.*?</tr>", found)]
+        for k, head in enumerate(heads):
+            if head.split(" [")[0] == column:
+                return head, [row[k] for row in rows]
+    return pytest.fail(f"no {column}")
+
+
+def test_columns_have_the_unit_and_the_digits_of_what_they_show():
+    """A unit that suits what is shown, not a row that ran away, and four digits of the range."""
+    power = np.concatenate([np.linspace(1.049, 98.7654321, 59), [4e6]])
+    columns = {"a": np.linspace(0.123456789, 0.723456789, 60), "b": np.linspace(12.70010003, 12.70025007, 60)}
+    made = pa.table(columns | {"loss": power, "status": ["ok"] * 59 + ["diverged"]})
+    schema = pa.schema([field.with_metadata({"unit": "W"} if field.name == "loss" else {}) for field in made.schema])
+    page = report_html(read_results(made.cast(schema), ["a", "b"], ["loss"]), metrics=("loss",))
+    losses = ["1.05", "2.73", "4.42", "95.4", "97.08", "98.77"]
+    assert cells_of(page, "extremes", "loss") == ("loss [W]", losses)
+    assert cells_of(page, "extremes", "a")[1][0] == "0.1235" and cells_of(page, "extremes", "b")[1][0] == "12.7001"
+    assert cells_of(page, "distributions", "least") == ("least", ["1.05"])
+    assert cells_of(page, "inputs", "range")[1] == ["0.1235 to 0.7235", "12.7001 to 12.7002501"]
 
 
 def large(rows):

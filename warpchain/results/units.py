@@ -38,10 +38,22 @@ def shown(unit: str, *values: Any) -> tuple[str, float]:
     return held[-1] if held and largest > 0.0 else (unit, 1.0)
 
 
-def shown_unit(unit: str, *values: float) -> tuple[str, float]:
+def shown_unit(unit: str, *values: Any) -> tuple[str, float]:
     """Unit to show values in, "" for a count or ratio, and the factor to multiply them by; the largest decides."""
     word, factor = shown(unit, *values)
     return "" if word == "1" else word, factor
+
+
+def decimals(values: Any, digits: int = 4) -> int:
+    """Decimals that distinguish values: so many digits of their range, or of the largest where all are equal.
+
+    Negative for a range beyond so many digits.
+    """
+    held = np.asarray(values, dtype=float)
+    held = held[np.isfinite(held)]
+    largest, spread = float(np.abs(held).max(initial=0.0)), float(np.ptp(held)) if held.size else 0.0
+    scale = spread if spread > 1e-9 * largest else largest
+    return digits - 1 - math.floor(math.log10(scale)) if scale > 0.0 else 0
 
 
 def quantity(value: float, unit: str, deviation: float | None = None, digits: int = 4) -> str:

@@ -105,10 +105,28 @@ def number(value: float, digits: int = 5) -> str:
     return plain.rstrip("0").rstrip(".") if decimals else plain
 
 
+def fixed(value: float, decimals: int) -> str:
+    """A number of a column that has so many decimals (see `units.decimals`), small ones with two digits at least."""
+    return number(value, significant(value, decimals)) if math.isfinite(value) else number(value)
+
+
+def significant(value: float, decimals: int) -> int:
+    """Digits that a finite number has with so many decimals; from 2 to 15."""
+    return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
+
+
 def _cell(value: Any) -> str:
     if value is None:
         return "\N{EN DASH}"
     return number(value) if isinstance(value, float) else str(value)
+
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a cell is a number, written already or not, or there is none."""
+    return isinstance(value, int | float) or bool(_NUMBER.fullmatch(_cell(value)))
 
 
 def _breakable(word: str) -> str:
@@ -119,9 +137,7 @@ def _breakable(word: str) -> str:
 def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table; columns of numbers are set to the right."""
     rows = [list(row) for row in rows]
-    right = [
-        bool(rows) and all(isinstance(row[k], int | float) or row[k] is None for row in rows) for k in range(len(heads))
-    ]
+    right = [bool(rows) and all(_is_number(row[k]) for row in rows) for k in range(len(heads))]
     kinds = [' class="n"' if r else "" for r in right]
     head = "".join(f"<th{kind}>{_breakable(word)}</th>" for word, kind in zip(heads, kinds, strict=True))
     lines = (

@@ -10,7 +10,7 @@ import numpy as np
 
 from warpchain.results.measured import source
 from warpchain.results.signals import amplitude_spectrum
-from warpchain.results.units import quantity, shown_unit
+from warpchain.results.units import decimals, quantity, shown_unit
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.posterior import UNIDENTIFIED, Direction
 from warpchain.study.analysis.surface import TRUSTED
@@ -123,9 +123,10 @@ def _unknowns(found: Calibrated) -> html.Section:
         before, after = found.values_before[name], found.values[name]
         word, factor = shown_unit(_unit(found, name), float(np.abs(before).max()))
         ends = [factor * np.percentile(values, (5, 95)) for values in (before, after)]
-        cells = [f"{html.number(low, 4)} to {html.number(high, 4)}" for low, high in ends]
-        left = float(after.std() / before.std())
-        rows.append((name, word, cells[0], cells[1], float(factor * after.mean()), f"{100.0 * left:.0f} %"))
+        digits = decimals(ends)
+        cells = [f"{html.fixed(low, digits)} to {html.fixed(high, digits)}" for low, high in ends]
+        mean, left = html.fixed(factor * float(after.mean()), digits), float(after.std() / before.std())
+        rows.append((name, word, *cells, mean, f"{100.0 * left:.0f} %"))
         figures.append(_histogram(f"{name} [{word}]" if word else name, factor * before, factor * after, k == 0))
     heads = ("unknown", "unit", "90 % prior", "90 % posterior", "posterior mean", "standard deviation left")
     return html.section(

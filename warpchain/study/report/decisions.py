@@ -98,12 +98,12 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
 
 
 def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], first: Sequence[str] = ()) -> str:
-    """Variants of rows with columns in the units that are shown.
+    """Variants of rows with columns in the units that suit these rows.
 
     Args:
         first: a word for each row, before its number; none has no such column.
     """
-    axes = {name: Axis(results, name) for name in columns if results.numeric(name)}
+    axes = {name: Axis(results, name, rows) for name in columns if results.numeric(name)}
     heads = [*([""] if first else []), "variant", *(axes[name].name if name in axes else name for name in columns)]
     lines = []
     for k, row in enumerate(rows):
@@ -111,7 +111,7 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
         for name in columns:
             value = results.table[name][int(row)].as_py()
             whole = isinstance(value, int) and axes[name].factor == 1.0 if name in axes else True
-            cells.append(value if value is None or whole else float(value) * axes[name].factor)
+            cells.append(value if value is None or whole else axes[name].text(float(value)))
         lines.append(cells)
     return html.table(heads, lines).replace("<table>", '<table class="rows">', 1)  # each gets its command in the page
 
@@ -327,7 +327,7 @@ def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
     values = results.values(name)
     if name not in results.factors:
         values = np.where(results.ok, values, np.nan)  # a variant that did not end well has no metric to go by
-    return {"name": name, "unit": axis.unit, "values": axis.of(values)}
+    return {"name": name, "unit": axis.unit, "decimals": axis.decimals, "values": axis.of(values)}
 
 
 def _archives(results: Results) -> list[list[Any] | None] | None:

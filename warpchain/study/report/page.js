@@ -26,12 +26,13 @@
   };
 
   // ------------------------------------------------------------------------------------------------ scales
-  const plain = (v) => {
+  const plain = (v, digits = 5) => {
     if (!finite(v)) return "–";
     const size = Math.abs(v);
-    if (size !== 0 && (size < 1e-3 || size >= 1e6)) return v.toExponential(3).replace(/\.?0+e/, "e").replace("-", "−").replace("e-", "e−");
-    return String(Number(v.toPrecision(5))).replace("-", "−");
+    if (size !== 0 && (size < 1e-3 || size >= 1e6)) return v.toExponential(Math.min(3, digits - 1)).replace(/\.?0+e/, "e").replace("-", "−").replace("e-", "e−");
+    return String(Number(v.toPrecision(digits))).replace("-", "−");
   };
+  const written = (c, v) => plain(v, v ? Math.max(2, Math.min(15, c.decimals + 1 + Math.floor(Math.log10(Math.abs(v))))) : 2);  // with the column's decimals
   const ticks = (low, high, most) => {
     const step = (high - low) / Math.max(1, most), power = 10 ** Math.floor(Math.log10(step || 1));
     const wide = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= step * 0.75) || power;
@@ -179,7 +180,7 @@
     for (let k = 0; k < count; k++) byShade[Math.min(SHADES - 1, Math.max(0, Math.floor((SHADES * (c.values[k] - c.low)) / (c.high - c.low || 1)) || 0))].push(k);
   };
   tint(tinted);
-  const value = (c, k) => (c.words ? c.words[c.values[k]] ?? "–" : `${plain(c.values[k])}${c.unit ? " " + c.unit : ""}`);
+  const value = (c, k) => (c.words ? c.words[c.values[k]] ?? "–" : `${written(c, c.values[k])}${c.unit ? " " + c.unit : ""}`);
   const command = (k) => {
     if (!rows.folder) return null;
     const place = rows.archives && rows.archives[k];
@@ -508,7 +509,7 @@
         html("td", line, rows.variant[k], "n"); html("td", line, front[k] ? "●" : "");
         const cell = html("td", line, null, "play"), words = command(k);
         if (words) { html("code", cell, `${words} `); copier(cell, words); }
-        for (const i of shown) html("td", line, columns[i].words ? columns[i].words[columns[i].values[k]] ?? "–" : plain(columns[i].values[k]), "n");
+        for (const i of shown) html("td", line, columns[i].words ? columns[i].words[columns[i].values[k]] ?? "–" : written(columns[i], columns[i].values[k]), "n");
         line.onclick = (e) => { if (e.target.tagName !== "BUTTON" && !String(window.getSelection())) { marked = k; refresh(); } };
       }
       more.hidden = order.length <= most;

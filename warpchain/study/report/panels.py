@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import read_text
-from warpchain.results.units import shown_unit
+from warpchain.results.units import decimals, shown_unit
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.analysis.effects import MedianEffect, _groups
 from warpchain.study.analysis.interactions import Interaction
@@ -77,23 +77,39 @@ def rounded(values: Any, digits: int = 5) -> list[float | None]:
 
 
 class Axis:
-    """A column as it is shown.
+    """A column as it is shown: in a unit that suits its largest value, with decimals that suit its range.
+
+    Args:
+        results: the study's results.
+        column: its name.
+        rows: those that are shown; None takes all, of a metric those that are ok.
 
     Attributes:
         name: with its unit.
         factor: shown value = SI value * factor.
         unit: that is shown.
+        decimals: of shown values; see `units.decimals`.
     """
 
-    def __init__(self, results: Results, column: str) -> None:
+    def __init__(self, results: Results, column: str, rows: Sequence[int] | None = None) -> None:
         values = results.values(column) if results.numeric(column) else np.zeros(0)
-        ends = (float(np.nanmin(values)), float(np.nanmax(values))) if np.isfinite(values).any() else ()
-        self.unit, self.factor = shown_unit(results.unit(column), *ends)
+        if rows is not None:
+            values = values[list(rows)] if values.size else values
+        elif column not in results.factors and values.size and results.rows_for(column).any():
+            values = values[results.rows_for(column)]
+        self.unit, self.factor = shown_unit(results.unit(column), values)
+        self.decimals = decimals(values * self.factor)
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
     def of(self, values: Any) -> list[float | None]:
-        """SI values as they are shown."""
-        return rounded(np.asarray(values, dtype=float) * self.factor)
+        """SI values as they are shown, with all decimals, and five digits at least."""
+        shown = np.asarray(values, dtype=float) * self.factor
+        largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
+        return rounded(shown, max(5, html.significant(largest, self.decimals)))
+
+    def text(self, value: float) -> str:
+        """An SI value as a table shows it, below a head that has the unit."""
+        return html.fixed(self.factor * value, self.decimals)
 
     def words(self, label: str) -> str:
         """A group of values as `Effect.labels` has it, "8" or "8 to 10", as it is shown."""

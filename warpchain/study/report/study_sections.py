@@ -299,7 +299,7 @@ def _inputs(results: Results) -> html.Section:
         else:
             values = results.values(factor)
             axis = panels.Axis(results, factor)
-            ends = [html.number(axis.factor * float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            ends = [axis.text(float(value)) for value in (np.nanmin(values), np.nanmax(values))]
             unit = axis.unit
             span = ends[0] if distinct == 1 else " to ".join(ends)
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
@@ -313,7 +313,7 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
     for metric in metrics:
         values = results.values(metric)[results.rows_for(metric)]
         axis = panels.Axis(results, metric)
-        parts = (axis.factor * np.percentile(values, (0, 5, 50, 95, 100))).tolist()
+        parts = [axis.text(value) for value in np.percentile(values, (0, 5, 50, 95, 100)).tolist()]
         rows.append((metric, axis.unit, *parts, len(values)))
     return html.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
