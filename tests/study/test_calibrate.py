@@ -272,6 +272,17 @@ def test_the_page_opens_without_errors_and_cuts_no_name_off(calibrated, width):
         ("value = {value}", "", 'measurement of "s1->s0.tension_q50": value: missing'),
         ("range = [0.0, 20.0]", "levels = [1.0, 2.0]", "an unknown needs a continuous distribution"),
         ('kind = "noise"\n\n[limits]', 'kind = "noise"\nreplicates = 2\n\n[limits]', "not together with measured"),
+        (
+            "std = 1e-6",
+            "std = 1e-18",
+            "factors.1.std: the standard deviation of gap is 0: must be above 1e-10, 1e-09 of its largest value",
+        ),
+        ("range = [0.0, 20.0]", "range = [5.0, 5.0000000001]", "factors.0.range: the standard deviation of torque is"),
+        (
+            "range = [0.0, 20.0]",
+            'distribution = "empirical"\nsample = [5.0, 5.0000000001]',
+            "factors.0.sample: the standard deviation of torque is 5e-11: must be",
+        ),
         ("count = 12", "count = 2", "calibrate.count = 2: must be an integer from 8 to 1000"),
         ('file = "rig.csv"', 'file = "none.csv"', "none.csv: "),
         ('file = "rig.csv"', 'file = "rig.csv"\nunit = "rpm"', "s1->s0.tension is in N; give unit"),

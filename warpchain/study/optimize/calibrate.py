@@ -37,10 +37,11 @@ from warpchain.results.run import Trajectory, need
 from warpchain.results.signal_features import Features
 from warpchain.results.signals import forward
 from warpchain.study.analysis.posterior import Direction, directions, residuals, sample_posterior
+from warpchain.study.design.factor_values import from_unit
 from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
 from warpchain.study.optimize.bench import Bench, round_name, together
 from warpchain.study.optimize.campaign import made_folder
-from warpchain.study.results import Array, Results, read_results
+from warpchain.study.results import NOISE, Array, Results, read_results
 from warpchain.study.run.recordings import recorded_variants
 from warpchain.study.spec import Study
 from warpchain.study.spec.calibration import Calibrate, Measurement
@@ -54,6 +55,8 @@ CHECKS = 8
 """Most runs of the last round."""
 DRAWS = 2000
 """Samples that predictions are taken over."""
+NARROWEST = 1e-9
+"""Least standard deviation of an unknown a priori, in parts of its largest value."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,26 @@ class Calibrated:
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())
+
+
+def check_spreads(source: str | os.PathLike[str], study: Study) -> None:
+    """Refuses unknowns whose values are all but equal a priori, before anything runs.
+
+    Raises:
+        StudyError: a distribution that is narrower than `NARROWEST`.
+    """
+    u = (np.arange(DRAWS) + 0.5) / DRAWS
+    for i, factor in enumerate(study.factors):
+        if factor.kind != NOISE:
+            continue
+        values = np.array(from_unit(factor, u), dtype=float)
+        spread, least = float((values - values[0]).std()), NARROWEST * float(np.abs(values).max())
+        if not spread > least:
+            key = next((key for key in ("std", "sample", "range") if getattr(factor, key) is not None), "range")
+            raise StudyError(
+                f"{source}: factors.{i}.{key}: the standard deviation of {factor.name} is {spread:.3g}: must be above "
+                f"{least:.3g}, {NARROWEST:g} of its largest value"
+            )
 
 
 class Emulated:
@@ -334,6 +357,7 @@ def calibrate(
     bench = Bench(source, out, workers=workers, memory=memory, search_target="what was measured")
     if not bench.study.measured:
         raise StudyError(f"{source}: measured: missing; calibrate needs at least one measured value or signal")
+    check_spreads(source, bench.study)
     settings = bench.study.calibrate or Calibrate()
     rig = Rig(bench.study, Path(source), signal_units(bench.drive))
     if rig.signals:
@@ -392,7 +416,7 @@ def _write(folder: Path, runs: Runs, mean: Array, after: Array) -> Path:
     columns = _columns(runs, after)
     lines = [
         ",".join(columns),
-        *(",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)),
+        *(",".join(f"{value:.15g}" for value in row) for row in zip(*columns.values(), strict=True)),
     ]
     write_text(folder / "posterior.csv", "\n".join(lines) + "\n")
     drive = folder / "calibrated.toml"
