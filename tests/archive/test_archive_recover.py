@@ -18,6 +18,7 @@ from waiting import bytes_in, wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
+from warpchain.archive.mcap_write import McapFile
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, WarpchainError
 
@@ -391,6 +392,38 @@ def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypat
     with small_disk(800_000):  # the mended file needs a little room of its own
         (frames,) = frames_of(recover_archive(left, tmp_path / "fixed.mcap").path, run)
     assert 0 < frames < len(run[0].time)
+
+
+@pytest.mark.parametrize(("whole", "chunks"), [(1, 2), (1, 0), (3, 1), (0, 3)])
+def test_a_full_disk_under_a_split_archive_names_what_is_whole(run, tmp_path, monkeypatch, whole, chunks):
+    """Parts that are whole stay with what there is of the last one; the archive's name and the first part's restore
+    them."""
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**15)
+    monkeypatch.setattr(McapFile, "chunk", full_after(whole, chunks))
+    options = ArchiveOptions(split_size=100_000, encoders=1)
+    with pytest.raises(ArchiveError, match="No space left on device") as caught:
+        simulate(run.drives, record=Record(rate=1e5), archive=tmp_path / "a.mcap", archive_options=options)
+    monkeypatch.undo()
+    left = sorted(tmp_path.iterdir())
+    assert [file.suffix for file in left] == [".mcap"] * whole + [".partial"] * (chunks > 0)
+    assert all(str(file) in str(caught.value) for file in left[:1] + left[whole:]) and "recover" in str(caught.value)
+    assert ("whole" in str(caught.value)) == (whole > 0)
+    assert "\n" not in str(caught.value)
+    frames = frames_of(recover_archive(tmp_path / "a.mcap", tmp_path / "fixed.mcap").path, run)
+    assert sum(frames) > 0
+    assert frames == frames_of(recover_archive(left[0], tmp_path / "first.mcap").path, run)
+
+
+def full_after(parts, chunks):
+    """`McapFile.chunk` on a disk that has room for so many parts, and so many chunks of the next one."""
+    plain = McapFile.chunk
+
+    def write(file, chunk):
+        if f".part{parts:04d}." in file.path.name and file.chunks == chunks:
+            raise ArchiveError(f"{file.path}: cannot be written (No space left on device)")
+        plain(file, chunk)
+
+    return write
 
 
 @pytest.mark.parametrize("moment", ["take", "finish"])

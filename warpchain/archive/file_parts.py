@@ -176,10 +176,19 @@ class Parts:
         """Unfinished files that are worth keeping."""
         return [part.file for part in self._parts if self._salvage and part.file.chunks and not part.file.finished]
 
+    def _kept(self) -> str:
+        """Where what was written of an unfinished archive stays, in words; "" where nothing does."""
+        whole = [part.file.path for part in self._parts if self._salvage and part.file.finished]
+        words = [str(file.partial) for file in self._left()]
+        if whole:
+            several = f"{len(whole)} whole files, {whole[0]} to {whole[-1].name}"
+            words.insert(0, several if len(whole) > 1 else f"the whole file {whole[0]}")
+        return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
+
     def refusal(self, error: ArchiveError) -> ArchiveError:
         """The error to raise when the disk refuses: with `salvage` it names the files that hold what was written."""
-        left = self._left()
-        return ArchiveError(f"{error}; {_hint(left)}") if left else error
+        kept = self._kept()
+        return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close(self, named: bool = False) -> None:
         """Ends unfinished files: drops them, or with `salvage` keeps those that hold frames.
@@ -187,21 +196,16 @@ class Parts:
         Args:
             named: `refusal` has named them already; else a warning does.
         """
-        left = self._left()
+        left, kept = self._left(), self._kept()
         for part in self._parts:
             if not part.file.finished:
                 part.file.close(keep=part.file in left)
         if not self._parts or not self._parts[-1].file.finished:
             if not self._salvage:
                 self._target.discard(part.file.path for part in self._parts if part.file.finished)
-            if left and not named:
-                warn_caller(f"{self._target.path}: was not finished; {_hint(left)}")
+            if kept and not named:
+                warn_caller(f"{self._target.path}: was not finished; {kept}")
         self._target.release()
-
-
-def _hint(left: Sequence[McapFile]) -> str:
-    """Where to find what was written of an archive that was not finished."""
-    return f"what was written until then is in {', '.join(str(file.partial) for file in left)}: see warpchain recover"
 
 
 def media_type(name: str) -> str:
