@@ -15,7 +15,7 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "arguments", "extras", "version", "files", "progress", "show", "gc_tuning"),
+    ("errors", "arguments", "extras", "version", "files", "progress", "python_process", "show", "gc_tuning"),
     ("drive",),
     ("assembly",),
     ("results",),

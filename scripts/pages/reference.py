@@ -17,7 +17,7 @@ from warpchain.study.spec.study_file import Study, study_schema
 MODULES = {
     "drives and files": "drive: drive chain sprocket run_settings contact_settings",
     "before a run": "assembly: summary layout_checks statics fitting frequencies",
-    "results": "results: run signals losses objectives judgement measured measured_file units",
+    "results": "results: run signals losses objectives judgement measured measured_file measured_columns units",
     "archives": "archive: read writer export",
     "pictures": "view: rerun.run_playback figures.plot figures.sweep figures.rig_figures palette",
     "modes": "modal: eigenmodes campbell",

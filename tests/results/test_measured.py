@@ -15,7 +15,9 @@ from scipy.io import savemat
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
 from warpchain.results.measured import compared, signal_units, source, sources
-from warpchain.results.measured_file import Columns, Measured, read_signal
+from warpchain.results.measured_binary import read_here
+from warpchain.results.measured_columns import Columns
+from warpchain.results.measured_file import Measured, read_signal
 
 TEETH, TURNS = 20, 10.0
 
@@ -300,12 +302,12 @@ def test_numbers_of_which_it_is_not_said_what_they_are(tmp_path, text, decimal, 
 
 def test_a_small_mat_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
     """The head of a variable says its length; the zeros themselves, compressed a thousand times, are not read."""
-    monkeypatch.setattr("warpchain.results.measured_file.MOST_VALUES", 10**5)
+    monkeypatch.setattr("warpchain.results.measured_binary.MOST_VALUES", 10**5)
     monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
     time = np.linspace(0.0, 1.0, 10**5 + 1)
     savemat(tmp_path / "rig.mat", {"t": time, "force": np.zeros_like(time)}, do_compression=True)
     with pytest.raises(SimulationError, match=r"rig.mat: t has 100001 values; allowed are at most 100000"):
-        read_signal(tmp_path / "rig.mat", "a.tension", "N")
+        read_here(tmp_path / "rig.mat", Columns())
 
 
 def test_a_small_mdf4_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
@@ -313,10 +315,10 @@ def test_a_small_mdf4_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp
     with asammdf.MDF(version="4.10") as mdf:
         mdf.append([asammdf.Signal(np.zeros_like(time), time, unit="N", name="force")])
         mdf.save(tmp_path / "rig.mf4", overwrite=True)
-    monkeypatch.setattr("warpchain.results.measured_file.MOST_VALUES", 1000)
+    monkeypatch.setattr("warpchain.results.measured_binary.MOST_VALUES", 1000)
     monkeypatch.setattr("asammdf.MDF.get", lambda *_, **__: pytest.fail("it was read"))
     with pytest.raises(SimulationError, match=r"rig.mf4: force has 1001 values; allowed are at most 1000"):
-        read_signal(tmp_path / "rig.mf4", "a.tension", "N")
+        read_here(tmp_path / "rig.mf4", Columns())
 
 
 def test_variables_that_are_no_vectors_of_real_numbers_are_none_of_a_signal(tmp_path):
@@ -334,7 +336,7 @@ def test_variables_that_are_no_vectors_of_real_numbers_are_none_of_a_signal(tmp_
 def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
     """Of 300 flips of a bit, each gives a signal or one line that says something.
 
-    Compressed variables have checksums; some flips of others end the process inside scipy.
+    Compressed variables have checksums; flips of others are below.
     """
     time = np.linspace(0.0, 1.0, 20)
     path = tmp_path / "rig.mat"
@@ -345,11 +347,56 @@ def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
         flipped[bit // 8] ^= 1 << (bit % 8)
         path.write_bytes(flipped)
         try:
-            read_signal(path, "a.tension", "N")
+            read_here(path, Columns())
         except SimulationError as error:
             told += 1
             assert "\n" not in str(error) and "()" not in str(error)
     assert told
+
+
+@pytest.mark.parametrize(("ending", "bits"), [("mat", (1416, 3200, 3213)), ("mf4", (8430, 8447, 10293))])
+def test_flipped_bits_that_end_a_process_are_read_or_refused_in_one_line(tmp_path, ending, bits):
+    """Flips in sizes and addresses, of which scipy 1.17 and asammdf 8.8 end the process that reads."""
+    time, path = np.linspace(0.0, 1.0, 20), tmp_path / f"rig.{ending}"
+    if ending == "mat":
+        savemat(path, {"t": time, "force": time})
+    else:
+        asammdf = pytest.importorskip("asammdf")
+        with asammdf.MDF(version="4.10") as mdf:
+            mdf.append([asammdf.Signal(time, time, unit="N", name="force")])
+            mdf.save(path, overwrite=True)
+    data = path.read_bytes()
+    for bit in bits:
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(flipped)
+        try:
+            read_signal(path, "a.tension", "N")
+        except SimulationError as error:
+            assert "\n" not in str(error) and str(path) in str(error)
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        (
+            "os.abort()",
+            r"rig.mf4: cannot be read: the process that read it ended \(signal 6, Aborted\); it is damaged$",
+        ),
+        ("os._exit(0)", r"the process that read it ended \(exit status 0\); it is damaged$"),
+        ("bytearray(2**40)", r"rig.mf4: is not MDF4 \(MemoryError\)$"),
+        ("time.sleep(1e6)", r"rig.mf4: cannot be read: reading it takes more than 3 s$"),
+    ],
+)
+def test_a_file_that_ends_the_process_which_reads_it_is_one_line(tmp_path, monkeypatch, act, said):
+    """In place of asammdf: what its C code may do at a damaged file."""
+    (tmp_path / "asammdf.py").write_text(f"import os, time\ndef MDF(path):\n    {act}\n")
+    (tmp_path / "rig.mf4").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("warpchain.results.measured_binary.PATIENCE", 3.0 if "sleep" in act else 60.0)
+    with pytest.raises(SimulationError, match=said) as caught:
+        read_signal(tmp_path / "rig.mf4", "a.tension", "N")
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("reader", ["scipy.io.whosmat", "asammdf.MDF"])
@@ -364,4 +411,4 @@ def test_an_exception_without_words_is_named(tmp_path, monkeypatch, reader):
     path = tmp_path / ("rig.mat" if "mat" in reader else "rig.mf4")
     path.touch()
     with pytest.raises(SimulationError, match=r"\(AssertionError\)$"):
-        read_signal(path, "a.tension", "N")
+        read_here(path, Columns())

@@ -18,7 +18,8 @@ ENDINGS = (".png", ".svg", ".rrd", ".json")
 def compare(arguments: argparse.Namespace) -> list[str]:
     """Writes what was asked for; returns the lines to print: statistics and orders of both signals, files written."""
     from warpchain.results.measured import compared, source
-    from warpchain.results.measured_file import Columns, read_signal
+    from warpchain.results.measured_columns import Columns
+    from warpchain.results.measured_file import read_signal
     from warpchain.view.chosen import recorded
 
     for path in arguments.output:

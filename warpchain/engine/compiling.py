@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from warpchain.engine.processes import can_start, started
 from warpchain.progress import COMPILING, Report, Stop
+from warpchain.python_process import can_start, started
 
 if TYPE_CHECKING:
     import warp as wp

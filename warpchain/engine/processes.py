@@ -1,8 +1,4 @@
-"""Work in processes of its own: kernels to compile, and many small things, which Python's lock keeps from threads.
-
-A process imports what this one does, sees no GPU, which it would reserve, and takes one core. It does not import the
-program that runs here, as those of `multiprocessing` do, so that a script needs no guard around what it calls.
-"""
+"""Work in processes of its own: kernels to compile, and many small things, which Python's lock keeps from threads."""
 
 from __future__ import annotations
 
@@ -19,32 +15,10 @@ from typing import Any
 
 from warpchain.errors import SimulationError
 from warpchain.progress import Report, completed, look_for_stop, nothing
+from warpchain.python_process import can_start, started
 
 FEWEST = 16
 """Things for which a process is worth its start, which takes a second or two."""
-ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""What keeps the libraries below numpy to one core."""
-
-
-def can_start() -> bool:
-    """Whether this Python can start another one."""
-    return bool(sys.executable) and not getattr(sys, "frozen", False)
-
-
-def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    """A process that runs a module of this package and reads from its standard input.
-
-    Args:
-        answers: its standard output, as `subprocess.Popen` takes it.
-    """
-    paths = os.pathsep.join(filter(None, map(str, sys.path)))
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", module],
-        env=os.environ | ONE_CORE | {"PYTHONPATH": paths, "CUDA_VISIBLE_DEVICES": ""},
-        stdin=subprocess.PIPE,
-        stdout=answers,
-        stderr=subprocess.DEVNULL,
-    )
 
 
 def each(

@@ -5,24 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError
-from warpchain.extras import require_extra
-from warpchain.files import open_regular, read_text, reason
+from warpchain.files import read_text
+from warpchain.results.measured_binary import read_binary
+from warpchain.results.measured_columns import Array, Column, Columns, column_index
 from warpchain.results.units import DISPLAYED
-
-Array = NDArray[np.float64]
 
 SPELLED: dict[str, tuple[str, float]] = {
     word: (unit, 1.0 / factor) for unit, steps in DISPLAYED.items() for _, word, factor in steps
@@ -48,8 +44,8 @@ STATISTICS: dict[str, Callable[[Array], float]] = {
     "largest": lambda x: float(x.max()),
 }
 """Values by which a measured signal is compared with that of a run."""
-MOST_VALUES = 2**25
-"""Values of a signal of MAT or MDF4, at most; 256 MiB, as a chunk of an archive."""
+BINARY = (".mat", ".mf4")
+"""Endings of files that are read by `measured_binary`; all others are CSV."""
 LATEST = 1e9
 """Times beyond are mistakes [s]; recordings count nanoseconds in 64 bits."""
 
@@ -71,26 +67,6 @@ class Measured:
     values: Array
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Columns and units of a file of measured values.
-
-    Attributes:
-        column: the values' column, variable or channel: its name, its name and unit as they stand in the file, or its
-            number, "#2"; None is the first after the time.
-        time: the same of the column of time; None is the first. Channels of MDF4 have their own.
-        unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
-        decimal: "." or ",", which ends the whole part of numbers in CSV; the other one is then between thousands. None
-            takes the one that all numbers of the file have.
-    """
-
-    column: str | None = None
-    time: str | None = None
-    unit: str | None = None
-    time_unit: str | None = None
-    decimal: str | None = None
-
-
 def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None = None) -> Measured:
     """Reads a signal: of a MAT file (.mat), of MDF4 (.mf4), else of comma-separated values.
 
@@ -110,8 +86,10 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
     columns = columns or Columns()
     if columns.decimal not in (None, ".", ","):
         raise SimulationError(f"{path}: --decimal {columns.decimal}: must be . or ,")
-    read = {".mat": _of_mat, ".mf4": _of_mdf}.get(Path(path).suffix.lower(), _of_csv)
-    (head, said, time), (column, its, signal) = read(path, columns)
+    if Path(path).suffix.lower() in BINARY:
+        (head, said, time), (column, its, signal) = read_binary(path, columns)
+    else:
+        (head, said, time), (column, its, signal) = _of_csv(path, columns)
     second, to_seconds = _factor(path, columns.time_unit or said or "s")
     si, to_si = _factor(path, columns.unit or its or unit)
     if second != "s":
@@ -126,101 +104,15 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
     return Measured(name, unit, time, signal)
 
 
-_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "single", "double", "logical")
-"""Kinds of variables in MAT files that are arrays of numbers."""
-_TIMES = ("time", "t", "Time")
-"""Channels of MDF4 that have the time of others."""
-_Column = tuple[str, str, Array]
-"""Name, unit ("" where it is not said) and values (K,)."""
-
-
-def _of_csv(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
+def _of_csv(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     text = read_text(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
     heads, rows, decimal = _table(str(path), text, columns.decimal)
     named = [(name, f"{name} [{unit}]" if unit else name) for name, unit in heads]
-    at = _index(path, named, columns.time, 0, "time")
-    of = _index(path, named, columns.column, 1 if at == 0 else 0)
+    at = column_index(path, named, columns.time, 0, "time")
+    of = column_index(path, named, columns.column, 1 if at == 0 else 0)
     values = np.array([_numbers(path, k, [row[at], row[of]], decimal) for k, row in rows])
     time, signal = ((*heads[k], column) for k, column in zip((at, of), values.reshape(-1, 2).T, strict=True))
     return time, signal
-
-
-def _of_mat(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
-    from scipy.io import loadmat, whosmat
-
-    try:
-        with open(open_regular(path), "rb") as file:
-            listed = whosmat(file)
-            twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
-            if twice:
-                raise SimulationError(
-                    f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two"
-                )
-            lengths = {
-                name: math.prod(shape)
-                for name, shape, kind in listed
-                if kind in _NUMBERS and math.prod(shape) == max(shape, default=0) > 1
-            }
-            names = [(name, name) for name in lengths]
-            at = _index(path, names, columns.time, 0, "time")
-            of = _index(path, names, columns.column, 1 if at == 0 else 0)
-            wanted = [names[at][0], names[of][0]]
-            for name in wanted:
-                _check_length(path, name, lengths[name])
-            file.seek(0)
-            held = loadmat(file, variable_names=wanted)
-            found = [np.asarray(held[name]).ravel() for name in wanted]
-    except SimulationError:
-        raise
-    except OSError as error:
-        raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({reason(error)})") from None
-    for name, values in zip(wanted, found, strict=True):
-        if values.dtype.kind not in "iuf":
-            raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
-    time, signal = (
-        (name, "", _finite(path, name, values.astype(float))) for name, values in zip(wanted, found, strict=True)
-    )
-    if len(time[2]) != len(signal[2]):
-        raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
-    return time, signal
-
-
-def _check_length(path: str | Path, name: str, count: int) -> None:
-    """Refuses more values than a signal may have, before they are read: a small file can state any number of zeros."""
-    if count > MOST_VALUES:
-        raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_VALUES}")
-
-
-def _of_mdf(path: str | Path, columns: Columns) -> tuple[_Column, _Column]:
-    require_extra("mdf", "MDF4", SimulationError)
-    import asammdf
-
-    try:
-        os.close(open_regular(path))
-        with asammdf.MDF(path) as mdf:
-            places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
-            names = [(name, f"{name} of group {group}") for name, group, _ in places]
-            name, group, channel = places[_index(path, names, columns.column, 0)]
-            _check_length(path, name, mdf.groups[group].channel_group.cycles_nr)
-            signal = mdf.get(name, group, channel)
-    except SimulationError:
-        raise
-    except OSError as error:
-        raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not MDF4 ({reason(error)})") from None
-    if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
-        raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
-    time = _finite(path, "time", np.asarray(signal.timestamps, dtype=float))
-    return ("time", "s", time), (name, signal.unit or "", _finite(path, name, signal.samples.astype(float)))
-
-
-def _finite(path: str | Path, name: str, values: Array) -> Array:
-    if not (np.abs(values) <= HUGE).all():
-        raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
-    return values
 
 
 def _table(
@@ -292,31 +184,6 @@ def _grouped(cell: str, decimal: str) -> float:
     ):
         return math.nan
     return _plain(re.sub(other, "", cell).replace(decimal, "."))
-
-
-def _index(
-    path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
-) -> int:
-    """The place of a column among all, each given by its name, and by its name with its unit.
-
-    Raises:
-        SimulationError: there is none of that name, or several.
-    """
-    known = [name for name, _ in names]
-    if wanted is None and default >= len(known):
-        raise SimulationError(f"{path}: has one column: must have a time and values")
-    name = known[default] if wanted is None else wanted
-    numbered = [(each, whole, f"#{k + 1}") for k, (each, whole) in enumerate(names)]
-    for form in range(3):
-        at = [k for k, forms in enumerate(numbered) if forms[form] == name]
-        if len(at) > 1:
-            all_of = " and ".join(f"{numbered[k][2]}, {numbered[k][1]}" for k in at)
-            raise SimulationError(
-                f"{path}: {name!r} names the columns {all_of}: say --{option} '#{at[0] + 1}', or another"
-            )
-        if at:
-            return at[0]
-    raise SimulationError(f"{path}: no column {name!r}: allowed are {', '.join(known)}")
 
 
 def _factor(path: str | Path, word: str) -> tuple[str, float]:

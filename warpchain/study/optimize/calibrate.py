@@ -32,7 +32,8 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.progress import Progress, interruptible, look_for_stop
 from warpchain.results.measured import signal_units, source
-from warpchain.results.measured_file import Columns, Measured, read_signal
+from warpchain.results.measured_columns import Columns
+from warpchain.results.measured_file import Measured, read_signal
 from warpchain.results.run import Trajectory, need
 from warpchain.results.signal_features import Features
 from warpchain.results.signals import forward

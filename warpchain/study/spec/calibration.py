@@ -44,7 +44,7 @@ class Measurement(Part):
         value: measured value, in the metric's unit.
         signal: name of a signal that was measured, as for `warpchain import --as`: "cam->crank.tension".
         file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
-        column, time: its columns, variables or channels; see `results.measured_file.Columns`.
+        column, time: its columns, variables or channels; see `results.measured_columns.Columns`.
         unit, time_unit: their units; None takes what the file says, else SI.
         decimal: "." or ",", in CSV.
         statistics: statistics of the signal that count, such as "mean", "std", "largest".

@@ -1,0 +1,35 @@
+"""Another Python process that runs a module of this package.
+
+It imports what this one does, sees no GPU, which it would reserve, and takes one core. It does not import the program
+that runs here, as those of `multiprocessing` do, so that a script needs no guard around what it calls.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""What keeps the libraries below numpy to one core."""
+
+
+def can_start() -> bool:
+    """Whether this Python can start another one."""
+    return bool(sys.executable) and not getattr(sys, "frozen", False)
+
+
+def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    """A process that runs a module of this package and reads from its standard input.
+
+    Args:
+        answers: its standard output, as `subprocess.Popen` takes it.
+    """
+    paths = os.pathsep.join(filter(None, map(str, sys.path)))
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module],
+        env=os.environ | ONE_CORE | {"PYTHONPATH": paths, "CUDA_VISIBLE_DEVICES": ""},
+        stdin=subprocess.PIPE,
+        stdout=answers,
+        stderr=subprocess.DEVNULL,
+    )
