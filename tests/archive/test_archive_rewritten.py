@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive.file_parts import _arrow_bytes
-from warpchain.archive.recover import recover_archive
+from warpchain.archive.recover import _Copy, recover_archive
 from warpchain.errors import ArchiveError, WarpchainError
 
 
@@ -200,6 +200,22 @@ def test_a_cut_file_gives_what_is_whole(run, archive, tmp_path, options):
             assert result.frames[variant] == count < len(run[variant].time)
             np.testing.assert_array_equal(back[variant].position, run[variant].position[:count])
     assert count > 10
+
+
+def test_mixed_messages_are_sorted_in_bounded_memory(run, archive, tmp_path, monkeypatch):
+    """What is held is written whenever it exceeds the bound, here after each chunk, in which all variants are mixed."""
+    held = []
+
+    def noting(copy, owners):
+        held.append(sum(map(len, copy._mixed.values())))
+        plain(copy, owners)
+
+    plain = _Copy._write_mixed
+    monkeypatch.setattr(_Copy, "_write_mixed", noting)
+    monkeypatch.setattr("warpchain.archive.recover.MOST_MIXED", 2**14)
+    rewrite(archive, tmp_path / "b.mcap")
+    assert_same(run, read_archive(recover_archive(tmp_path / "b.mcap", tmp_path / "whole.mcap").path))
+    assert len(held) > 4 and max(held) < 2**17  # the bound, a chunk, and a message that exceeds it
 
 
 def test_a_small_file_without_index_that_opens_to_gigabytes_is_refused(tmp_path):

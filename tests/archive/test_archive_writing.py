@@ -255,6 +255,15 @@ def test_refusals_of_the_options(values, line):
         ArchiveOptions(**values)
 
 
+def test_more_variants_than_a_file_numbers_are_refused_before_it_is_begun(run, tmp_path):
+    """MCAP has 65535 channels, of which a variant has six."""
+    with pytest.raises(ArchiveError, match="10923 recorded variants do not fit one file, which holds 10922; split the"):
+        ArchiveWriter(tmp_path / "a.mcap", run.drives[:1] * 10_923, range(10_923), run.info)
+    with pytest.raises(ArchiveError, match="split_variants = 10923: allowed is up to 10922"):
+        write_archive(run, tmp_path / "a.mcap", options=ArchiveOptions(split_variants=10_923))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_options_of_the_command_line(capsys, tmp_path):
     words = ["run", "marine", "-o", tmp_path / "m.mcap", "--duration", "0.004", "--rate", "1e5", "--quiet"]
     words += ["--set", "run.settle=false", "--compression", "lz4", "--values", "float32", "--split-size", "0.5"]

@@ -103,6 +103,7 @@ def test_it_writes_tables(capsys, path, tmp_path):
         ([*HEATED, "--range", "20", "900"], "--range 20 900: must be two temperatures"),
         ([*HEATED, "--at", "900"], "--at 900: must be a temperature"),
         (["element", "--sweep", "frequency", "--points", "1"], "--points 1: must be 2 to 1000"),
+        (["element", "--sweep", "frequency", "--points", "1001"], "--points 1001: must be 2 to 1000"),
         ([*HEATED, "--viscosity", "1e-5"], "--viscosity: not with --sweep temperature"),
         (["element", "-o", "loop.pdf"], "-o loop.pdf: must end in .png, .svg, .csv, .parquet"),
         (["element", "--frequency", "1", "2", "-o", "a.csv"], "-o a.csv: holds one ride, not 2"),

@@ -119,6 +119,10 @@ SIZES = {
         "guides": [BLADE | {"points": [(0.2 * k, 9.0 + 1e-3 * (k % 2)) for k in range(501)], "radius": 1.0}]},
     "guides.long.points: has 2001 elements; must have at most 2000": {
         "guides": [BLADE | {"points": [(1e-3 * k, 9.0) for k in range(2001)], "radius": 1.0}]},
+    "guides.long.end_radius = 1e-10: must be from 1e-09 to 1e+09 m": {
+        "guides": [BLADE | {"start": (0.0, 9.0), "end": (1.0, 9.0), "end_radius": 1e-10}]},
+    "shafts: with sprockets must be at most 60; there are 6": {
+        "shafts": [{"name": f"h{k}", "inertia": 1.0} for k in range(60)]},
     "chain.worn_links: has 163 elements; the chain has 162 links": {
         "chain/worn_links": [{"link": k % 162, "elongation": 0.001} for k in range(163)]},
     "prescribed.table.time: has 1000001 elements; must have at most 1000000": {

@@ -99,8 +99,11 @@ def test_words_of_earlier_versions_are_read():
 
 
 def test_refusals():
-    with pytest.raises(SimulationError, match=r"replicates\.count = 0: must be a whole number from 1 to 10000"):
-        Replicates(0)
+    for count in (0, 10_001):
+        with pytest.raises(
+            SimulationError, match=rf"replicates\.count = {count}: must be a whole number from 1 to 10000"
+        ):
+            Replicates(count)
     with pytest.raises(SimulationError, match="replicate_by = 'chance': allowed are build, phase, perturbation"):
         Replicates(2, "chance")
     with pytest.raises(DriveError, match=r"run\.phase = 0\.7: must be a number from -0.5 to 0.5"):

@@ -95,6 +95,7 @@ def test_lifts_that_are_refused(tmp_path, lifts, angles, text):
         (PROFILE.replace("60.0", "1.0"), "valves.inlets.profile.rise = 1.0: must be at least 4 degrees"),
         (PROFILE.replace("0.01", "9.2"), "profile.lift = 9.2: must be a number above 0, at most 0.25 m"),
         (PROFILE + "phases = []\n", "valves.inlets.phases = []: must be a list of 1 to 64 finite numbers"),
+        (PROFILE + f"phases = {[1.0] * 65}\n", "...: must be a list of 1 to 64 finite numbers"),
         (PROFILE + "table = { angle = [0.0, 1.0], lift = [0.0, 1.0] }\n", "not together with profile"),
     ],
 )

@@ -229,6 +229,7 @@ def test_a_name_that_is_none(drive):
         ("element", {"frequency": -1.0}, "frequency = -1: must be from 0.0001 to 100000 Hz"),
         ("element", {"frequency": math.inf}, "frequency = inf: must be from 0.0001 to 100000 Hz"),
         ("element", {"cycles": 0}, "cycles = 0: must be 1 to 10000"),
+        ("element", {"cycles": 10_001}, "cycles = 10001: must be 1 to 10000"),
         ("element", {"extension": math.nan}, "extension = nan: must be a number from -1 to 1 m"),
         ("element", {"amplitude": 0.01}, "above the bottom of its chamber, -0.00497"),
         ("element", {"amplitude": 1e-3, "extension": -0.0045}, "above the bottom of its chamber"),
@@ -238,6 +239,11 @@ def test_what_cannot_be_ridden_is_refused(drive, name, values, told):
     with pytest.raises(SimulationError) as caught:
         bench_tensioner(drive, name, **{"amplitude": 1e-4, "frequency": 10.0} | values)
     assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_rides_of_very_many_cycles_together_are_refused(drive):
+    with pytest.raises(SimulationError, match="2 rides of 5001 cycles: must be 10000 cycles together at most"):
+        shake(drive, "element", [Shake(1e-4, 10.0)] * 2, 5001, samples=True)
 
 
 def test_another_oil_is_for_those_with_oil(drive):

@@ -284,6 +284,7 @@ def test_the_page_opens_without_errors_and_cuts_no_name_off(calibrated, width):
             "factors.0.sample: the standard deviation of torque is 5e-11: must be",
         ),
         ("count = 12", "count = 2", "calibrate.count = 2: must be an integer from 8 to 1000"),
+        ("count = 12", "count = 1001", "calibrate.count = 1001: must be an integer from 8 to 1000"),
         ('file = "rig.csv"', 'file = "none.csv"', "none.csv: "),
         ('file = "rig.csv"', 'file = "rig.csv"\nunit = "rpm"', "s1->s0.tension is in N; give unit"),
         (

@@ -253,7 +253,12 @@ def test_mistakes_are_said_in_one_line(tmp_path, capsys):
     good = path.read_text()
     for old, new, told in (
         ('{ metric = "tension_max", max = 1000000000.0 }', "{ slips = 1.0 }", "limits: none is on a metric"),
-        ("count = 50", "count = 55", "risk.count = 55: must be a multiple of 10, at least 50"),
+        ("count = 50", "count = 55", "risk.count = 55: must be a multiple of 10 from 50 to 1000000"),
+        (
+            "samples = 100",
+            "samples = 1000001",
+            "risk.samples = 1000001: must be an integer from 50 to 1000000",
+        ),
         ('kind = "noise"\ndistribution', "distribution", 'design.kind = "noise": is of studies whose factors'),
     ):
         assert old in good, old

@@ -119,7 +119,7 @@ EXPECTED = [
     (kind('kind = "sobol"\ncount = 0'), f"design.count = 0: {COUNT}"),
     (kind('kind = "sobol"\ncount = 4\nseed = -1'), "design.seed = -1: must be an integer of at least 0"),
     (kind('kind = "factorial"\ncount = 4'), 'design.count = 4: not with kind "factorial"'),
-    (kind('kind = "factorial"'), "factors.torque.points: missing; must be an integer of at least 2; needed in a"),
+    (kind('kind = "factorial"'), "factors.torque.points: missing; must be an integer from 2 to 100000; needed in a"),
     (kind('kind = "table"'), "design.file: missing; must be a text that is not empty; needed with kind"),
     (kind('kind = "table"\nfile = "a.csv"', FACTOR + "range = [1, 2]\npoints = 3"), "factors.torque.points = 3: only"),
     (kind('kind = "central-composite"\naxial = "star"'), 'design.axial = "star": must be "face", '),

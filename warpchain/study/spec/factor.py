@@ -99,7 +99,7 @@ Distribution = Annotated[
 ]
 Along = Annotated[Literal["normal"] | Direction, Value('must be "normal", or two finite numbers [x, y], not both 0')]
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
-Points = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer of at least 2")]
+Points = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer from 2 to 100000")]
 
 NEEDS = {
     "uniform": ("range",),

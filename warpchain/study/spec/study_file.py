@@ -181,7 +181,7 @@ def _grid_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[P
         return  # its own rule says so
     points = get(factor, "points")
     if kind == "factorial" and given in NEEDS and points is None:
-        text = "missing; must be an integer of at least 2; needed in a factorial design"
+        text = "missing; must be an integer from 2 to 100000; needed in a factorial design"
         yield Problem(("factors", i, "points"), None, text, BARE)
     if kind != "factorial" and points is not None:
         yield Problem(("factors", i, "points"), points, "only in a factorial design")

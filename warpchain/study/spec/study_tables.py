@@ -400,10 +400,14 @@ class Risk(Part):
     """
 
     count: Annotated[
-        int, Field(strict=True, ge=50, le=1_000_000, multiple_of=10), Value("must be a multiple of 10, at least 50")
+        int,
+        Field(strict=True, ge=50, le=1_000_000, multiple_of=10),
+        Value("must be a multiple of 10 from 50 to 1000000"),
     ] = 200
     repeats: Annotated[int, Field(strict=True, ge=3, le=1000), Value("must be an integer from 3 to 1000")] = 8
-    samples: Annotated[int, Field(strict=True, ge=50, le=1_000_000), Value("must be an integer of at least 50")] = 1000
+    samples: Annotated[int, Field(strict=True, ge=50, le=1_000_000), Value("must be an integer from 50 to 1000000")] = (
+        1000
+    )
     seed: Whole = 0
 
 
