@@ -32,7 +32,7 @@
     if (size !== 0 && (size < 1e-3 || size >= 1e6)) return v.toExponential(Math.min(3, digits - 1)).replace(/\.?0+e/, "e").replace("-", "−").replace("e-", "e−");
     return String(Number(v.toPrecision(digits))).replace("-", "−");
   };
-  const written = (c, v) => plain(v, v ? Math.max(2, Math.min(15, c.decimals + 1 + Math.floor(Math.log10(Math.abs(v))))) : 2);  // with the column's decimals
+  const written = (c, v) => plain(v, v ? Math.max(2, Math.min(15, Math.max(0, c.decimals) + 1 + Math.floor(Math.log10(Math.abs(v))))) : 2);  // with the column's decimals
   const ticks = (low, high, most) => {
     const step = (high - low) / Math.max(1, most), power = 10 ** Math.floor(Math.log10(step || 1));
     const wide = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= step * 0.75) || power;
