@@ -200,16 +200,15 @@ def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
 
 def apart(points: Array) -> Array:
     """The nearest of points (N, D) in each direction, nearest to the origin first."""
-    order = points[np.argsort(np.linalg.norm(points, axis=1), kind="stable")]
-    found: list[Array] = []
-    nearest = float(np.linalg.norm(order[0]))
-    for point in order:
-        size = float(np.linalg.norm(point))
-        if size > nearest + BEYOND or len(found) == MOST_POINTS:
-            break
-        if all(point @ other < APART * size * np.linalg.norm(other) for other in found):
-            found.append(point)
-    return np.array(found)
+    sizes = np.linalg.norm(points, axis=1)
+    left = np.argsort(sizes, kind="stable")
+    left = left[sizes[left] <= sizes.min() + BEYOND]
+    found: list[int] = []
+    while len(left) and len(found) < MOST_POINTS:
+        first = left[0]
+        found.append(first)
+        left = left[points[left] @ points[first] < APART * sizes[left] * sizes[first]]
+    return points[found]
 
 
 def _stepped(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.bool_]], int]:
