@@ -477,19 +477,22 @@ USUAL = [
 """A kernel each: families, whether there are many, and the precision."""
 LONG = [
     ((*SWUNG, swung_trains, arms, drawn, fed), False, "float64"),
-    (TRAINS, False, "float32"),
     (PUSHED, False, "float64"),
     ((*PUSHED, *TRAINS), True, "float32"),
     (ARMS_RK4, True, "float64"),
     (OF_TWO_RK4, True, "float32"),
     (TRAINS_RK4, False, "float64"),
-    ((bending_rk4, rubbing_rk4), False, "float32"),
     (VALVED, True, "float64"),
     (V6, True, "float64"),
     ((stages_rk4,), True, "float32"),
     ((unjoined, unjoined_folded), False, "float64"),
+]
+THOROUGH = [
+    (TRAINS, False, "float32"),
+    ((bending_rk4, rubbing_rk4), False, "float32"),
     ((unjoined, unjoined_light), True, "float32"),
 ]
+"""Families that have a kernel above, with another number of threads or at the other precision."""
 OF_ONE_CHAIN = (
     marine, *RUBBING, equal_sprockets, light_wheels, long_chains, unusual_contacts, *ON_ARMS, swung_trains, *PUSHED,
     *TRAINS, *OF_THREE_RK4, *OF_TWO_RK4,
@@ -681,13 +684,13 @@ def ways(drives, usual, long=()):
     return {"argnames": ("drives", "many", "precision"), "argvalues": some_of(cases, usual, long), "ids": names}
 
 
-def together(usual, long=()):
+def together(usual, long=(), thorough=()):
     """The same with kernels that families of drives share, where a further drive takes 0.1 s: rows of (family, many,
     precision).
     """
     cases = [
         pytest.param(drives, many, precision, family, marks=marks, id=case_name(drives, many, precision))
-        for families, marks in ((usual, ()), (long, pytest.mark.long))
+        for families, marks in ((usual, ()), (long, pytest.mark.long), (thorough, pytest.mark.thorough))
         for family, many, precision in families
         for drives in family
     ]

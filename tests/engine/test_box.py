@@ -6,7 +6,7 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from drives import two_sprockets
+from drives import of_long, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
@@ -45,8 +45,7 @@ def lowest(run):
     return -run[0].position[..., 1].min()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", [*of_long("float64"), pytest.param("float32", marks=pytest.mark.thorough)])
 def test_a_long_taut_chain_that_settles_far_below_its_strands_runs(precision):
     """To 5 %: a parabola for a catenary, and C from seat to seat."""
     run = simulate(two_sprockets(**LONG, duration=0.001, step=1e-5), device="cpu", precision=precision)

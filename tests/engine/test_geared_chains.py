@@ -134,7 +134,7 @@ def test_a_prescribed_shaft_leads_chains_through_gears(device):
     assert row["pair.torque_mean"] == pytest.approx(change - row["a0.moment_mean"] - row["a1.moment_mean"], rel=1e-3)
 
 
-@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.long)])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_a_variant_alone_is_the_same_in_a_crowd(precision):
     drives = [
         chains.motored_stages(duration=5e-3),

@@ -69,7 +69,7 @@ def test_the_pin_term_of_spicer():
 
 @pytest.mark.parametrize(
     ("integrator", "channels"),
-    [("leapfrog", BOTH), *of_long(("rk4", NAMES), ("leapfrog", BOTH[:1]))],
+    [("leapfrog", BOTH), *of_long(("rk4", NAMES)), pytest.param("leapfrog", BOTH[:1], marks=pytest.mark.thorough)],
 )
 def test_powers_of_the_joints_add_up_to_their_loss(integrator, channels, tmp_path):
     # sampled at every step, the joints' powers under the window's trapezoids are the metric's sum in another order

@@ -92,7 +92,7 @@ def test_the_energy_balance_is_of_all_chains(turning):
     assert row["links.dissipated"] == row["first.links.dissipated"] + row["second.links.dissipated"]
 
 
-@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.long)])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_a_variant_alone_is_the_same_in_a_crowd(precision):
     others = [example(name).with_values({"run.duration": 0.002}) for name in ("engine", "marine")]
     drives = [chains.two_stages(duration=0.01), two_sprockets(duration=0.01), chains.side_by_side(2, duration=0.01)]

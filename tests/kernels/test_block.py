@@ -13,9 +13,9 @@ from blocks import (
     RUBBING,
     SWUNG,
     SWUNG_LIGHT,
+    THOROUGH,
     TRAINS_RK4,
     USUAL,
-    arms,
     assert_steps_of_the_cpu,
     bending,
     equal_sprockets,
@@ -25,7 +25,6 @@ from blocks import (
     marine,
     moving_sprockets,
     pack_for,
-    pushed_slider,
     run_blocks,
     shape_of,
     sharing,
@@ -46,7 +45,7 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
-@pytest.mark.parametrize(**together(USUAL, LONG))
+@pytest.mark.parametrize(**together(USUAL, LONG, THOROUGH))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision, family):
     assert_steps_of_the_cpu(drives, many, precision, family)
 
@@ -68,12 +67,7 @@ def test_idlers_are_light_or_not_by_far():
 ALONE = ways(
     EVERY,
     [(marine, False, "float64"), (equal_sprockets, True, "float32")],
-    [
-        (long_chains, False, "float64"),
-        (moving_sprockets, False, "float64"),
-        (arms, False, "float64"),
-        (pushed_slider, True, "float32"),
-    ],
+    [(long_chains, False, "float64")],
 )
 
 

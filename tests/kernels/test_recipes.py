@@ -88,7 +88,7 @@ def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_blocks_follow_every_recipe(tmp_path, precision):
     # metrics, frames of every channel and the state, to round-off; the bar on springs is pressed 3 cm into the chain
     assert len(TITLES) == 6

@@ -71,7 +71,7 @@ def test_intervals_hold_where_limits_curve_step_or_are_two(name):
     holds_95_of_100(name, FEW, 0.1)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LIMIT_STATES)
 def test_intervals_hold_on_every_limit_state(name):
     holds_95_of_100(name, REPETITIONS, 0.1)
