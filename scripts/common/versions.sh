@@ -11,12 +11,12 @@ try_with() { # installs the requirements of standard input and warpchain beside 
   local root=$PWD
   work=$(mktemp -d)
   trap 'rm -rf "$work"' EXIT
-  unset PYTHONPATH
+  unset PYTHONPATH PYTHONDONTWRITEBYTECODE # each process would compile all that it imports
   "$PYTHON" -m venv "$work/env"
   export PATH="$work/env/bin:$PATH" WARP_CACHE_PATH="$work/cache"
   cat >"$work/asked.txt"
-  pip install --quiet --disable-pip-version-check --only-binary :all: -r "$work/asked.txt"
-  pip install --quiet --disable-pip-version-check --no-deps "$root"
+  pip install --quiet --disable-pip-version-check --no-compile --only-binary :all: -r "$work/asked.txt"
+  pip install --quiet --disable-pip-version-check --no-compile --no-deps "$root"
   pip --disable-pip-version-check check # whether the bounds of warpchain, and of the others, hold
   cd "$work" # away from the source
   warpchain check car >/dev/null
@@ -43,7 +43,7 @@ for key in ("viscosity = ", "ball_radius = ", "volume = "):
     else:
         raise SystemExit(f"a drive without {key} is read")'
   pip freeze --disable-pip-version-check --exclude warpchain >"$work/kept.txt"
-  pip install --quiet --disable-pip-version-check -c kept.txt pytest hypothesis pillow jsonschema
+  pip install --quiet --disable-pip-version-check --no-compile -c kept.txt pytest hypothesis pillow jsonschema
   python -m pytest -q -p no:cacheprovider "$root/tests/view/test_playback.py" "$root/tests/drive/test_json_schema.py" \
     "$root/tests/kernels/test_modules.py"
   printf 'tests passed with CPython %s and\n' "$(python -c 'import platform; print(platform.python_version())')"
