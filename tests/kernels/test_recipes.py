@@ -26,7 +26,7 @@ from drives import two_sprockets
 from warpchain import loads_drive, dumps_drive, simulate
 
 law = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound"}
-drive = loads_drive(dumps_drive(two_sprockets(duration=0.005).with_values(law)))
+drive = loads_drive(dumps_drive(two_sprockets(duration=0.005, settle="false").with_values(law)))
 print(drive.contact.sprocket.law, simulate(drive, device="cpu")[0].tension.max() > 0.0)
 """
 SEALED = """
