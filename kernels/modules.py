@@ -127,3 +127,11 @@ def own_module(file: str, name: str, *form: Any) -> Any:
     if Module is None or not wp.__version__.startswith(KNOWN):
         return "unique"
     return _module(name, digest(file, name, *form))
+
+
+def uncontracted(kernel: wp.Kernel) -> wp.Kernel:
+    """A kernel in which the compiler takes no product and sum together: to each it gives the same bits wherever it
+    stands, so kernels in which more or less is done beside it agree.
+    """
+    wp.set_module_options({"fuse_fp": False}, kernel.module)
+    return kernel

@@ -180,30 +180,54 @@ def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
     """`value` / `by`, which is of ordinary size, to two units of the last place."""
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fma_rn(a, b, __dmul_rn(c, d));
-#else
-    const double first = a * b;
-    const double second = c * d;
-    return first + second;
-#endif
-""")
+MULTIPLY_ADD = by_device("return fma(a, b, c);", "const auto product = a * b; return product + c;")
+PRODUCTS = by_device("return fma(a, b, c * d);", "const auto first = a * b, second = c * d; return first + second;")
+DOT = by_device("return fma(a[1], b[1], a[0] * b[0]);", "return wp::dot(a, b);")
+ALONG = by_device(
+    "return {fma(s, b[0], a[0]), fma(s, b[1], a[1])};",
+    "const auto x = s * b[0], y = s * b[1]; return {a[0] + x, a[1] + y};",
+)
+"""Sums of products, which kernels on CUDA take together where it is written so, and nowhere else (`uncontracted`)."""
+
+
+@wp.func_native(MULTIPLY_ADD)
+def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
+    """a b + c; on CUDA rounded once."""
+
+
+@wp.func_native(MULTIPLY_ADD)
+def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
+    """The same at float32."""
+
+
+@wp.func_native(PRODUCTS)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
-    """a b + c d; on CUDA rounded alike wherever it stands, which the compiler would choose each time."""
+    """a b + c d; on CUDA a b is not rounded by itself."""
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fmaf_rn(a, b, __fmul_rn(c, d));
-#else
-    const float first = a * b;
-    const float second = c * d;
-    return first + second;
-#endif
-""")
+@wp.func_native(PRODUCTS)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """a b + c d, as at float64."""
+    """The same at float32."""
+
+
+@wp.func_native(DOT)
+def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
+    """a . b; on CUDA the second product is not rounded by itself."""
+
+
+@wp.func_native(DOT)
+def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
+    """The same at float32."""
+
+
+@wp.func_native(ALONG)
+def moved(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
+    """a + s b; on CUDA rounded once."""
+
+
+@wp.func_native(ALONG)
+def moved(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
+    """The same at float32."""
 
 
 @wp.func_native(by_device("return __dmul_rn(a, b);", "return a * b;"))

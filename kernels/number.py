@@ -5,8 +5,8 @@ floats is exactly a float and its error (Knuth's two-sum), a product is one too 
 
     s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
 
-On CUDA both are spelled so that no product is drawn into a sum. What the rest of a kernel does with the low parts is
-plain float32.
+No compiler may draw a product into these sums (`modules.uncontracted`). What the rest of a kernel does with the low
+parts is plain float32.
 
 Physics is written once for both, in the usual signs: a module that imports `add`, `sub`, `mul` and `div` from here has
 them between pairs, and between a number and a literal, which must be exact in float32 (0.5, not 0.1). What needs no low
@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .native import by_device, products, quotient
+from .native import by_device, multiply_add, products, quotient
 
 
 def split(value: float) -> tuple[float, float]:
@@ -62,36 +62,26 @@ class RecentSum:
     recent: wp.float32
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    const float s = __fadd_rn(a, b), t = __fsub_rn(s, a);
-    return {s, __fadd_rn(__fsub_rn(a, __fsub_rn(s, t)), __fsub_rn(b, t))};
-#else
-    const float s = a + b, t = s - a;
-    return {s, (a - (s - t)) + (b - t)};
-#endif
-""")
-def two_sum(a: wp.float32, b: wp.float32) -> wp.vec2f:
+@wp.func
+def two_sum(a: wp.float32, b: wp.float32):
     """a + b, rounded, and the error of that."""
+    s = a + b
+    t = s - a
+    return wp.vec2f(s, (a - (s - t)) + (b - t))
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    const float s = __fsub_rn(a, b), t = __fsub_rn(s, a);
-    return {s, __fsub_rn(__fsub_rn(a, __fsub_rn(s, t)), __fadd_rn(b, t))};
-#else
-    const float s = a - b, t = s - a;
-    return {s, (a - (s - t)) - (b + t)};
-#endif
-""")
-def two_difference(a: wp.float32, b: wp.float32) -> wp.vec2f:
+@wp.func
+def two_difference(a: wp.float32, b: wp.float32):
     """a - b, rounded, and the error of that."""
+    s = a - b
+    t = s - a
+    return wp.vec2f(s, (a - (s - t)) - (b + t))
 
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    const float p = __fmul_rn(a, b);
-    return {p, __fmaf_rn(a, b, -p)};
+    const float p = a * b;
+    return {p, fma(a, b, -p)};
 #else
     const float p = a * b;
     return {p, (float)((double)a * (double)b - (double)p)};
@@ -103,8 +93,8 @@ def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    const float p = __fmul_rn(b, c);
-    return __fsub_rn(__fmaf_rn(a, d, -p), __fmaf_rn(b, c, -p));
+    const float p = b * c;
+    return fma(a, d, -p) - fma(b, c, -p);
 #else
     return (float)((double)a * (double)d - (double)b * (double)c);
 #endif
@@ -113,12 +103,7 @@ def cross(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.floa
     """a d - b c to round-off of itself, however much of the products cancels (Kahan)."""
 
 
-@wp.func_native(by_device("return __fadd_rn(a, b);", "return a + b;"))
-def rounded_sum(a: wp.float32, b: wp.float32) -> wp.float32:
-    """a + b, into which no product is drawn."""
-
-
-@wp.func_native(by_device("return __fmaf_rn(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
+@wp.func_native(by_device("return fma(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
 def fused(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
     """a b + c, rounded once."""
 
@@ -424,7 +409,7 @@ def rounded(a: Any):
 def trimmed(a: Pair):
     """A number to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
     anchor = a.high * wp.static(1.5 / 2.0**25)
-    return pair(a.high, rounded_sum(rounded_sum(a.low, anchor), -anchor))
+    return pair(a.high, (a.low + anchor) - anchor)
 
 
 @wp.func
@@ -502,24 +487,24 @@ def sine_cosine(angle: wp.float64):
     """sin(angle), cos(angle), to 2e-16; angle in radians, up to 1.6e6 in size."""
     one = wp.float64(1.0)
     k = wp.rint(angle * TWO_OVER_PI)
-    r = ((angle - k * HALF_PI_1) - k * HALF_PI_2) - k * HALF_PI_3
+    r = multiply_add(-k, HALF_PI_3, multiply_add(-k, HALF_PI_2, multiply_add(-k, HALF_PI_1, angle)))
     q = r * r
-    s = one - q * wp.static(wp.float64(1.0 / 272.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 210.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 156.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 110.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 72.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 42.0))
-    s = one - q * s * wp.static(wp.float64(1.0 / 20.0))
-    sine = r - r * q * s * wp.static(wp.float64(1.0 / 6.0))
-    c = one - q * wp.static(wp.float64(1.0 / 240.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 182.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 132.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 90.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 56.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 30.0))
-    c = one - q * c * wp.static(wp.float64(1.0 / 12.0))
-    cosine = one - wp.float64(0.5) * q * c
+    s = multiply_add(-q, wp.static(wp.float64(1.0 / 272.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 210.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 156.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 110.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 72.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 42.0)), one)
+    s = multiply_add(-q * s, wp.static(wp.float64(1.0 / 20.0)), one)
+    sine = multiply_add(-r * q * s, wp.static(wp.float64(1.0 / 6.0)), r)
+    c = multiply_add(-q, wp.static(wp.float64(1.0 / 240.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 182.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 132.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 90.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 56.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 30.0)), one)
+    c = multiply_add(-q * c, wp.static(wp.float64(1.0 / 12.0)), one)
+    cosine = multiply_add(wp.float64(-0.5) * q, c, one)
     quadrant = int(k) & 3
     odd = (quadrant & 1) == 1
     sign = wp.where((quadrant & 2) == 2, -one, one)
@@ -608,8 +593,8 @@ def logarithm(r: Pair):
 @wp.func
 def log_of_sum(u: wp.float32):
     """ln(1 + u) to round-off of itself, u > -1: what 1 + u rounds off is made good (Kahan)."""
-    w = rounded_sum(1.0, u)
-    kept = rounded_sum(w, -1.0)
+    w = 1.0 + u
+    kept = w - 1.0
     value = u
     if kept != 0.0:
         value = wp.log(w) * (u / kept)

@@ -113,6 +113,11 @@ def largest_part_without_float64(ptx: str) -> list[str]:
     return max(([line for number in sorted(part) for line in blocks[number]] for part in clean), key=len)
 
 
+def contractible(lines: list[str]) -> list[str]:
+    """Sums and products without a rounding of their own, which compilers may take together."""
+    return [line for line in lines if re.search(r"\b(add|sub|mul)\.(ftz\.)?f(32|64)\b", line)]
+
+
 MEMORY = ("ld.", "st.", "mov.", "shfl.", "red.", "atom.")
 """What is not the work of the units that calculate: the memory's own additions among them."""
 

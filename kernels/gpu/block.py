@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import stages_of
-from ..modules import own_module
+from ..modules import own_module, uncontracted
 from ..structs import Tallies
 from .bodies import body_access, prescribed_motion
 from .contact_pairs import contact_forces
@@ -248,4 +248,4 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             do.flow_apart(ensemble, state, shared, mine, taken)
         loop.finish(ensemble, state, out, shared, mine, now)
 
-    return advance_block
+    return uncontracted(advance_block)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, by_device
+from ..native import accessors
 from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
 from ..physics.link import link_force, played_force
 from .kind import BY_SPEED, WARP, BlockKind, Mine
@@ -23,7 +23,6 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     Shared = kinds.Shared
     vec2 = kinds.vec2
     compensated = Real == wp.float32
-    subtract = "__fsub_rn" if compensated else "__dsub_rn"
     of_each = wp.types.vector(rollers_per_thread, Real)
     row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
     rings = block_rings(kind)
@@ -74,10 +73,6 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         d, v = across(shared, j, n)
         return link_between(shared, j, n, d, v, length)
 
-    @wp.func_native(by_device(f"return {subtract}(value, other);", "return value - other;"))
-    def less(value: Real, other: Real) -> Real:
-        """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
-
     @wp.func
     def pull(state: kinds.State, shared: Shared, mine: Mine, now: kinds.Now, lengths: wp.array[Real]):
         """Makes the forces of both its links stand as each roller's; all threads together.
@@ -94,7 +89,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
                 tension_i, rate_i, force = link_of(shared, i, n, length_of(shared, lengths, i))
                 h = last_to(shared, i, n)
                 tension_h, rate_h, force_h = link_of(shared, h, n, length_of(shared, lengths, h))
-                set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
+                set_force(shared, i, force - force_h)
                 tension[0] = tension_i
                 rate[0] = rate_i
         else:
@@ -111,8 +106,8 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
             barrier()
             for k in range(wp.static(rollers_per_thread)):
                 force = force_on(shared, last_to(shared, k * wp.static(threads) + i, n))
-                pull_x[k] = less(pull_x[k], force[0])
-                pull_y[k] = less(pull_y[k], force[1])
+                pull_x[k] = pull_x[k] - force[0]
+                pull_y[k] = pull_y[k] - force[1]
             barrier()
             for k in range(wp.static(rollers_per_thread)):
                 set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))

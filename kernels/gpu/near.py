@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import inside
+from ..native import inside, products
 from ..physics.guide import near_bar, near_frame, near_profile
 from .geometry import contact_geometry
 from .kind import BITS, BlockKind, Mine
@@ -131,7 +131,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                 p = position(shared.rows, k * wp.static(threads) + mine.thread)
                 from_x = p[0] - band.center[0]
                 from_y = p[1] - band.center[1]
-                square = from_x * from_x + from_y * from_y
+                square = products(from_x, from_x, from_y, from_y)
                 found[k] = found[k] | (inside(square, band.near_square, band.far_square) << s)
             s = s + 1
         g = int(0)

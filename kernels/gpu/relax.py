@@ -4,7 +4,8 @@ from functools import cache
 
 import warp as wp
 
-from ..modules import own_module
+from ..modules import own_module, uncontracted
+from ..native import moved
 from ..physics.body import aligned, posed, relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Tallies
@@ -148,9 +149,9 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         """v += kick a, then x += h v, of the thread's rollers."""
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            v = velocity(shared.rows, j) + kick * acceleration(shared, j)
+            v = moved(velocity(shared.rows, j), kick, acceleration(shared, j))
             set_velocity(shared, j, v)
-            move(shared, j, h * v[0], h * v[1])
+            move(shared, j, h, v)
 
     @wp.kernel(
         enable_backward=False,
@@ -218,4 +219,4 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         if i == 0:
             settling[mine.variant] = now
 
-    return relax_block
+    return uncontracted(relax_block)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..integrate import stage_reach, stage_weight, stages_of, stretching
-from ..native import STATE_ROWS, accessors
+from ..native import STATE_ROWS, accessors, moved, multiply_add
 from ..number import pair_vector
 from ..physics.link import roller_acceleration, two_sum
 from .kind import BlockKind, Mine
@@ -86,21 +86,21 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
         store_row(shared.rows, VY + j, v[1])
 
     @wp.func
-    def move(shared: Shared, j: int, dx: Real, dy: Real):
-        """Roller j by (dx, dy) [m]; what float32 rounds off goes to the low parts."""
+    def move(shared: Shared, j: int, h: Real, v: vec2):
+        """Roller j over a time `h` [s] at `v` [m/s]; what float32 rounds off goes to the low parts."""
         rows = shared.rows
         x = load_row(rows, X + j)
         y = load_row(rows, Y + j)
         if wp.static(compensated):
-            new_x, low_x = two_sum(x, load_row(rows, X_LOW + j), dx)
-            new_y, low_y = two_sum(y, load_row(rows, Y_LOW + j), dy)
+            new_x, low_x = two_sum(x, load_row(rows, X_LOW + j), h * v[0])
+            new_y, low_y = two_sum(y, load_row(rows, Y_LOW + j), h * v[1])
             store_row(rows, X + j, new_x)
             store_row(rows, Y + j, new_y)
             store_row(rows, X_LOW + j, low_x)
             store_row(rows, Y_LOW + j, low_y)
         else:
-            store_row(rows, X + j, x + dx)
-            store_row(rows, Y + j, y + dy)
+            store_row(rows, X + j, multiply_add(h, v[0], x))
+            store_row(rows, Y + j, multiply_add(h, v[1], y))
 
     @wp.func
     def fetch(state: State, shared: Shared, mine: Mine):
@@ -183,9 +183,9 @@ def block_stages(kind: BlockKind) -> wp.Function:
         start = velocity(rows, j)
         if now.stage == stages_of(wp.static(kind.integrator)) - 1:
             set_velocity(shared, j, start + vec2(load_row(kept, at + 8 * n), load_row(kept, at + 9 * n)))
-            move(shared, j, load_row(kept, at + 6 * n), load_row(kept, at + 7 * n))
+            move(shared, j, Real(1.0), vec2(load_row(kept, at + 6 * n), load_row(kept, at + 7 * n)))
         else:
-            set_velocity(shared, j, start + reach * a)
-            move(shared, j, reach * v[0], reach * v[1])
+            set_velocity(shared, j, moved(start, reach, a))
+            move(shared, j, reach, v)
 
     return stage_roller

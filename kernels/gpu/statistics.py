@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..modules import own_module
+from ..modules import own_module, uncontracted
 from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
 from ..structs import ContactSums, Drive, LinkTally, Note, Tallies, types
 from ..sums import merge_contact, merge_extremes, merge_roller, merge_tension, note_mount, note_sprocket
@@ -161,4 +161,4 @@ def collect_kernel(Real: type) -> wp.Kernel:
             sums.contact[at] = total
             memory = memory + n
 
-    return collect
+    return uncontracted(collect)

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from ..native import moved
 from ..structs import PREDICTING
 from ..sums import add_hub_force
 from .bodies import block_bearings, body_access, body_steps
@@ -135,9 +136,9 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
             h = step_of(mine)
             for k in range(wp.static(rollers_per_thread)):
                 j = k * wp.static(threads) + mine.thread
-                v = velocity(shared.rows, j) + h * acceleration(shared, j)
+                v = moved(velocity(shared.rows, j), h, acceleration(shared, j))
                 set_velocity(shared, j, v)
-                move(shared, j, h * v[0], h * v[1])
+                move(shared, j, h, v)
 
     @wp.func
     def chain_on(state: State, shared: Shared, mine: Mine, now: Now):

@@ -92,7 +92,7 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         arm = leading(p)
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
-        relative = turning_velocity(leading(body.speed), arm) - velocity_from(shared, j, touch.partner)
+        relative = turning_velocity(leading(body.speed), arm, velocity_from(shared, j, touch.partner))
         return placed(touch, penetration, turned(e, along, across), relative), arm, wp.where(off, 0, applies)
 
     return SimpleNamespace(**locals())

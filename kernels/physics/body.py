@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import product, reciprocal
+from ..native import multiply_add, products, reciprocal
 from ..number import (  # noqa: F401
     Pair,
     add,
@@ -26,7 +26,6 @@ from ..number import (  # noqa: F401
     mul,
     number_of,
     rounded,
-    rounded_sum,
     settled,
     sine_cosine,
     sub,
@@ -69,11 +68,14 @@ def faced(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
 def swung(pose: Pose, turn: wp.float64):
     """A body whose heading is turned by a small angle [rad], and back to length one."""
     square = turn * turn
-    less = 1.0 - square * (0.5 - square * wp.static(wp.float64(1.0 / 24.0)))
-    sine = turn * (1.0 - square * (wp.static(wp.float64(1.0 / 6.0)) - square * wp.static(wp.float64(1.0 / 120.0))))
-    x = pose.cosine * less - pose.sine * sine
-    y = pose.cosine * sine + pose.sine * less
-    scale = 1.5 - 0.5 * (x * x + y * y)
+    one = wp.float64(1.0)
+    fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
+    less = multiply_add(-square, fourth, one)
+    fifth = multiply_add(-square, wp.static(wp.float64(1.0 / 120.0)), wp.static(wp.float64(1.0 / 6.0)))
+    sine = turn * multiply_add(-square, fifth, one)
+    x = products(pose.cosine, less, -pose.sine, sine)
+    y = products(pose.cosine, sine, pose.sine, less)
+    scale = multiply_add(wp.float64(-0.5), products(x, x, y, y), wp.float64(1.5))
     return faced(pose, x * scale, y * scale)
 
 
@@ -85,8 +87,8 @@ def swung(pose: BLOCKS.Pose, turn: wp.float32):
     sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
     c = pose.cosine
     s = pose.sine
-    x = settled(c.high, c.low + (less * c.high - sine * s.high))
-    return faced(pose, x, settled(s.high, s.low + (less * s.high + sine * c.high)))
+    x = settled(c.high, c.low + products(less, c.high, -sine, s.high))
+    return faced(pose, x, settled(s.high, s.low + products(less, s.high, sine, c.high)))
 
 
 @wp.func
@@ -147,7 +149,7 @@ def hastened(body: BodyState, change: wp.float64):
 def hastened(body: BLOCKS.Instant, change: wp.float32):
     """The same at float32."""
     speed = body.speed + change
-    body.rest = rounded_sum(rounded_sum(body.speed, -speed), change) + body.rest
+    body.rest = ((body.speed - speed) + change) + body.rest
     body.speed = speed
     return body
 
@@ -305,7 +307,7 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
     if motion.prescribed == 1:
         seen.speed = driven
     else:
-        seen = hastened(seen, product(lag, rates[2]))
+        seen = hastened(seen, lag * rates[2])
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount, ensemble)
         seen.velocity = velocity

@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, product, products, quotient
+from ..native import larger, multiply_add, product, products, quotient
 from ..number import leading
 from .friction import coefficient, held_back
 from .impact import contact_force, elastic_force
@@ -162,7 +162,7 @@ def power_taken(force_x: Any, force_y: Any, speed_x: Any, speed_y: Any):
 @wp.func
 def reaction(arm: Any, force: Any):
     """Moment [N m] about the center of the partner's body of a force on the roller, which is `arm` away from it."""
-    return arm[1] * force[0] - arm[0] * force[1]
+    return products(arm[1], force[0], -arm[0], force[1])
 
 
 @wp.func
@@ -186,7 +186,8 @@ def gained(straight: Any, angular: Any, arm: Any, acceleration: Any):
         arm: the point from the center [m].
         acceleration: the roller's [m/s^2].
     """
-    return type(arm)(straight[0] - angular * arm[1] - acceleration[0], straight[1] + angular * arm[0] - acceleration[1])
+    x = multiply_add(-angular, arm[1], straight[0])
+    return type(arm)(x - acceleration[0], multiply_add(angular, arm[0], straight[1]) - acceleration[1])
 
 
 @wp.func

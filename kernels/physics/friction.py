@@ -29,7 +29,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, quotient
+from ..native import dot, inverse_root, multiply_add, quotient
 
 SPRING = 0.2
 """s: of the speed in a step, what a bristle takes; it oscillates at 0.45 / h."""
@@ -63,8 +63,8 @@ def held_back(most: Any, speed: Any, held: Any, inertia: Any, stretched: Any):
         inertia: m_e / h [kg/s].
         stretched: part of a step over which the bristle is stretched (`integrate.stretching`).
     """
-    holds = wp.clamp(held + stretched * type(speed)(SPRING) * inertia * speed, -most, most)
-    return wp.clamp(holds + type(speed)(DAMPER) * inertia * speed, -most, most), holds
+    holds = wp.clamp(multiply_add(stretched * type(speed)(SPRING) * inertia, speed, held), -most, most)
+    return wp.clamp(multiply_add(type(speed)(DAMPER) * inertia, speed, holds), -most, most), holds
 
 
 @wp.func
@@ -75,10 +75,10 @@ def turning(d: Any, w: Any):
         d: vector from roller i to roller i + 1 [m].
         w: velocity of roller i + 1 relative to roller i [m/s].
     """
-    inverse = inverse_root(wp.dot(d, d))
+    inverse = inverse_root(dot(d, d))
     unit = d * inverse
     lever = type(d)(-unit[1] * inverse, unit[0] * inverse)
-    return lever, wp.dot(lever, w)
+    return lever, dot(lever, w)
 
 
 @wp.func

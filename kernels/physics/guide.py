@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inside, inverse_root, load_constant, root
+from ..native import dot, inside, inverse_root, load_constant, multiply_add, products, root
 from ..number import PairVector, add, component, cross, difference, fused, leading, mul, sub, vector  # noqa: F401
 from .contact import turned
 
@@ -45,7 +45,7 @@ def guide_gap(along: Any, across: Any, bar: Any):
             penetration = bar.roller_radius - across
         else:
             height = across + bar.end_radius
-            square = beyond * beyond + height * height
+            square = products(beyond, beyond, height, height)
             inverse = inverse_root(square)
             penetration = bar.roller_radius + bar.end_radius - root(square)
             normal_along = beyond * inverse
@@ -56,21 +56,21 @@ def guide_gap(along: Any, across: Any, bar: Any):
 @wp.func
 def line_coordinates(p: wp.vec2d, t: wp.vec2d):
     """Components of `p` along the direction `t` and across it [m]."""
-    return wp.dot(p, t), p[1] * t[0] - p[0] * t[1]
+    return dot(p, t), products(p[1], t[0], -p[0], t[1])
 
 
 @wp.func
 def line_coordinates(p: PairVector, t: PairVector):
     """The same at float32."""
-    along = wp.dot(p.high, t.high) + (wp.dot(p.low, t.high) + wp.dot(p.high, t.low))
-    rest = (p.low[1] * t.high[0] + p.high[1] * t.low[0]) - (p.low[0] * t.high[1] + p.high[0] * t.low[1])
+    along = dot(p.high, t.high) + (dot(p.low, t.high) + dot(p.high, t.low))
+    rest = products(p.low[1], t.high[0], p.high[1], t.low[0]) - products(p.low[0], t.high[1], p.high[0], t.low[1])
     return along, cross(p.high[1], p.high[0], t.high[1], t.high[0]) + rest
 
 
 @wp.func
 def line_coordinates(p: wp.vec2f, t: wp.vec2f):
     """The same of rounded numbers."""
-    return p[0] * t[0] + p[1] * t[1], p[1] * t[0] - p[0] * t[1]
+    return products(p[0], t[0], p[1], t[1]), products(p[1], t[0], -p[0], t[1])
 
 
 @wp.func
@@ -149,10 +149,11 @@ def piece_height(u: Any, w: Any, curvature: Any):
         curvature: k [1/m].
     """
     one = type(u)(1.0)
-    g = type(u)(2.0) * w - curvature * (u * u + w * w)
-    square = wp.max(one - curvature * g, type(u)(1.0e-12))  # 0 in an arc's center only
+    g = multiply_add(-curvature, products(u, u, w, w), type(u)(2.0) * w)
+    square = wp.max(multiply_add(-curvature, g, one), type(u)(1.0e-12))  # 0 in an arc's center only
     inverse = inverse_root(square)
-    return g / (one + square * inverse), -curvature * u * inverse, (one - curvature * w) * inverse
+    height = g / multiply_add(square, inverse, one)
+    return height, -curvature * u * inverse, multiply_add(-curvature, w, one) * inverse
 
 
 @wp.func
@@ -167,7 +168,7 @@ def in_frame(q: Any, body: Any):
 def near_frame(arm: Any, body: Any):
     """As `in_frame`, at float32 of rounded numbers, which suffice to see whether a roller is near."""
     cosine, sine = leading(body.cosine), leading(body.sine)
-    return type(arm)(arm[0] * cosine + arm[1] * sine, arm[1] * cosine - arm[0] * sine)
+    return type(arm)(products(arm[0], cosine, arm[1], sine), products(arm[1], cosine, -arm[0], sine))
 
 
 @wp.func
@@ -180,12 +181,12 @@ def near_profile(q: Any, guide: Any):
 @wp.func
 def ahead_of(p: wp.vec2d, t: wp.vec2d):
     """Whether a point has come past where a direction `t` begins."""
-    return wp.dot(p, t) >= wp.float64(0.0)
+    return dot(p, t) >= wp.float64(0.0)
 
 
 @wp.func
 def ahead_of(p: PairVector, t: PairVector):
-    """The same in pairs, wherever it is asked and whatever is fused there."""
+    """The same in pairs."""
     rest = fused(p.high[0], t.low[0], p.high[1] * t.low[1])
     rest = fused(p.low[0], t.high[0], fused(p.low[1], t.high[1], rest))
     return fused(p.high[0], t.high[0], fused(p.high[1], t.high[1], rest)) >= 0.0
@@ -281,6 +282,6 @@ def on_piece(q: Any, piece: Any, following: Any, guide: Any):
     if height <= -guide.end_radius or beyond != 0:
         penetration = type(length)(0.0)
     t = leading(piece.direction)
-    x = type(u)(along) * t[0] - type(u)(across) * t[1]
-    y = type(u)(along) * t[1] + type(u)(across) * t[0]
+    x = products(type(u)(along), t[0], -type(u)(across), t[1])
+    y = products(type(u)(along), t[1], type(u)(across), t[0])
     return penetration, type(t)(x, y), beyond

@@ -29,7 +29,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, product, quotient, smaller
+from ..native import larger, multiply_add, product, quotient, smaller
 
 UNBOUNDED = 1.0e30
 
@@ -92,9 +92,9 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law:
         law: the contact's parameters (`structs.ContactLaw`).
     """
     damper, slowest, fastest = damper_of(elastic, impact_speed, law)
-    led = speed + product(law.lag, growth) - product(law.yielding, elastic)
-    now = quotient(led, type(elastic)(1.0) + law.yielding * damper)
-    return larger(elastic + damper * smaller(larger(now, slowest), fastest), type(elastic)(0.0))
+    led = multiply_add(-law.yielding, elastic, multiply_add(law.lag, growth, speed))
+    now = quotient(led, multiply_add(law.yielding, damper, type(elastic)(1.0)))
+    return larger(multiply_add(damper, smaller(larger(now, slowest), fastest), elastic), type(elastic)(0.0))
 
 
 @wp.func

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, root
+from ..native import dot, inverse_root, multiply_add, products, root
 
 
 @wp.func
@@ -26,10 +26,10 @@ def link_force(d: Any, w: Any, length: Any, stiffness: Any, damping: Any):
         stiffness: k [N/m].
         damping: c [N s/m].
     """
-    square = wp.dot(d, d)
+    square = dot(d, d)
     u = d * inverse_root(square)
-    rate = wp.dot(w, u)
-    tension = stiffness * (root(square) - length) + damping * rate
+    rate = dot(w, u)
+    tension = products(stiffness, root(square) - length, damping, rate)
     return tension, rate, u
 
 
@@ -37,11 +37,11 @@ def link_force(d: Any, w: Any, length: Any, stiffness: Any, damping: Any):
 def played_force(d: Any, w: Any, length: Any, i: int, chain: Any):
     """As `link_force`, of link i of a chain whose links differ or have play (`structs.Chain`)."""
     stiffness, damping = link_spring(i, chain)
-    square = wp.dot(d, d)
+    square = dot(d, d)
     u = d * inverse_root(square)
-    rate = wp.dot(w, u)
+    rate = dot(w, u)
     stretch = root(square) - length
-    tension = stiffness * (stretch - wp.clamp(stretch, -chain.play, chain.play)) + damping * rate
+    tension = products(stiffness, stretch - wp.clamp(stretch, -chain.play, chain.play), damping, rate)
     return tension, rate, u
 
 
@@ -70,7 +70,7 @@ def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
 @wp.func
 def acceleration_along(force: Any, inverse_mass: Any, gravity: Any):
     """A component of `roller_acceleration`."""
-    return inverse_mass * force + gravity
+    return multiply_add(inverse_mass, force, gravity)
 
 
 @wp.func

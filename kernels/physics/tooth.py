@@ -33,8 +33,8 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, larger, load_constant, product, products, reciprocal, root
-from ..number import Pair, PairVector, fused, leading, pair, rounded_sum
+from ..native import dot, inverse_root, larger, load_constant, multiply_add, products, reciprocal, root
+from ..number import Pair, PairVector, fused, leading, pair
 from .contact import turned
 
 
@@ -84,23 +84,25 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
     side = wp.where(lateral >= zero, one, -one)
     # penetration and normal, changed in place: only the lanes that take a branch pay for it
     at = wp.vector(
-        eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance, gap.cos_half_seat, -side * gap.sin_half_seat
+        products(eta, gap.sin_half_seat, -xi, gap.cos_half_seat) - gap.clearance,
+        gap.cos_half_seat,
+        -side * gap.sin_half_seat,
     )
     if eta * gap.cos_half_seat <= -xi * gap.sin_half_seat:
-        square = wp.max(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+        square = wp.max(products(xi, xi, lateral, lateral), type(xi)(1.0e-24))
         inverse = inverse_root(square)
         at[0] = root(square) - gap.clearance
         at[1] = -xi * inverse
         at[2] = -lateral * inverse
     elif gap.flank_curvature > zero:
-        t = xi * gap.sin_half_seat + eta * gap.cos_half_seat
+        t = products(xi, gap.sin_half_seat, eta, gap.cos_half_seat)
         along = gap.flank_curvature * t
-        across = one - gap.flank_curvature * at[0]
-        square = across * across + along * along
+        across = multiply_add(-gap.flank_curvature, at[0], one)
+        square = products(across, across, along, along)
         inverse = inverse_root(square)
-        at[0] = (at[0] * (one + across) - along * t) * reciprocal(one + root(square))
-        at[1] = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
-        at[2] = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
+        at[0] = products(at[0], one + across, -along, t) * reciprocal(one + root(square))
+        at[1] = products(across, gap.cos_half_seat, along, gap.sin_half_seat) * inverse
+        at[2] = side * products(along, gap.cos_half_seat, -across, gap.sin_half_seat) * inverse
     return at[0], at[1], at[2]
 
 
@@ -111,16 +113,16 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
     eta = wp.abs(lateral)
     side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
     in_arc = eta * gap.cos_half_seat <= -xi * gap.sin_half_seat
-    square = larger(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+    square = larger(products(xi, xi, lateral, lateral), type(xi)(1.0e-24))
     inverse = inverse_root(square)
     penetration = wp.where(
-        in_arc, root(square) - gap.clearance, eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
+        in_arc, root(square) - gap.clearance, products(eta, gap.sin_half_seat, -xi, gap.cos_half_seat) - gap.clearance
     )
     along = wp.where(in_arc, -xi * inverse, gap.cos_half_seat)
     across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
     radial = gap.pitch_radius + xi
     limit = larger(gap.tip_reach - penetration, zero)
-    applies = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
+    applies = wp.where(products(radial, radial, lateral, lateral) > limit * limit, int(penetration <= zero), 1)
     applies = wp.where(in_arc, applies, applies * int(gap.flank_curvature <= zero))
     return penetration, along, across, applies
 
@@ -131,7 +133,7 @@ def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
     if penetration > type(xi)(0.0):
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
-        return radial * radial + lateral * lateral > limit * limit
+        return products(radial, radial, lateral, lateral) > limit * limit
     return False
 
 
@@ -139,7 +141,7 @@ def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
 def on_tip(xi: Any, lateral: Any, gap: Any):
     """As `tooth_gap`, of a tip."""
     radial = gap.pitch_radius + xi
-    square = radial * radial + lateral * lateral
+    square = products(radial, radial, lateral, lateral)
     inverse = inverse_root(square)
     return gap.tip_reach - root(square), radial * inverse, lateral * inverse
 
@@ -166,7 +168,7 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
 @wp.func
 def gridded(value: wp.float32, magic: wp.float32):
     """`value` on the grid of spacing `magic` / 1.5 / 2^23."""
-    return rounded_sum(rounded_sum(value, magic), -magic)
+    return (value + magic) - magic
 
 
 @wp.func
@@ -197,8 +199,8 @@ def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
         Direction e in which the seat is now, the roller's place along e from the center, xi and eta [m].
     """
     e = turned(direction, body.cosine, body.sine)
-    radial = wp.dot(p, e)
-    return e, radial, radial - sprocket.exact_radius, p[1] * e[0] - p[0] * e[1]
+    radial = dot(p, e)
+    return e, radial, radial - sprocket.exact_radius, products(p[1], e[0], -p[0], e[1])
 
 
 @wp.func
@@ -208,14 +210,14 @@ def in_gap(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
     s = body.reach_sine
     x = direction[0] + direction[2]
     y = direction[1] + direction[3]
-    to_x = c.high * direction[0] - s.high * direction[1]
-    to_y = s.high * direction[0] + c.high * direction[1]
-    rest_x = (c.high * direction[2] + c.low * x) - (s.high * direction[3] + s.low * y)
-    rest_y = (s.high * direction[2] + s.low * x) + (c.high * direction[3] + c.low * y)
+    to_x = products(c.high, direction[0], -s.high, direction[1])
+    to_y = products(s.high, direction[0], c.high, direction[1])
+    rest_x = products(c.high, direction[2], c.low, x) - products(s.high, direction[3], s.low, y)
+    rest_y = products(s.high, direction[2], s.low, x) + products(c.high, direction[3], c.low, y)
     q = wp.vec2f((p.high[0] - to_x) + (p.low[0] - rest_x), (p.high[1] - to_y) + (p.low[1] - rest_y))
     e = body.inverse_radius * wp.vec2f(to_x + rest_x, to_y + rest_y)
-    xi = wp.dot(q, e)
-    return e, sprocket.pitch_radius + xi, xi, q[1] * e[0] - q[0] * e[1]
+    xi = dot(q, e)
+    return e, sprocket.pitch_radius + xi, xi, products(q[1], e[0], -q[0], e[1])
 
 
 @wp.func
@@ -258,9 +260,9 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
 
 
 @wp.func
-def turning_velocity(omega: Any, arm: Any):
-    """Velocity of a sprocket's point [m/s], `arm` from its center, less the center's; rounded alike in all kernels."""
-    return type(arm)(-product(omega, arm[1]), product(omega, arm[0]))
+def turning_velocity(omega: Any, arm: Any, v: Any):
+    """Velocity [m/s] of a sprocket's point, `arm` from its center, relative to one that moves off at `v`."""
+    return type(arm)(multiply_add(-omega, arm[1], -v[0]), multiply_add(omega, arm[0], -v[1]))
 
 
 @wp.func
@@ -275,4 +277,4 @@ def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprock
         sprocket: its teeth (`structs.Sprocket`).
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
-    return penetration, turned(e, normal_radial, normal_lateral), turning_velocity(omega, arm) - v
+    return penetration, turned(e, normal_radial, normal_lateral), turning_velocity(omega, arm, v)

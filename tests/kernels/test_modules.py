@@ -14,7 +14,10 @@ import warp as wp
 
 from warpchain.kernels import modules
 from warpchain.kernels.cpu import serial
+from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.relax import block_relax_kernel
+from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.physics import impact
 from warpchain.results.channels import FRAME, FrameLayout, frame_of
 
@@ -79,6 +82,15 @@ def test_a_law_that_is_added_while_running_tells_it_apart(monkeypatch):
 def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
     monkeypatch.setattr(wp, "__version__", "1.18.0")
     assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
+
+
+def test_no_compiler_contracts_the_kernels_of_gpus(monkeypatch):
+    kind = BlockKind(wp.float64, BlockShape(32, 4), Parts(2, 1))
+    kernels = [block_kernel(kind, 4, FRAME), block_relax_kernel(kind, 4), collect_kernel(wp.float64)]
+    monkeypatch.setattr(wp, "__version__", "1.18.0")  # which hashes kernels itself
+    kernels.append(collect_kernel.__wrapped__(wp.float64))
+    assert not any(kernel.module.options["fuse_fp"] for kernel in kernels)
+    assert not isinstance(kernels[-1].module, modules._Module)
 
 
 ELSEWHERE = """

@@ -10,7 +10,14 @@ import warp as wp
 from blocks import some_of
 from own_kernels import kernel
 from pairs import BLOCKS, both, given, launched
-from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
+from ptx import (
+    compiled,
+    contractible,
+    float64_arithmetic,
+    largest_part_without_float64,
+    loop_without_float64,
+    time_loop,
+)
 
 from warpchain.engine.arrays import harmonic_rows, seat_directions
 from warpchain.kernels.gpu.block import block_kernel
@@ -504,6 +511,7 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
     assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
     assert not float64_arithmetic(loop)
+    assert not contractible(every)
     # what is read from the state and the ensemble before, and goes back after
     kinds = float64_arithmetic(every)
     assert sum(kinds.values()) < 200, kinds
