@@ -1,4 +1,4 @@
-"""Chains of unlike links, a stack at once: each to the last bit as it stands alone, on guides to 1e-12 of a pitch."""
+"""Chains of unlike links, a stack at once: each to the last bit as it stands alone."""
 
 import numpy as np
 import pytest
@@ -164,7 +164,7 @@ def small(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_guides_each_stands_as_it_stands_alone(kind, monkeypatch):
-    """With arms and curved faces: to 1e-12 of a pitch, as numpy's sines are not Python's (`test_guided_stacks.py`)."""
+    """With arms and curved faces."""
     monkeypatch.setattr(path, "FEW", 2)
     drives = variants(small(kind), "car", 12, lambda random, base: {"sprockets.1.center": base.sprockets[1].center})
     (stack,) = stacks_of(drives)
@@ -172,9 +172,8 @@ def test_on_guides_each_stands_as_it_stands_alone(kind, monkeypatch):
     assert len(states.blocks) < 6
     for found, drive in zip(states, drives, strict=True):
         expected = assemble(drive)
-        assert np.abs(found.position - expected.position).max() <= 1e-12 * drive.chain.pitch
-        assert np.abs(found.arm_angle - expected.arm_angle).max() <= 1e-12
-        assert found.strain == pytest.approx(expected.strain, abs=1e-12)
-        assert found.velocity == pytest.approx(expected.velocity, rel=1e-12, abs=1e-12)
-        for name in ("seat_sprocket", "seat_index", "strand_first", "strand_links"):
+        assert found.strain == expected.strain
+        for name in (
+            "position", "velocity", "arm_angle", "seat_sprocket", "seat_index", "strand_first", "strand_links",
+        ):  # fmt: skip
             assert np.array_equal(getattr(found, name), getattr(expected, name)), name

@@ -23,7 +23,7 @@ import numpy as np
 
 from warpchain.assembly.guided import on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
-from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, where
+from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, summed, where
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
@@ -199,8 +199,8 @@ def chain_moment(
     pivot = drive.arms[a].pivot if pivot is None else pivot
     levers = 0.0
     for arm in (a, *drive.arms_on(a)):
-        levers = levers + sum(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
-        levers = levers + sum(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
+        levers = levers + summed(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
+        levers = levers + summed(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
     return tension(drive, path, beyond) * levers
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.assembly.taut_string import Arc, obstacle
-from warpchain.drive.batch_math import along, joined, largest, quick_arctan2, quick_hypot, same, where
+from warpchain.drive.batch_math import along, arctan2, joined, largest, quick_hypot, same, where
 from warpchain.drive.face_profile import Piece, Point, Profile, direction
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
 def depth(run: Run, line: Line) -> float:
     """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
     (sx, sy), (ex, ey) = line
-    heading, length = quick_arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
+    heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = direction(heading)
     deepest: Any = -math.inf
     for arc in run:

@@ -40,9 +40,11 @@ _CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 def _along(link: Any, curvature: Any) -> Any:
     """Length along the piece of a link that begins and ends on it [m]."""
     half = 0.5 * link * abs(curvature)
-    bends = (half > 0.0) & (half < 1.0)
+    bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
+    if not some(bends):
+        return otherwise
     safe = where(bends, half, 1.0)
-    return where(bends, link * quick_arcsin(safe) / safe, where(half == 0.0, link, math.inf))
+    return where(bends, link * quick_arcsin(safe) / safe, otherwise)
 
 
 def _table(values: Sequence[Any]) -> NDArray[np.float64]:

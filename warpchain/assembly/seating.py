@@ -30,6 +30,8 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +46,6 @@ from warpchain.drive.batch_math import (
     ceil,
     columns,
     cos,
-    every,
     floor,
     hypot,
     largest,
@@ -149,6 +150,8 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: fl
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
         part.close(mine, near)
+        if part is not loop:
+            loop.keep(todo, part)
         changed: Any = turn < _ROUNDS and part.adjust(mine)
         if mine is not seating:
             seating.put(todo, mine)
@@ -221,6 +224,26 @@ class Loop:
             part.links, part.reach = self.links[chosen], self.reach[chosen]
         return part
 
+    def among(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
+        """That of the variants that are chosen, their seating and lengths of strands; the same where all are."""
+        if not many(chosen) or chosen.all():
+            return self, seating, lengths
+        places = np.flatnonzero(chosen)
+        return self.of(places), seating.of(places), [taken(length, places) for length in lengths]
+
+    def keep(self, chosen: Places, part: Loop) -> None:
+        """Keeps what a part of the variants, `of` these, has found of links on strings."""
+
+        def put(old: Number, new: Number) -> Number:
+            if not many(old, new):
+                return new
+            column = np.array(np.broadcast_to(old, self.variants))
+            column[chosen] = new
+            return column
+
+        self.chords = list(map(put, self.chords, part.chords))
+        self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
+
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
         arrival, wrap, length = (columns(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length))
@@ -252,13 +275,14 @@ class Loop:
         solved = self.solved
         if solved is None or before is None or not self.remembers:
             return counted
-        for name in ("seats", "links"):
-            for old, new in zip(getattr(before, name), getattr(counted, name), strict=True):
-                if some(old != new):
-                    return counted
-        angles = list(solved.first_angle)
+        counts = zip([*before.seats, *before.links], [*counted.seats, *counted.links], strict=True)
+        alike = reduce(and_, (old == new for old, new in counts))
+        angles, seats, links = (
+            [where(alike, old, new) for old, new in zip(getattr(solved, name), getattr(counted, name), strict=True)]
+            for name in ("first_angle", "seats", "links")
+        )
         angles[self.driver] = counted.first_angle[self.driver]
-        return Seating(angles, list(solved.seats), list(solved.links), solved.strain)
+        return Seating(angles, seats, links, where(alike, solved.strain, counted.strain))
 
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
         for s, name in enumerate(self.names):
@@ -349,18 +373,28 @@ class Loop:
 
     def close(self, seating: Seating, near: float) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
-        lengths = self.natural(seating)
+        part, mine, lengths = self, seating, self.natural(seating)
+        todo = np.arange(self.variants)
         for _ in range(_LAYINGS if self.around else 1):
-            self._solve(seating, lengths)
+            part._solve(mine, lengths)
             if not self.around:
-                break
-            before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
-            change = largest(*(abs(old - new) for old, new in zip(before, self.chords, strict=True)))
-            if every(change <= _LAID * self.pitch):
-                break
-            if every(_LEFT * change <= near * self.pitch):
-                self._solve(seating, lengths)
-                break
+                return
+            before, part.chords = part.chords, [part.laid(mine, k) for k in range(self.size)]
+            change = largest(*(abs(old - new) for old, new in zip(before, part.chords, strict=True)))
+            moved, much = change > _LAID * part.pitch, _LEFT * change > near * part.pitch
+            last, further = moved & (much ^ True), moved & much
+            if some(last):
+                own, solved, natural = part.among(last, mine, lengths)
+                own._solve(solved, natural)
+                if solved is not mine:
+                    mine.put(np.flatnonzero(last), solved)
+            if part is not self:
+                seating.put(todo, mine)
+                self.keep(todo, part)
+            if not some(further):
+                return
+            todo = todo[further] if many(further) else todo
+            part, mine, lengths = part.among(further, mine, lengths)
 
     def _solve(self, seating: Seating, lengths: list[Number]) -> None:
         self._newton(seating, lengths, lengths)

@@ -32,7 +32,18 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from warpchain.drive.batch_math import first_largest, largest, quick_arcsin, quick_arctan2, same, smallest, sqrt, where
+from warpchain.drive.batch_math import (
+    arctan2,
+    first_largest,
+    largest,
+    quick_arcsin,
+    same,
+    smallest,
+    some,
+    sqrt,
+    summed,
+    where,
+)
 from warpchain.drive.face_profile import Piece, Point, Profile, direction, turn
 
 _CUT = 1e-11
@@ -149,7 +160,7 @@ class Taut:
     @property
     def length(self) -> float:
         """[m]."""
-        return sum(piece.length for piece in self.pieces)
+        return summed(piece.length for piece in self.pieces)
 
     def levers(self, guides: Iterable[int], pivot: Point) -> float:
         """h_out - h_in summed over what it touches of some guides [m]: the moment about the pivot per tension."""
@@ -254,6 +265,8 @@ _Where = dict[int, tuple[tuple[Arc, ...], int]]
 def _shorter(bend: Any) -> Any:
     """Length of chords over their arc, on a circle that bends by 2 asin(b) under each."""
     bends = (bend > 0.0) & (bend < 1.0)
+    if not some(bends):
+        return 1.0
     safe = where(bends, bend, 1.0)
     return where(bends, safe / quick_arcsin(safe), 1.0)
 
@@ -292,7 +305,7 @@ def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, A
             guide = other.guide if other.guide >= 0 else one.guide
             raise TautError(guide, "stands where no tangent of the chain reaches it")
         length = sqrt(square - h * h)
-        heading = quick_arctan2(length * dy - h * dx, length * dx + h * dy)
+        heading = arctan2(length * dy - h * dx, length * dx + h * dy)
         found.append((heading, heading, length, False))
     return found
 

@@ -1,14 +1,13 @@
 """Numbers, or arrays of them over the variants of a stack (`warpchain.drive.batch`): what takes either.
 
-A variant's value has the same bits alone as among others: arrays are worked through number by number wherever numpy's
-own function could round otherwise than Python's. Not so by the functions that are called quick, with which chains are
-laid around guides: those of a stack may differ from those alone by round-off.
+A variant's value has the same bits alone as among others: where numpy's own function could round otherwise than
+Python's, arrays are worked through number by number, or numbers go through numpy's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial, reduce, wraps
 from operator import add
 from typing import TYPE_CHECKING, Any
@@ -103,6 +102,7 @@ def _rounded_as_numpy(name: str) -> Callable[..., Any]:
 sin = _rounded_as_numpy("sin")
 cos = _rounded_as_numpy("cos")
 arctan2 = _rounded_as_numpy("arctan2")
+quick_arcsin = _rounded_as_numpy("arcsin")
 rint = _rounded_as_numpy("rint")
 
 
@@ -119,13 +119,15 @@ def _either(function: Callable[..., float], name: str) -> Callable[..., Any]:
     return over
 
 
-sqrt = _either(math.sqrt, "sqrt")  # these two numpy rounds as Python does
+sqrt = _either(math.sqrt, "sqrt")  # these numpy rounds as Python does
 copysign = _either(math.copysign, "copysign")
 quick_sin = _either(math.sin, "sin")
 quick_cos = _either(math.cos, "cos")
-quick_arcsin = _either(math.asin, "arcsin")
-quick_arctan2 = _either(math.atan2, "arctan2")
-quick_hypot = _either(math.hypot, "hypot")
+
+
+def quick_hypot(x: Any, y: Any) -> Any:
+    """sqrt(x^2 + y^2), of ordinary size."""
+    return sqrt(x * x + y * y)
 
 
 def floor(value: Any) -> Any:
@@ -157,6 +159,11 @@ def total(values: Sequence[Any]) -> Any:
     Python's own sum of numbers keeps what it rounds off.
     """
     return reduce(add, values) if len(values) < _IN_PAIRS else joined(values).sum(axis=-1)
+
+
+def summed(values: Iterable[Any]) -> Any:
+    """The sum from the first to the last, 0 of none; as `total` of a few."""
+    return reduce(add, values, 0.0)
 
 
 def largest(*values: Any) -> Any:
