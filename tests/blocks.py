@@ -263,6 +263,16 @@ def swung(**values):
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
 
+def shod():
+    """Those idlers with a bar on their arms, on which the upper strand lies."""
+    values = swung()[0].model_dump(exclude_none=True)
+    bar = {"name": "shoe", "start": [0.44, 0.1035], "end": [0.19, 0.081], "end_radius": 0.05, "arm": "swing arm"}
+    values["guides"] = [bar]
+    values["contact"]["guide"] = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
+    drive = Drive(**values)
+    return [drive, drive.with_values({"sprockets.auger.load.torque": 120.0})]
+
+
 def led():
     """Those idlers with the pivots of their arms led along a table, the second with its last sprocket's center, too."""
     table = {"time": [0.0, 4e-4, 1e-3, 2e-3], "x": [0.0, 1e-5, -2e-5, 0.0], "y": [0.0, -1e-5, 1e-5, 3e-5]}

@@ -191,7 +191,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
-    group_sum = sync(kind).group_sum
+    group_sum, sum_of_lanes = sync(kind).group_sum, sync(kind).sum_of_lanes
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     width = parts_of_a_body(kind)
     of_rollers = width != threads
@@ -272,6 +272,8 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
             for w in range(wp.static(width) // lanes()):
                 of_lane = of_lane + load_row(shared.parts, first + w * lanes() + q * group())
             value = value + of_lane
+        if lanes() == 1:
+            value = sum_of_lanes(shared.parts, first, wp.static(width))
         if s < wp.static(bodies):
             for w in range(wp.static(width) // group()):
                 store_row(shared.parts, first + w * group(), Real(0.0))

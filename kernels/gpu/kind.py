@@ -177,8 +177,8 @@ class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
     bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
     (`structs.Drive.light`, `tied`, `hubs`), and where tensioners have oil, and its supply is tabulated; `hubs` is 2
-    where arms carry arms. `valves` is room for so many cams of valves. Of several chains, `rings`, all others are of
-    all of them, which are tied.
+    where arms carry arms, `crowded` 1 where one carries a guide beside a sprocket or another guide. `valves` is room
+    for so many cams of valves. Of several chains, `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -191,6 +191,7 @@ class Parts:
     light: int = 0
     tied: int = 0
     hubs: int = 0
+    crowded: int = 0
     oil: int = 0
     fed: int = 0
     valves: int = 0

@@ -141,7 +141,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     link_between, length_of = links.link_between, links.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    alone, several = threads == WARP, kind.parts.rings > 1
+    alone = threads == WARP
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
     TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (FIRST, SECOND)
     FRICTION = wp.constant(seen_rows(kind)[1])
@@ -285,7 +285,6 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     def add_friction(shared: Shared, mine: Mine, now: Now):
         """Adds what friction takes from the thread's rollers in this step, at the mean of its two velocities."""
         rows = shared.rows
-        power = Real(0.0)
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + mine.thread
             couple = load_couple(rows, j)
@@ -294,13 +293,8 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
             if wp.static(not kind.staged):
                 v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
             of_roller = Real(couple[0] - couple_before[0]) * v[0] + Real(couple[1] - couple_before[1]) * v[1]
-            if wp.static(several):
-                if j < mine.rollers:
-                    take(shared, j, now.weight * of_roller)
-            else:
-                power = power + wp.where(j < mine.rollers, of_roller, Real(0.0))
-        if wp.static(not several):
-            take(shared, mine.thread, now.weight * power)
+            if j < mine.rollers:
+                take(shared, j, now.weight * of_roller)
 
     @wp.func
     def pulled(ensemble: Ensemble, shared: Shared, mine: Mine, j: int, lag: Real):

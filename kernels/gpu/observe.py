@@ -224,9 +224,8 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             taken.dissipated = wp.float64(damping * load_row(shared.seen, RATES + j))
             store_row(shared.seen, RATES + j, Real(0.0))
             if wp.static(kind.friction.joints):
-                if j < wp.static(rubbed(kind)):  # with its first roller goes what a thread has of all
-                    taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
-                    store_row(shared.seen, FRICTION + j, Real(0.0))
+                taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
+                store_row(shared.seen, FRICTION + j, Real(0.0))
             add_to_roller(tallies.roller, mine.first + j, taken)
             j = j + wp.static(threads)
 

@@ -75,8 +75,8 @@ def strand_words(kind: BlockKind) -> int:
 
 
 def rubbed(kind: BlockKind) -> int:
-    """Values of what joints' friction takes: one a thread, or, as its rollers may be of several chains, a roller."""
-    return (kind.friction.joints > 0) * (kind.shape.threads if kind.parts.rings == 1 else kind.shape.slots)
+    """Values of what joints' friction takes: one a roller, so that their sum is the same whatever a thread has."""
+    return (kind.friction.joints > 0) * kind.shape.slots
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
@@ -88,10 +88,11 @@ def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
 def parts_of_a_body(kind: BlockKind) -> int:
     """Into how many parts the sum over all rollers of what acts on a body is taken apart.
 
-    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
-    no rollers has none.
+    A roller has one, or a thread: on one warp, where that is the same order, which it is not where a roller may press
+    on an arm in two ways, and where the rollers are many. What has no rollers has none.
     """
-    return kind.shape.threads if kind.shape.threads == WARP or kind.shape.slots > ORDERED else kind.shape.room
+    by_threads = kind.shape.slots > ORDERED or (kind.shape.threads == WARP and not kind.parts.crowded)
+    return kind.shape.threads if by_threads else kind.shape.room
 
 
 def yielding_row(kind: BlockKind) -> int:

@@ -39,6 +39,25 @@ GROUP_SUM = """
     return value;
 """
 
+SUM_OF_LANES = """
+    const int width = 8, groups = 4;
+    auto lanes = parts.data + first;
+    decltype(+*lanes) of[width], other[width];
+    for (int lane = 0; lane < width; ++lane) {
+        of[lane] = 0;
+        for (int group = 0; group < groups; ++group) {
+            decltype(+*lanes) sum = 0;
+            for (int at = group * width + lane; at < count; at += groups * width) sum += lanes[at];
+            of[lane] += sum;
+        }
+    }
+    for (int apart = width / 2; apart; apart /= 2) {
+        for (int lane = 0; lane < width; ++lane) other[lane] = of[lane ^ apart];
+        for (int lane = 0; lane < width; ++lane) of[lane] += other[lane];
+    }
+    return of[0];
+"""
+
 BARRIER = "WP_TILE_SYNC();"
 
 WARP_BARRIER = by_device("__syncwarp();", BARRIER)
@@ -197,6 +216,10 @@ def sync(kind: BlockKind) -> SimpleNamespace:
     @wp.func_native(GROUP_SUM)
     def group_sum(value: Real) -> Real:
         """Sum of `value` over this thread's group, a quarter of a warp."""
+
+    @wp.func_native(by_device("return 0;", SUM_OF_LANES))
+    def sum_of_lanes(parts: wp.array[Real], first: int, count: int) -> Real:
+        """Sum of `count` parts from `first` on, on the CPU, in the order in which a group's threads add them up."""
 
     @wp.func_native(LARGEST)
     def warp_max(value: Real) -> Real:

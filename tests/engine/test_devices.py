@@ -347,10 +347,7 @@ def test_metrics_leave_a_large_crowds_rollers_their_bits(name, precision):
             future.result()
         ends.append(engine.rollers())
         engine.close()
-    if name == "two sprockets":
-        np.testing.assert_array_equal(*ends)
-    else:  # one step in 400 contracts another product: one rounding of places of a few meters, see docs/devices.md
-        np.testing.assert_allclose(*ends, rtol=2e-7, atol=2e-7)
+    np.testing.assert_array_equal(*ends)
 
 
 def said(code):

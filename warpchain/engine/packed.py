@@ -179,6 +179,20 @@ class Packed(Arrays):
         return self.having(none, (self.guides["body"] != GROUND) | (self.guides["pieces"] > 0))
 
     @property
+    def crowded_arms(self) -> NDArray[np.bool_]:
+        """(variants,) whether an arm carries a guide beside a sprocket or another guide."""
+
+        def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
+            """(bodies,) how many of some parts, which drives have so many of, bodies carry."""
+            owner = np.repeat(self.drives["first_body"], self.drives[counts])
+            on = bodies[: len(owner)] != GROUND
+            return np.bincount((owner + bodies[: len(owner)])[on], minlength=len(self.bodies))
+
+        guides, sprockets = carried("guides", self.guides["body"]), carried("sprockets", self.hubs["arm"])
+        crowded = (guides > 0) & (guides + sprockets > 1)
+        return np.asarray(np.logical_or.reduceat(crowded, self.drives["first_body"]))
+
+    @property
     def uniform_links(self) -> NDArray[np.bool_]:
         """(variants,) whether all links of a chain are of one length."""
         first = self.drives["first_roller"].astype(np.int64)

