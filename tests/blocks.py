@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import replace
 from functools import cache, partial
-from itertools import product
+from itertools import accumulate, product
 
 import chains
 import numpy as np
@@ -525,8 +525,10 @@ def run_blocks(packed, kind, blocks, order, frames):
     sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
     shape, kernel = kind.shape, on_fibers(block_kernel(kind, 4, packed.frame))
     turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
-    for number, block in enumerate(blocks):
-        inputs = [ensemble, state, sums, tallies, frames, turn, block, sum(blocks[:number])]
+    begun = wp.zeros(len(order), dtype=wp.int32, device="cpu")
+    for end in accumulate(blocks):
+        ends = wp.full(len(order), end, dtype=wp.int32, device="cpu")
+        inputs = [ensemble, state, sums, tallies, frames, turn, ends, begun]
         dim = shape.launched(len(order))
         wp.launch(kernel, dim=dim, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")

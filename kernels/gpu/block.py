@@ -80,14 +80,14 @@ def launching(kind: BlockKind) -> SimpleNamespace:
         return now
 
     @wp.func
-    def instant(state: State, mine: Mine, since: int):
-        """Where a launch begins, `since` steps after the frames' buffer."""
+    def instant(state: State, mine: Mine, begun: int):
+        """Where a launch begins; the frames' buffer was begun at step `begun`."""
         now = Now()
         now.step = state.progress[mine.variant].step
         now.event = now.step
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
-        now.since = since
+        now.begun = begun
         return now
 
     @wp.func
@@ -175,10 +175,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         tallies: Tallies,
         frames: wp.array[Real],
         order: wp.array[wp.int32],
-        steps: int,
-        since: int,
+        ends: wp.array[wp.int32],
+        begun: wp.array[wp.int32],
     ):
-        """Takes variants `order[b]` `steps` steps on; the frames' buffer was begun `since` steps before this launch."""
+        """Takes variants `order[b]` on to before step `ends[b]`; the frames' buffer was begun at step `begun[b]`."""
         number, i, k = place_of(wp.tid())
         shared = shared_of(state, number)
         if served(ensemble, state, shared, order, number, k):
@@ -188,12 +188,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))  # and of no roller, beyond them
         out = loop.out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
-        now = loop.instant(state, mine, since)
+        now = loop.instant(state, mine, begun[number])
         loop.begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = loop.driven(shared)
         mine.course = motions.course_of(shared, mine.body)
-        end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
+        end = wp.min(ends[number], ensemble.drives[mine.variant].steps + 1)
         motions.plan(ensemble, shared, mine, now.step)
         if wp.static(ahead):
             tension, rate = pull(state, shared, mine, now, lengths)

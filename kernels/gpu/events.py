@@ -79,11 +79,10 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     body_gone, align, plan = body_access(kind).body_gone, body_access(kind).align, prescribed_motion(kind).plan
 
     @wp.func
-    def frame_at(drive: Drive, state: State, mine: Mine, now: Now):
-        """Where this step's frame begins in the buffer, which was begun `now.since` steps before this launch."""
+    def frame_at(drive: Drive, now: Now):
+        """Where this step's frame begins in the buffer."""
         every = drive.sample_every
-        first = state.progress[mine.variant].step - now.since
-        number = now.step // every - (first + every - 1) // every
+        number = now.step // every - (now.begun + every - 1) // every
         return int(drive.first_value) + number * write.width_of(drive)
 
     @wp.func
@@ -190,7 +189,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
-                    at = frame_at(ensemble.drives[row_of(shared, mine, j)], state, mine, now)
+                    at = frame_at(ensemble.drives[row_of(shared, mine, j)], now)
                     first, n = span_of(shared, j, mine.rollers)
                     write.write_roller(out.frames, at, n, j - first, position(shared.rows, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
@@ -215,7 +214,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """
         if now.flags & FRAME != 0:
             drive = ensemble.drives[mine.row]
-            at = frame_at(drive, state, mine, now)
+            at = frame_at(drive, now)
             if mine.sprocket >= 0:
                 write.write_sprocket(frames, at, drive.rollers, mine.number, body, moment, force)
             if wp.static(kind.parts.arms > 0):
@@ -231,7 +230,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     @wp.func
     def write_coupling(
         ensemble: Ensemble,
-        state: State,
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
@@ -241,7 +239,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
     ):
         """Writes coupling c of all to the frame."""
         drive = ensemble.drives[mine.row]
-        at = frame_at(drive, state, mine, now)
+        at = frame_at(drive, now)
         write.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)
 
     return SimpleNamespace(**locals())

@@ -114,7 +114,7 @@ def block_types(Real: type) -> SimpleNamespace:
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits
         summed: wp.int32  # sprockets whose moment is wanted now, as bits
-        since: wp.int32  # the frames' buffer was begun so many steps before this launch
+        begun: wp.int32  # the step at which the frames' buffer was begun
 
     @wp.struct
     class Out:

@@ -111,7 +111,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
-            sampling.write_coupling(ensemble, state, out.frames, mine, now, c, twist, moment)
+            sampling.write_coupling(ensemble, out.frames, mine, now, c, twist, moment)
         if wp.static(measuring) and now.measured != 0:
             led = Real(0.0)
             if shared.motions[one].prescribed == 1:
@@ -268,7 +268,7 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
         while v < drive.first_valve + drive.valves:
             torque, force = lifted(ensemble, shared, mine, now, v)
             if now.flags & FRAME != 0:
-                write_valve(out.frames, frame_at(drive, state, mine, now), drive, v - drive.first_valve, torque, force)
+                write_valve(out.frames, frame_at(drive, now), drive, v - drive.first_valve, torque, force)
             if wp.static(kind.measuring) and now.measured != 0:
                 out.sums.valve[v] = add_valve(out.sums.valve[v], torque, force, now.weight)
             v = group_on(ensemble, drive, mine.number, v + 1)

@@ -77,8 +77,10 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
         sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
         kernel = block_kernel(kind, 4, FRAME)
+        begun: wp.array = wp.zeros(blocks, dtype=wp.int32, device="cpu")
+        ends: wp.array = wp.full(blocks, 301 if measuring else 100, dtype=wp.int32, device="cpu")
         order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
-        inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
+        inputs = [ensemble, state, sums, tallies, frames, order, ends, begun]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
         wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}

@@ -1,31 +1,180 @@
-"""How a GPU's launches are cut: every variant once, every step once, in order."""
+"""How a GPU's launches are cut: every variant once, every step once, in order, and the GPU full to the end."""
 
+from contextlib import nullcontext
+from heapq import heapify, heappop, heappush
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
+import warp as wp
+from blocks import on_fibers
+from drives import two_sprockets
 
-from warpchain.engine.gpu import PARTS, cut, groups
+from warpchain.engine import buckets, gpu
+from warpchain.engine.launches import PARTS, UNIT, groups, launches_of, measured_from, shares, steps_left
+from warpchain.engine.pack import pack
+from warpchain.engine.share import _steps_of
+from warpchain.results.channels import frame_width
+from warpchain.results.schedule import Schedule
+
+DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
+PROGRESS = np.dtype([("step", int), ("diverged", int)])
 
 
 @pytest.mark.parametrize("count", [1, 1584, 1585, 16_896, 10_001])
 def test_every_variant_is_in_one_group(count):
-    parts = groups(count, 1584)
-    covered = [v for first, size in parts for v in range(first, first + size)]
-    assert covered == list(range(count))
+    parts = groups(np.arange(count), 1584)
+    assert sorted(v for part in parts for v in part.tolist()) == list(range(count))
     assert len(parts) == (1 if count <= 1584 else 2)
-    assert max(size for _, size in parts) - min(size for _, size in parts) <= 1
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
-@pytest.mark.parametrize(
-    "phases", [[("advance", 3072, 0)], [("advance", 960, 0), ("measure", 2112, 960)], [("a", 7, 0)]]
-)
-def test_every_step_is_taken_once_and_in_order(phases):
-    launches = cut(phases, 32)
-    taken = [(name, step) for name, steps, before in launches for step in range(before, before + steps)]
-    assert taken == [(name, step) for name, steps, before in phases for step in range(before, before + steps)]
-    # results do not depend on where launches end where they are whole units long
-    assert all(steps % 32 == 0 for _, steps, _ in launches) or phases == [("a", 7, 0)]
-    assert len(launches) <= PARTS + len(phases)
+def spread(count, steps, seed=0):
+    """Variants whose steps differ twofold, in any order, measured over the latter half."""
+    drives = np.zeros(count, DRIVES)
+    drives["steps"] = steps * np.random.default_rng(seed).uniform(0.67, 1.33, count)
+    drives["window_start"], drives["window_end"] = drives["steps"] // 2, drives["steps"]
+    return drives
 
 
-def test_short_launches_stay_whole():
-    assert cut([("advance", 32, 0)], 32) == [("advance", 32, 0)]
-    assert cut([], 32) == []
+def calls(drives, most, turn):
+    """Launches of a run, call by call and group by group, as the engine makes them."""
+    progress = np.zeros(len(drives), PROGRESS)
+    while (left := steps_left(drives, progress)).any():
+        share = shares(left, most)
+        order = np.argsort(-share, kind="stable")
+        parts = groups(order[share[order] > 0], turn)
+        begins = measured_from(drives, progress["step"])
+        cut = PARTS if len(parts) > 1 else 1
+        yield [list(launches_of(part, progress["step"], share, begins, cut)) for part in parts]
+        progress["step"] += share
+
+
+def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_own_window():
+    drives = spread(100, 3000)
+    at = np.zeros(len(drives), int)
+    for lanes in calls(drives, 32 * 9, 60):
+        assert len(lanes) == 2
+        for launch in (launch for lane in lanes for launch in lane):
+            assert len(set(launch.variants)) == len(launch.variants)
+            mine, begin = drives[launch.variants], at[launch.variants]
+            first = mine["window_start"] // UNIT * UNIT
+            assert (launch.ends > begin).all()
+            # results do not depend on where launches end where that is at whole units
+            assert ((launch.ends % UNIT == 0) | (launch.ends == mine["steps"] + 1)).all()
+            assert (launch.ends <= first).all() if launch.kernel == "advance" else (begin >= first).all()
+            at[launch.variants] = launch.ends
+    np.testing.assert_array_equal(at, drives["steps"] + 1)
+
+
+def test_all_variants_end_in_the_same_call_and_none_takes_more_than_it_may():
+    drives = spread(1000, 3000)
+    progress = np.zeros(len(drives), PROGRESS)
+    progress["step"][0], progress["diverged"][1] = drives["steps"][0] + 1, 1
+    assert steps_left(drives, progress)[:2].tolist() == [0, 0]
+    for calls_left in reversed(range(-(-drives["steps"].max() // 512))):
+        share = shares(steps_left(drives, progress), 512)
+        assert share.max() <= 512
+        progress["step"] += share
+        assert (steps_left(drives, progress)[2:] == 0).all() == (calls_left == 0)
+
+
+@pytest.mark.parametrize(("left", "most", "wanted"), [([7, 3], 2, [2, 1]), ([32], 4096, [32]), ([], 32, [])])
+def test_short_launches_stay_whole(left, most, wanted):
+    assert shares(np.array(left, int), most).tolist() == wanted
+
+
+def time_of(lanes, slots, at):
+    """When so many slots have taken variants, which stand `at` a step, through launches: a lane's one after another."""
+    free, waiting = [0] * slots, [(0, 0, lane, 0) for lane in range(len(lanes))]
+    heapify(waiting)
+    while waiting:
+        ready, _, lane, number = heappop(waiting)
+        launch, over = lanes[lane][number], ready
+        for steps in launch.ends - at[launch.variants]:
+            ends = max(heappop(free), ready) + steps
+            heappush(free, ends)
+            over = max(over, ends)
+        at[launch.variants] = launch.ends
+        if number + 1 < len(lanes[lane]):
+            heappush(waiting, (over, number + 1, lane, number + 1))
+    return max(free)
+
+
+@pytest.mark.parametrize("drives", [spread(10_000, 30_000), spread(5000, 30_000, 1)], ids=len)
+def test_a_gpu_is_full_until_all_variants_end(drives):
+    """Steps that differ twofold, in any order, take at most 1.05 times as long as if they were shared out evenly.
+
+    Longest first, two groups of eight launches each; it was 1.25 where each launch took as many steps of all.
+    """
+    slots, at = 1584, np.zeros(len(drives), int)
+    taken = sum(time_of(lanes, slots, at) for lanes in calls(drives, 6144, slots))
+    assert taken <= 1.05 * (drives["steps"] + 1).sum() / slots
+
+
+class WithoutStreams:
+    """Warp for an engine whose blocks are fibers of the CPU: launches come one after another, without streams."""
+
+    def __getattr__(self, name):
+        return getattr(wp, name)
+
+    class Stream:
+        def __init__(self, device):
+            pass
+
+        def record_event(self):
+            return None
+
+        def wait_event(self, event):
+            pass
+
+    def ScopedStream(self, stream, sync_enter=True):
+        return nullcontext()
+
+    synchronize_stream = synchronize_event = lambda self, of: None
+
+    def get_device(self, name):
+        return SimpleNamespace(sm_count=2, max_shared_memory_per_block=232_448, free_memory=2**33)
+
+    def empty(self, size, dtype, device, pinned=False):
+        return wp.zeros(size, dtype=dtype, device=device)
+
+    def launch(self, kernel, dim, inputs, block_dim, device, stream=None):
+        return wp.launch(on_fibers(kernel), dim, inputs=inputs, block_dim=block_dim, device=device)
+
+
+ENDS, EVERY = (300, 231, 160, 288), (32, 0, 20, 0)
+
+
+def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
+    """Variants of unlike steps and windows, two of them with frames, in calls of 64 steps and in one call of all."""
+    monkeypatch.setattr(gpu, "wp", WithoutStreams())
+    monkeypatch.setattr(buckets, "wp", WithoutStreams())
+    monkeypatch.setattr(buckets, "resident", lambda kind: 1)  # so that four variants go in two groups
+    drives = [two_sprockets(torque=torque) for torque in (100.0, 120.0, 140.0, 160.0)]
+    schedules = [Schedule(1e-5, end, end // 2, end - 10, every) for end, every in zip(ENDS, EVERY, strict=True)]
+
+    def run(most):
+        packed = pack(drives, schedules)
+        width = frame_width(drives[0])
+        packed.drives["first_value"] = [0, 0, width * (most // 32 + 1), 0]
+        engine, frames = gpu.GpuEngine(packed, "cpu"), {0: [], 2: []}
+        buffer = engine.frame_buffer(width * (most // 32 + most // 20 + 2))
+        before = engine.progress().copy()
+        while steps_left(packed.drives, before).any():
+            for future in engine.advance(_steps_of(engine, most, before, None), buffer):
+                future.result()
+            after = engine.progress().copy()
+            for v, taken in frames.items():
+                first, count = (packed.drives["first_value"][v], -(-after["step"][v] // EVERY[v]))
+                count -= -(-before["step"][v] // EVERY[v])
+                taken.append(buffer.device.numpy()[first : first + count * width].copy())
+            before = after
+        engine.close()
+        joined = {f"frames {v}": np.concatenate(taken) for v, taken in frames.items()}
+        return {"rollers": engine.rollers()} | joined | engine.sums()
+
+    shared, once = run(64), run(320)
+    assert once["frames 0"].size == 10 * frame_width(drives[0]) and once["frames 0"].any()
+    for name in ("rollers", "frames 0", "frames 2", "chain", "strand", "sprocket", "contact"):
+        np.testing.assert_array_equal(shared[name], once[name], err_msg=name)

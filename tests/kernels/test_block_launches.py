@@ -211,7 +211,9 @@ class Blocks:
         kernel, threads = on_fibers(block_kernel(self.kind, 4, self.packed.frame)), self.kind.shape.threads
         none = wp.empty(1, dtype=self.packed.real, device="cpu")
         order = wp.array([0, 1], dtype=wp.int32, device="cpu")
-        inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, steps, 0]
+        begun = self.state.progress.numpy()["step"]
+        row = [wp.array(of, dtype=wp.int32, device="cpu") for of in (begun + steps, begun)]
+        inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, *row]
         wp.launch(kernel, dim=2 * threads, inputs=inputs, block_dim=threads, device="cpu")
 
 

@@ -337,10 +337,14 @@ class Engine(ABC):
     """
 
     packed: Any
+    balances = False
+    """Whether each variant may have steps of its own in a launch."""
 
     @abstractmethod
-    def advance(self, steps: int, frames: Any) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
+    def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
+        """Starts `steps` steps of every variant that has not ended, (variants,) where it `balances`; frames go to
+        `frames`.
+        """
 
     @abstractmethod
     def start_settling(self, settling: NDArray[Any]) -> None:

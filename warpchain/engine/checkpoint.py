@@ -8,8 +8,7 @@ A longer run can take a state over, with its sums, where its window begins at th
 often (`looks`), and each note of its batches (`kernels.statistics`) that lies behind was taken, as it was where the
 window becomes a whole number of times as long.
 It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
-it sums up, and the two round differently. Nor does a GPU mix variants that go on with others in one call: which kernel
-steps hangs on the earliest window. Else the variant begins anew.
+it sums up, and the two round differently. Else the variant begins anew.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from warpchain.errors import SimulationError
 from warpchain.files import parse_json
 from warpchain.kernels.statistics import NOTES
 from warpchain.kernels.structs import DIVERGENCE_CHECK
-from warpchain.results.schedule import LOOK_EVERY, Schedule
+from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
 from warpchain.version import installed
 
 STOPS = 16
@@ -106,8 +105,6 @@ class States:
             kept if kept is not None and schedule.sample_every == 0 and _fits(kept, drive, schedule, run) else None
             for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
         ]
-        if not _on_cpu(run) and None in found:
-            found = [None] * len(drives)
         self.used = [kept is not None for kept in found]
         return found
 
@@ -231,10 +228,10 @@ class Keeper:
         for name, values in arrays.items():
             engine.put(*name, values)
 
-    def most(self, progress: NDArray[Any], steps: int) -> int:
-        """Steps of a launch, `steps` at most, so that it ends where a variant is to be kept."""
-        ahead = (self._stops - progress["step"])[(progress["diverged"] == 0) & (self._stops > progress["step"])]
-        return int(min(steps, ahead.min(initial=steps)))
+    def ahead(self, progress: NDArray[Any]) -> NDArray[np.int64]:
+        """(V,) steps until each variant is to be kept, more than any run has where it is not."""
+        ahead = self._stops - progress["step"]
+        return np.where((progress["diverged"] == 0) & (ahead > 0), ahead, MOST_STEPS + 1)
 
     def take(self, engine: Engine, progress: NDArray[Any]) -> None:
         """Keeps the variants that have come to their steps."""

@@ -233,10 +233,12 @@ class SeveralEngines(Engine):
             self.close()
             for future in made:
                 future.result()  # raises
+        self.balances = all(engine.balances for engine in self.engines)
 
-    def advance(self, steps: int, frames: SeveralBuffers) -> list[Future[None]]:
-        pairs = zip(self.engines, frames.buffers, strict=True)
-        return [future for engine, buffer in pairs for future in engine.advance(steps, buffer)]
+    def advance(self, steps: int | NDArray[np.integer], frames: SeveralBuffers) -> list[Future[None]]:
+        each = [steps if isinstance(steps, int) else steps[a:b] for a, b in self.cuts]
+        of_engines = zip(self.engines, each, frames.buffers, strict=True)
+        return [future for engine, mine, buffer in of_engines for future in engine.advance(mine, buffer)]
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         for engine, (a, b) in zip(self.engines, self.cuts, strict=True):

@@ -1,13 +1,7 @@
 """The GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
 
-Variants with like numbers of rollers and sprockets go into one launch. Frames come back on a stream of their own while
-the next steps are under way.
-
-A block takes one variant through all steps of a launch, and a GPU holds so many blocks at once: a turn. A launch ends
-with a turn that few blocks may be left for, while the next launch waits. Where there is more than a turn of variants
-they go in two groups, each on a stream of its own, whose launches are cut into shorter ones: while the last blocks of
-one group run, blocks of the other fill the GPU, and the rest of a turn is lost only once in `PARTS` launches. Results
-do not depend on where launches end.
+Variants with like numbers of rollers and sprockets go into one launch (`launches`). Frames come back on a stream of
+their own while the next steps are under way.
 """
 
 from __future__ import annotations
@@ -16,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import pairwise
 from threading import Lock
 from typing import Any
 
@@ -35,12 +30,12 @@ from warpchain.engine.arrays import (
 )
 from warpchain.engine.buckets import COLLECTING, ROOMS, Bucket, GpuKernels, rows_apart
 from warpchain.engine.compiling import Job, compile_in_processes, jobs_of
+from warpchain.engine.launches import PARTS, UNIT, Launch, groups, launches_of, measured_from, steps_left
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.kind import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
-from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.progress import Report, Stop
 
 OLDEST = 70
@@ -61,12 +56,6 @@ LOADING = Lock()
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
 
-PARTS = 8
-"""Launches that the steps of one are cut into."""
-
-Phase = tuple[str, int, int]
-"""Kernel, steps, and steps before in the same call."""
-
 MOST_LINKS = 16 * ROOMS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
 
@@ -79,28 +68,8 @@ def launch_steps(rollers: float, wanted: int) -> int:
 
     Whole multiples of what the kernel counts by, so that results do not depend on where launches end.
     """
-    unit = int(DIVERGENCE_CHECK)
     steps = min(wanted, LAUNCH_STEPS, int(LAUNCH_WORK / rollers))
-    return max(unit, steps // unit * unit) if wanted >= unit else wanted
-
-
-def groups(count: int, turn: int) -> list[tuple[int, int]]:
-    """First variant and number of variants of each group of `count` variants."""
-    if count <= turn:
-        return [(0, count)]
-    half = count // 2
-    return [(0, half), (half, count - half)]
-
-
-def cut(phases: Sequence[Phase], unit: int) -> list[Phase]:
-    """Phases cut into about `PARTS` of equal length in all, of whole units of steps."""
-    total = sum(steps for _, steps, _ in phases)
-    most = max(unit, -(-total // (PARTS * unit)) * unit)
-    return [
-        (name, min(most, steps - done), before + done)
-        for name, steps, before in phases
-        for done in range(0, steps, most)
-    ]
+    return max(UNIT, steps // UNIT * UNIT) if wanted >= UNIT else wanted
 
 
 def refusal(packed: Packed, first: int = 0) -> str | None:
@@ -180,6 +149,8 @@ class GpuEngine(GpuKernels, Engine):
         SimulationError: if the GPU's memory does not hold the ensemble.
     """
 
+    balances = True
+
     def __init__(self, packed: Packed, device: str) -> None:
         self._loaded: set[tuple[str, ...]] = set()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
@@ -194,11 +165,8 @@ class GpuEngine(GpuKernels, Engine):
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
-        drives = packed.drives
-        windows = {name: np.ascontiguousarray(drives[name]) for name in ("window_start", "window_end")}
         # rows in global memory, which launches share
         self._apart = [any(rows_apart([bucket])) for bucket in self.buckets]
-        self._windows = [{name: of[bucket.variants] for name, of in windows.items()} for bucket in self.buckets]
         self._settling_now: NDArray[Any] = np.zeros(0)
 
     def _load(self, *names: str) -> None:
@@ -212,54 +180,45 @@ class GpuEngine(GpuKernels, Engine):
                 loading.result()
         self._loaded.add(names)
 
-    def _phases(self, number: int, steps: int) -> list[Phase]:
-        """The launches that take a bucket `steps` steps on: kernel, steps, and steps before in this call.
-
-        What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
-        """
-        windows, progress = self._windows[number], self._progress[self.buckets[number].variants]
-        alive = (progress["diverged"] == 0) & (windows["window_end"] >= progress["step"])
-        until = np.maximum(windows["window_start"] - progress["step"], 0)[alive].min(initial=steps)
-        bare = steps if until >= steps else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
-        phases = [("advance", bare, 0), ("measure", steps - bare, bare)]
-        return [phase for phase in phases if phase[1] > 0]
-
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
         made = self._made(name, bucket)
         dim, block = made.kind.shape.launched(len(order)), made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
-    def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:
-        """Variants whose launches follow one another: whether beside others, bucket, place in it, and launches."""
-        lanes = []
-        for number, bucket in enumerate(self.buckets):
-            phases = self._phases(number, steps)
-            apart = self._apart[number]
-            turn = (
-                bucket.count if apart or not phases else self._made(phases[-1][0], bucket).resident * self._processors
-            )
-            parts = groups(bucket.count, turn)
-            if len(parts) > 1:
-                phases = cut(phases, int(DIVERGENCE_CHECK))
-            lanes += [(not apart, bucket, bucket.order[first : first + count], phases) for first, count in parts]
+    def _lanes(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
+        """Launches that follow one another, and take every variant its share of steps on; whether beside others."""
+        drives, step, lanes = self.packed.drives, self._progress["step"], []
+        begins = measured_from(drives, step)
+        for bucket, apart in zip(self.buckets, self._apart, strict=True):
+            variants = bucket.variants[share[bucket.variants] > 0]
+            kernel = "measure" if (step + share > begins)[variants].any() else "advance"
+            turn = bucket.count if apart else self._made(kernel, bucket).resident * self._processors
+            # what is recorded takes longer
+            longest = variants[np.lexsort((-share[variants], drives["sample_every"][variants] == 0))]
+            parts = groups(longest, turn)
+            cut = PARTS if len(parts) > 1 else 1
+            lanes += [(not apart, bucket, list(launches_of(each, step, share, begins, cut))) for each in parts]
         return lanes
 
-    def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
+    def advance(self, steps: int | NDArray[np.integer], frames: FrameBuffer) -> list[Future[None]]:
         self._load()
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
+                lanes = self._lanes(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
+                columns = self._uploaded([launch for _, _, launches in lanes for launch in launches])
                 begun = self.stream.record_event()
                 for stream in self._others:
                     stream.wait_event(begun)
                 state = self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device
-                for at, (beside, bucket, order, phases) in enumerate(self._lanes(steps)):
+                for at, (beside, bucket, launches) in enumerate(lanes):
                     stream = [self.stream, *self._others][at % STREAMS if beside else 0]
-                    for name, taken, before in phases:
-                        self._launch(name, bucket, order, [*state, order, taken, before], stream)
+                    for launch in launches:
+                        order, *ends = next(columns)
+                        self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream)
                 for stream in self._others:
                     self.stream.wait_event(stream.record_event())
                 done = self.stream.record_event()
@@ -271,6 +230,15 @@ class GpuEngine(GpuKernels, Engine):
                 self._progress = self.fetch("state", "progress")
 
         return [self._pool.submit(work)]
+
+    def _uploaded(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
+        """Of each launch, on the device: its variants, the ends of their steps, where their frames were begun."""
+        columns: list[wp.array] = []
+        with wp.ScopedStream(self.stream):
+            for each in zip(*(launch[1:] for launch in launches), strict=True):
+                columns.append(wp.array(np.concatenate(each), dtype=wp.int32, device=self.device))
+        cuts = np.cumsum([0, *(len(launch.variants) for launch in launches)]).tolist()
+        return iter([[column[a:b] for column in columns] for a, b in pairwise(cuts)])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):

@@ -23,6 +23,7 @@ from warpchain.drive.batch import Stack, picked
 from warpchain.engine.arrays import Engine
 from warpchain.engine.chains import Rows
 from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
+from warpchain.engine.launches import shares, steps_left
 from warpchain.engine.outcomes import PARTS, batch_durations, causes_of, engaged, split_sums
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
@@ -32,7 +33,7 @@ from warpchain.progress import Report, Stop
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, Part, metrics_blocks
 from warpchain.results.run import RunInfo
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import MOST_STEPS, Schedule
 
 if TYPE_CHECKING:
     from warpchain.engine.checkpoint import Keeper
@@ -235,7 +236,7 @@ def _march(
     before = engine.progress()
     turn = 0
     while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
-        futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
+        futures = engine.advance(_steps_of(engine, steps, before, keeper), buffers[turn])
         if batched:
             _load_ahead()
         if taken is not None:
@@ -248,6 +249,14 @@ def _march(
         before, turn = after, 1 - turn
     if taken is not None:
         recorder.take(taken[0].numpy(), *taken[1:])
+
+
+def _steps_of(engine: Engine, most: int, progress: NDArray[Any], keeper: Keeper | None) -> int | NDArray[np.integer]:
+    """Steps of a launch, `most` at most, so that it ends where a variant is to be kept."""
+    ahead = np.full(len(progress), MOST_STEPS) if keeper is None else keeper.ahead(progress)
+    if engine.balances:
+        return shares(np.minimum(steps_left(engine.packed.drives, progress), ahead), most)
+    return min(most, int(ahead.min()))
 
 
 @cache
