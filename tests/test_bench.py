@@ -36,14 +36,20 @@ def test_the_kinds_are_224_and_can_be_assembled(drives):
     assert max(assembly.strain for assembly in packed.assemblies) < 1e-3
 
 
-def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(drives):
-    marine = example("marine")
-    ends = [drives.other(marine, 0), drives.other(marine, 9_999)]  # of those that are measured
-    pack(ends, [Schedule(1e-6, 10, 0, 10, 0)] * 2)
-    a, b = (drive.chain for drive in ends)
-    assert a.elongation != b.elongation and a.roller_mass != b.roller_mass and a.damping != b.damping
-    assert ends[0].sprockets[1].center != ends[1].sprockets[1].center
-    assert ends[0].sprockets[2].load.torque != ends[1].sprockets[2].load.torque
+@pytest.mark.parametrize("name", ["two", "marine", "smooth", "car", "harmonics", "industrial", "engine"])
+def test_designs_differ_in_every_range_by_all_of_it_and_can_be_assembled(drives, name):
+    drive, ranges = drives.named(name), drives.RANGES[name]
+    many = drives.designs(drive, name, 40)
+    pack(many, [Schedule(1e-6, 10, 0, 10, 0)] * len(many))
+    assert len(ranges) >= 4
+    for path, to in ranges.items():
+        own, values = drive.get_value(path), [each.get_value(path) for each in many]
+        low, high = to(own, 0.0), to(own, 1.0)
+        assert low <= min(values) <= low + 0.2 * (high - low) < high - 0.2 * (high - low) <= max(values) <= high
+        assert high - low >= 0.1 * own or "tightener" in path  # the chain allows of places less
+    if name == "marine":
+        steps = [resolve_step(each) for each in many]
+        assert max(steps) > 1.7 * min(steps)
 
 
 def test_less_is_measured_quickly():
@@ -65,6 +71,7 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
         return types.SimpleNamespace(info=types.SimpleNamespace(wall_time=next(seconds))), 11.0
 
     monkeypatch.setattr(gpu, "timed", timed)
+    monkeypatch.setattr(gpu, "designs", lambda drive, name, count: [drive] * count)
     row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, ""))
     step = resolve_step(example("marine"))
     last = (2.0 - step, 2.0)  # its last step
@@ -195,14 +202,16 @@ def test_car_and_whole_runs_stand_beside_the_cuda_program(monkeypatch):
         return types.SimpleNamespace(metrics=metrics, info=types.SimpleNamespace(wall_time=8.0)), 10.0
 
     monkeypatch.setattr(gpu, "cuda_seconds", cuda_seconds)
-    monkeypatch.setattr(gpu, "loop", lambda *words: (2.0 if words[4] is False else 4.0, 0.0))
+    monkeypatch.setattr(gpu, "loop", lambda *words: (2.0 if words[5] is False else 4.0, 0.0))
     monkeypatch.setattr(gpu, "timed", timed)
-    monkeypatch.setattr(gpu.drives, "other", lambda drive, k: drive)
+    step = resolve_step(gpu.named("harmonics"))
+    finer = gpu.named("harmonics").with_values({"run.step": 0.5 * step})
+    monkeypatch.setattr(gpu, "designs", lambda drive, name, count: [drive, finer] * (count // 2))
     effort = gpu.Effort(2000, 1, "")
     assert gpu.car("harmonics", "float32", 1056, effort) == pytest.approx((150.0, 100.0, 1.5, 200.0))
     assert gpu.shown(gpu.car("valves", "float32", 1056, effort)) == ("-", 100.0, "-", 200.0)
-    step = resolve_step(gpu.without_valves("car"))
-    assert gpu.headline("car", "float64", effort) == pytest.approx((10.0, 2.0, 150e-6 * 0.2 / step, 1, 2.0))
+    steps = 1.5 * 0.2 / step  # in the mean
+    assert gpu.headline("harmonics", "float64", effort) == pytest.approx((10.0, 2.0, 150e-6 * steps, 1, 2.0, 2.0))
     assert asked == [("float32", 20_000, 1056), ("float64", 2000, 10_000)]
 
 

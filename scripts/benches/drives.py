@@ -1,9 +1,15 @@
 """The drives that speed is measured on, and ensembles of drives that differ."""
 
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
 from common.drives import Values, equal, example, pair, without_friction
 
 from warpchain import Drive
 
+Range = Callable[[float, float], float]
+"""A value, given a drive's own and a share of the range."""
 PITCH, SLACK = 0.1, 0.0004
 TWO = equal(30, 118, PITCH, SLACK) | {
     "chain.roller_mass": 3.0,
@@ -32,15 +38,19 @@ HARMONICS: Values = {
 
 
 def named(name: str) -> Drive:
-    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), or an example."""
+    """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), `harmonics` (`car`
+    with these for its valves), or an example.
+    """
     if name in ("two", "rk4"):
         return pair(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
+    if name == "harmonics":
+        return example("car", {"valves": ()} | HARMONICS)
     return without_friction(example("marine")) if name == "smooth" else example(name)
 
 
 def without_valves(name: str) -> Drive:
     """A drive by name as the C program knows it: camshafts of `car` have harmonics for valves."""
-    return example(name, {"valves": ()} | HARMONICS) if name == "car" else named(name)
+    return named("harmonics" if name == "car" else name)
 
 
 def of_length(links: int) -> Drive:
@@ -48,31 +58,72 @@ def of_length(links: int) -> Drive:
     return named("two").with_values(equal(30, links, PITCH, SLACK))
 
 
-def other(drive: Drive, k: int) -> Drive:
-    """The k-th of marine drives that differ in five values, two of which move rollers to other places.
+def times(low: float, high: float) -> Range:
+    """The drive's own value, times something between these."""
+    return lambda own, share: own * (low + (high - low) * share)
 
-    The camshaft's torque, the tightener's place, the chain's elongation, roller mass and damping. Of `car` the
-    tensioner's preload, a camshaft's inertia, the chain's elongation and damping, and the guides' friction.
+
+def between(low: float, high: float) -> Range:
+    """A value between these."""
+    return lambda own, share: low + (high - low) * share
+
+
+MARINE = {
+    "sprockets.camshaft.load.torque": between(6e3, 12e3),
+    "chain.stiffness": times(0.8, 1.2),
+    "chain.damping": times(0.5, 1.5),
+    "sprockets.camshaft.inertia": times(0.7, 1.3),
+    "sprockets.tightener.center.0": between(1.190, 1.196),
+    "sprockets.tightener.center.1": between(3.0, 3.05),
+}
+TWO_EQUAL = {
+    "sprockets.driven.load.torque": times(0.6, 1.3),
+    "chain.stiffness": times(0.8, 1.2),
+    "chain.damping": times(0.5, 1.5),
+    "sprockets.driven.inertia": times(0.5, 2.0),
+    "contact.sprocket.restitution": between(0.6, 0.9),
+}
+CAR = {
+    "tensioners.tensioner.spring.preload": between(30.0, 90.0),
+    "chain.stiffness": times(0.8, 1.2),
+    "chain.joint.friction": between(0.05, 0.11),
+    "sprockets.intake cam.inertia": times(0.7, 1.3),
+    "chain.damping_ratio": times(0.5, 3.0),
+}
+RANGES = {
+    "two": TWO_EQUAL,
+    "marine": MARINE,
+    "smooth": MARINE,
+    "car": CAR,
+    "harmonics": CAR,
+    "industrial": {
+        "sprockets.conveyor.load.torque": times(0.6, 1.3),
+        "sprockets.conveyor.inertia": times(0.5, 2.0),
+        "chain.joint.friction": between(0.05, 0.2),
+        "chain.damping_ratio": times(0.5, 3.0),
+        "contact.sprocket.restitution": between(0.2, 0.5),
+    },
+    "engine": {
+        "chain.stiffness": times(0.7, 1.4),
+        "chain.damping_ratio": times(0.5, 3.0),
+        "sprockets.exhaust cam.inertia": times(0.7, 1.3),
+        "sprockets.intake cam.inertia": times(0.7, 1.3),
+    },
+}
+"""By how much drives of a name differ in a design: in what an engineer may choose, and in what is not known."""
+
+
+@cache
+def designs(drive: Drive, name: str, count: int) -> Sequence[Drive]:
+    """Drives that differ as those of a design of experiments do: one with values uniform over the ranges of a name.
+
+    Their automatic steps differ, too: those of marine drives twofold.
     """
-    if drive.tensioners:
-        return drive.with_values(
-            {
-                "tensioners.tensioner.spring.preload": 40.0 + 1e-4 * k,
-                "sprockets.intake cam.inertia": 1.2e-3 + 1e-9 * k,
-                "chain.elongation": 1e-8 * k,
-                "chain.damping_ratio": 0.02 + 1e-7 * k,
-                "contact.guide.friction": 0.06 + 1e-7 * k,
-            }
-        )
-    x, y = drive.sprockets[1].center
-    values = {
-        "sprockets.camshaft.load.torque": 8000.0 + 0.2 * k,
-        "sprockets.tightener.center": [x - 1e-7 * k, y],
-        "chain.elongation": 1e-8 * k,
-        "chain.roller_mass": 6.95 + 1e-5 * k,
-        "chain.damping": 1.0e5 + k,
-    }
-    return drive.with_values(values)
+    ranges = RANGES[name].items()
+    own = [float(drive.get_value(path)) for path, _ in ranges]
+    rows = np.random.default_rng(1).random((count, len(own))).tolist()
+    values = [{path: to(mine, share) for (path, to), mine, share in zip(ranges, own, row, strict=True)} for row in rows]
+    return [drive.with_values(each) for each in values]
 
 
 def kinds() -> list[Drive]:

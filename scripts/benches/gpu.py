@@ -5,9 +5,10 @@ import math
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,11 +19,13 @@ import warp as wp
 from common.cases import Line, case, head, option
 
 from benches import drives
-from benches.drives import JOINT_FRICTION, named, of_length, without_valves
-from benches.probe import launch, packed_of, schedule
+from benches.drives import JOINT_FRICTION, designs, named, of_length
+from benches.probe import launch, schedule
 from benches.reference import cuda_seconds
 from warpchain import Drive, Record, Run, simulate
 from warpchain.assembly.timestep import resolve_step
+from warpchain.engine.pack import pack
+from warpchain.engine.packed import Packed
 
 DEVICE = "cuda:0"
 DRIVES = ("two", "smooth")
@@ -32,8 +35,9 @@ LINKS = (62, 94, 118, 158, 190, 254, 382, 510, 766, 1022, 2000, 4000)
 QUICK = {1, 1056, 16896, 118, 510, 1022, 4000}
 """Numbers of variants and lengths of chain that `--quick` keeps."""
 EACH = (DRIVES, PRECISIONS)
-HEADLINE = {"marine": 2.0, "smooth": 2.0, "car": 0.2}
-"""Simulated seconds of 10,000 drives."""
+HEADLINE = {"marine": 2.0, "smooth": 2.0, "car": 0.2, "harmonics": 0.2}
+"""Simulated seconds of `DESIGNS` drives."""
+DESIGNS = 10_000
 MANY = list(product(*EACH, VARIANTS))
 NONE = Record(variants="none")
 Row = tuple[Any, ...]
@@ -76,9 +80,18 @@ def part(columns: str, words: Iterable[tuple[Any, ...]] = ((),)) -> Callable[[Ca
     return noted
 
 
-def loop(drive: Drive, variants: int, precision: str, steps: int, metrics: bool, rounds: int) -> tuple[float, float]:
-    """Seconds of `steps` steps, the least of some, and of the first launch."""
-    packed = packed_of(drive, variants, precision, schedule(drive, metrics))
+@cache
+def ensemble(drive: Drive, name: str, variants: int, metrics: bool) -> Packed:
+    """So many designs of a drive, as drives of a name differ, packed."""
+    many = designs(drive, name, variants)
+    return pack(many, [schedule(each, metrics) for each in many])
+
+
+def loop(
+    drive: Drive, name: str, variants: int, precision: str, steps: int, metrics: bool, rounds: int
+) -> tuple[float, float]:
+    """Seconds of `steps` steps of a drive's designs, the least of some, and of the first launch."""
+    packed = ensemble(drive, name, variants, metrics).at_precision(precision)
     found = [launch(packed, DEVICE, steps) for _ in range(rounds)]
     return min(seconds for seconds, _ in found), found[0][1]
 
@@ -86,11 +99,11 @@ def loop(drive: Drive, variants: int, precision: str, steps: int, metrics: bool,
 @part("drive | precision | variants | CUDA | bare | of CUDA | us/step | metrics | of bare | first launch [s]", MANY)
 def table(name: str, precision: str, variants: int, effort: Effort) -> Row:
     """The time loop bare and with metrics, beside CUDA C++."""
-    drive, steps = without_valves(name), effort.launched(variants)
+    drive, steps = named(name), effort.launched(variants)
     work = variants * drive.chain.links * steps / 1e9
     theirs = cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
-    bare, begin = loop(drive, variants, precision, steps, False, effort.rounds)
-    metrics, _ = loop(drive, variants, precision, steps, True, effort.rounds)
+    bare, begin = loop(drive, name, variants, precision, steps, False, effort.rounds)
+    metrics, _ = loop(drive, name, variants, precision, steps, True, effort.rounds)
     return work / theirs, work / bare, theirs / bare, 1e6 * bare / steps, work / metrics, bare / metrics, begin
 
 
@@ -99,10 +112,10 @@ def table(name: str, precision: str, variants: int, effort: Effort) -> Row:
 )
 def joints(name: str, precision: str, variants: int, metrics: bool, effort: Effort) -> Row:
     """The time loop with joint friction, beside the same drive without."""
-    drive = without_valves(name)
+    drive = named(name)
     work = variants * drive.chain.links * effort.steps / 1e9
     plain, rubbed = (
-        loop(kind, variants, precision, effort.steps, metrics, effort.rounds)[0]
+        loop(kind, name, variants, precision, effort.steps, metrics, effort.rounds)[0]
         for kind in (drive, drive.with_values(JOINT_FRICTION))
     )
     return work / plain, work / rubbed, plain / rubbed
@@ -113,9 +126,10 @@ def rollers(links: int, precision: str, effort: Effort) -> Row:
     """The time loop by length of chain, about 500,000 rollers in all; one variant alone."""
     drive, variants, steps = of_length(links), 500_000 // links, max(1, effort.steps // 4)
     work = variants * links * steps / 1e9
-    many, metrics = (loop(drive, variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
+    many, metrics = (loop(drive, "two", variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
     some = effort.launched(1)
-    return variants, work / many, work / metrics, 1e6 * loop(drive, 1, precision, some, False, effort.rounds)[0] / some
+    alone, _ = loop(drive, "two", 1, precision, some, False, effort.rounds)
+    return variants, work / many, work / metrics, 1e6 * alone / some
 
 
 @part(
@@ -127,15 +141,20 @@ def car(cams: str, precision: str, variants: int, effort: Effort) -> Row:
 
     Beside CUDA C++, which knows no valves.
     """
-    valves, steps = cams == "valves", effort.launched(variants)
-    drive = named("car") if valves else without_valves("car")
-    theirs = math.nan if valves else cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
-    bare, metrics = (loop(drive, variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
+    name, steps = "car" if cams == "valves" else cams, effort.launched(variants)
+    drive = named(name)
+    theirs = of_cuda(drive, precision, steps, variants, effort)
+    bare, metrics = (loop(drive, name, variants, precision, steps, on, effort.rounds)[0] for on in (False, True))
     us = 1e6 / steps
     return us * theirs, us * bare, theirs / bare, us * metrics
 
 
-def timed(drives: list[Drive], **options: Any) -> tuple[Run, float]:
+def of_cuda(drive: Drive, precision: str, steps: int, variants: int, effort: Effort) -> float:
+    """Seconds of the CUDA program, NaN for valves, which it does not know."""
+    return math.nan if drive.valves else cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
+
+
+def timed(drives: Sequence[Drive], **options: Any) -> tuple[Run, float]:
     """A whole run without recordings, and its seconds from drives to table; its kernels are loaded before."""
     simulate(drives, **options | {"duration": 0.001, "window": None, "record": NONE})
     begin = time.perf_counter()
@@ -144,35 +163,38 @@ def timed(drives: list[Drive], **options: Any) -> tuple[Run, float]:
 
 @part("drive | precision | simulated [s] | without [s] | metrics [s] | of bare | rate without | with", product(*EACH))
 def runs(name: str, precision: str, effort: Effort) -> Row:
-    """Whole runs of 16,896 variants with metrics over the second half, as is usual, and without; no settling."""
-    drive = without_valves(name).with_values({"run.settle": False})
-    length, step, many = drive.run.duration, resolve_step(drive), [drive] * VARIANTS[-1]
+    """Whole runs of 16,896 designs with metrics over the second half, as is usual, and without; no settling."""
+    drive = named(name).with_values({"run.settle": False})
+    length, many = drive.run.duration, designs(drive, name, VARIANTS[-1])
+    steps = [resolve_step(each) for each in many]
     found: dict[str, list[float]] = {"without": [], "with": []}
     for _ in range(min(effort.rounds, 2)):  # in turns
-        for how, window in (("without", (length - step, length)), ("with", None)):
+        for how, window in (("without", (length - max(steps), length)), ("with", None)):
             run, _ = timed(many, device=DEVICE, precision=precision, window=window)
             found[how].append(run.info.wall_time)
     without, measured = map(min, found.values())
-    work = len(many) * drive.chain.links * length / step / 1e9
+    work = drive.chain.links * sum(length / step for step in steps) / 1e9
     return length, without, measured, without / measured, work / without, work / measured
 
 
 @part(
-    "drive | precision | s | packing and table | CUDA, its steps alone | diverged | mean tension [N]",
+    "drive | precision | s | packing and table | CUDA, its steps alone | diverged | mean tension [N] | steps vary",
     product(HEADLINE, PRECISIONS),
 )
 def headline(name: str, precision: str, effort: Effort) -> Row:
-    """10,000 marine drives of 2 s, or `car` of 0.2 s, that differ in five values (tables packed anew).
+    """10,000 designs of the marine drive, 2 s each, or of `car`, 0.2 s, with valves or harmonics (tables packed anew).
 
-    Beside as many steps of CUDA C++ at the rate of some, without settling, metrics, packing and table.
+    Beside as many steps of CUDA C++ at the rate of some, each drive at its own step, without settling, metrics, packing
+    and table. Steps vary: the drive with most of them takes so many times as many as that with fewest.
     """
-    drive = without_valves(name)
-    many = [drives.other(drive, k) for k in range(10_000)]
-    run, total = timed(many, device=DEVICE, precision=precision, duration=HEADLINE[name])
-    theirs = cuda_seconds(drive, precision, effort.steps, len(many), Path(effort.folder)) / effort.steps
-    steps = HEADLINE[name] / resolve_step(drive)
+    drive = named(name)
+    many, length = designs(drive, name, DESIGNS), HEADLINE[name]
+    run, total = timed(many, device=DEVICE, precision=precision, duration=length)
+    steps = [length / resolve_step(each) for each in many]
+    theirs = of_cuda(drive, precision, effort.steps, len(many), effort) / effort.steps * float(np.mean(steps))
     mean = float(np.mean(run.metrics["tension_mean"].to_numpy()))
-    return total, total - run.info.wall_time, theirs * steps, sum(run.metrics["diverged"].to_pylist()), mean
+    diverged = sum(run.metrics["diverged"].to_pylist())
+    return total, total - run.info.wall_time, theirs, diverged, mean, max(steps) / min(steps)
 
 
 @part("precision | one kind [s] | 224 kinds [s] | ratio | of roller-steps", product(PRECISIONS))
@@ -189,9 +211,9 @@ def kinds(precision: str, effort: Effort) -> Row:
 
 @part("GPUs | run on one [s] | on all [s] | ratio | whole on one [s] | on all [s] | ratio")
 def gpus(effort: Effort) -> Row:
-    """16,896 marine variants a GPU, 0.2 s each, on one GPU and on all: the run, and from drives to table [s]."""
+    """16,896 marine designs a GPU, 0.2 s each, on one GPU and on all: the runs, and from drives to table [s]."""
     count = wp.get_cuda_device_count()
-    many = [named("smooth").with_values({"run.settle": False})] * (VARIANTS[-1] * count)
+    many = designs(named("smooth").with_values({"run.settle": False}), "smooth", VARIANTS[-1] * count)
     found = [timed(many, device=device, duration=0.2) for device in (DEVICE, "cuda")]
     (one, every), (one_all, every_all) = (run.info.wall_time for run, _ in found), (total for _, total in found)
     return count, one, every, one / every, one_all, every_all, one_all / every_all
@@ -229,7 +251,8 @@ def gpu(asked: argparse.Namespace) -> Iterator[Line]:
     First all kernels of the time loop are compiled, side by side on all cores; then rows are measured one after
     another, each several times, of which the best counts. One that fails is named, and the exit status is then 1.
     Without nvcc the CUDA program is left out. Drives are `two` equal sprockets and `smooth`, the marine drive without
-    friction.
+    friction. Variants differ as those of a design of experiments do (`RANGES` in `benches/drives.py`), but for `kinds`;
+    CUDA's are copies of one, as what differs costs it nothing.
     """
     if not wp.is_cuda_available():
         raise SystemExit("no CUDA device here")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from common.cases import Line, case, option
 
-from benches.drives import named, other
+from benches.drives import designs, named
 from warpchain import modes as modes_of_drives
 from warpchain.engine.simulation import available_cores
 
@@ -23,15 +23,14 @@ def cpu_seconds() -> float:
     option("--workers", type=int, nargs="+", default=[1, available_cores()], help="processes (default 1, all cores)"),
 )
 def modes(asked: argparse.Namespace) -> Iterator[Line]:
-    """Seconds that modes of marine drives take, which differ in five values, places among them.
+    """Seconds that modes of marine drives take, which differ as designs do, in places among others.
 
     python scripts/bench.py modes
 
     CPU time is that of all processes, their starts of a second or two included, so that what else runs on the machine
     counts little; the last column is what 10,000 drives take at this rate on 16 cores.
     """
-    base = named("marine")
-    drives = [other(base, k) for k in range(asked.count)]
+    drives = designs(named("marine"), "marine", asked.count)
     modes_of_drives(drives[:1], asked.modes)
     yield ("processes", "a second of time", "a drive, CPU time [s]", "10,000 drives on 16 cores [s]")
     for workers in asked.workers:
