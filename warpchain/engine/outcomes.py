@@ -52,10 +52,17 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     for name, row in TABLE["sums"].items():
         begin, count = first[row.kind][variants], int(KINDS[row.kind].count(drives)[0])
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
-        found[name] = values[begin if row.kind == "variant" else spread(begin, count)]
+        found[name] = values[begin] if row.kind == "variant" else _rows_from(values, begin, count)
     batches, parts = _batched(found, drives, int(BATCHES)), _batched(found, drives, PARTS)
     tension = found["tension_counts"], tension_edges(drives["tension_scale"])
     return found | {"batches": batches, "parts": parts, "tension": tension}
+
+
+def _rows_from(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
+    """(V, count, ...) rows of each variant, the first of them at `begin`; a view where no others lie between."""
+    if (np.diff(begin) == count).all():
+        return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
+    return values[spread(begin, count)]
 
 
 def _batched(

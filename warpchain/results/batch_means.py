@@ -161,10 +161,14 @@ def standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
 
 def _explained(parts: Array, sines: Array) -> Array:
     """Most of the ordinates, of which the last axis has real and imaginary parts, that one sine explains."""
-    along = np.zeros((len(sines), 2, *parts.shape[:-1]))
-    for k in range(parts.shape[-1]):  # which, unlike a product of matrices, goes row by row
-        along += np.multiply.outer(sines[:, :, k], parts[..., k])
-    return np.asarray((along * along).sum(axis=1).max(axis=0))
+    most = np.zeros(parts.shape[:-1])
+    each, term = np.moveaxis(parts, -1, 0).copy(), np.empty((2, *parts.shape[:-1]))
+    for sine in sines:
+        along = np.zeros_like(term)
+        for k, part in enumerate(each):  # which, unlike a product of matrices, goes row by row
+            along += np.multiply.outer(sine[:, k], part, out=term)
+        np.maximum(most, (along * along).sum(axis=0), out=most)
+    return most
 
 
 @cache

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpchain.drive.batch import Stack
 from warpchain.drive.geared import own_shafts
 from warpchain.results.batch_means import change, counted_below, drift, quantile, share_below, standard_error, steady
 
@@ -39,6 +40,23 @@ Values = Any
 def where(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
     """Values where they are given, masked elsewhere."""
     return np.ma.MaskedArray(values, mask=np.logical_not(given))
+
+
+def each_of(
+    drives: Sequence[Drive], stacks: Sequence[Stack] | None, value: Callable[..., Any], *given: NDArray[Any]
+) -> NDArray[np.float64]:
+    """(V,) a number of each drive, worked out for all of a stack at once.
+
+    Args:
+        drives: (V,) the drives.
+        stacks: them sorted into kinds, where they are.
+        value: of a drive, or of a stack, and of what is given.
+        given: arrays (V, ...), of which a stack gets its members' along the last axis, (..., members).
+    """
+    found = np.empty(len(drives))
+    for stack in stacks or [Stack(np.array([v]), drive) for v, drive in enumerate(drives)]:
+        found[stack.members] = value(stack.drive, *(np.moveaxis(of[stack.members], 0, -1) for of in given))
+    return found
 
 
 def partner_names(drive: Drive) -> list[str]:
@@ -255,12 +273,14 @@ class Judged:
 
     Attributes:
         drives: the variants.
+        stacks: them sorted into kinds, where they are.
         metrics: their columns so far, (V,) each, masked where a variant has none.
         prefix: of the thing's columns, "" for the whole chain.
         index: the thing's.
     """
 
     drives: Sequence[Drive]
+    stacks: Sequence[Stack] | None
     metrics: Mapping[str, np.ma.MaskedArray[Any, Any]]
     prefix: str
     index: int
@@ -276,14 +296,18 @@ class Judged:
         masks = [np.ma.getmaskarray(self.metrics.get(self.prefix + name, none)) for name in names]
         return ~np.any(masks, axis=0)
 
+    def each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
+        """(V,) a number of each drive (`each_of`)."""
+        return each_of(self.drives, self.stacks, value)
+
     @property
     def mass(self) -> NDArray[np.float64]:
         """Mass of a roller [kg]."""
-        return np.array([drive.chain.mass for drive in self.drives])
+        return self.each(lambda drive: drive.chain.mass)
 
-    def teeth(self, s: int) -> NDArray[np.int64]:
+    def teeth(self, s: int) -> NDArray[np.float64]:
         """Number of teeth of a sprocket."""
-        return np.array([drive.sprockets[s].teeth for drive in self.drives])
+        return self.each(lambda drive: drive.sprockets[s].teeth)
 
     def turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window."""

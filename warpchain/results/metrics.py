@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.batch import LARGEST, Stack
+from warpchain.drive.batch import LARGEST, Stack, picked
 from warpchain.drive.trains import is_free
 from warpchain.results.arrow_tables import unit_table
 from warpchain.results.batch_means import LEAST_TURNS
-from warpchain.results.formulas import STEP, Balance, Drifts, Judged, Summed, where
+from warpchain.results.formulas import STEP, Balance, Drifts, Judged, Summed, each_of, where
 from warpchain.results.judgement import Limits, judge
 from warpchain.results.metric_columns import (
     BALANCE,
@@ -91,7 +91,32 @@ class Ended:
             None if self.layouts is None else [self.layouts[v] for v in variants],
             None if self.settle_force is None else self.settle_force[variants],
             None if self.causes is None else [self.causes[v] for v in variants],
+            self._stacks_among(variants),
         )
+
+    def each(self, value: Callable[[Drive], Any]) -> NDArray[Any]:
+        """(V,) a number of each drive, worked out for all of a stack at once."""
+        return each_of(self.drives, self.stacks, value)
+
+    def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack] | None:
+        """Some of the variants, ascending, sorted into kinds and numbered from 0, where kinds are known."""
+        if self.stacks is None:
+            return None
+        number, place = self._places
+        mine, found = number[variants], []
+        for k in np.unique(mine).tolist():
+            members, stack = np.flatnonzero(mine == k), self.stacks[k]
+            whole = len(members) == len(stack.members)
+            found.append(Stack(members, stack.drive if whole else picked(stack.drive, place[variants[members]])))
+        return found
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(V,) the stack of each variant, and its place there."""
+        number, place = np.zeros((2, len(self.drives)), dtype=np.int64)
+        for k, stack in enumerate(self.stacks or ()):
+            number[stack.members], place[stack.members] = k, np.arange(len(stack.members))
+        return number, place
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -139,9 +164,9 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     """Columns formed of the sums of variants of the same columns, as `metrics_of` takes them."""
     columns: Columns = {}
     duration = (ended.schedule("window_end") - ended.schedule("window_start")) * ended.schedule("step")
-    links = np.array([drive.chain.links for drive in ended.drives])
+    links = ended.each(lambda drive: drive.chain.links)
     driver = ended.drives[0].driver
-    teeth = np.array([drive.sprockets[driver].teeth for drive in ended.drives])
+    teeth = ended.each(lambda drive: drive.sprockets[driver].teeth)
     turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
     for prefix, index, group in of_drive(ended.drives[0], MEASURED):
         rows = sums[group.source]
@@ -178,13 +203,12 @@ def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArra
 def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
     """Parts of the window by which variants of the same columns are found steady or not."""
     noted, durations = sums["parts"]
-    links = np.array([drive.chain.links for drive in ended.drives])[:, None]
+    links = ended.each(lambda drive: drive.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
     tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
     turned = noted["sprocket"]["speed"]
     turns = np.abs(np.nansum(turned, axis=-1)) / (2.0 * np.pi)
-    seconds = np.nansum(durations, axis=-1)
-    waves = np.array([slowest_ripple(*of) for of in zip(ended.drives, turns, map(float, seconds), strict=True)])
+    waves = each_of(ended.drives, ended.stacks, slowest_ripple, turns, np.nansum(durations, axis=-1))
     return Drifts(tension, list(np.moveaxis(turned / durations[:, None], 1, 0)), waves)
 
 
@@ -222,15 +246,16 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     )
 
 
-def design_columns(drives: Sequence[Drive], metrics: Columns) -> Columns:
+def design_columns(drives: Sequence[Drive], metrics: Columns, stacks: Sequence[Stack] | None = None) -> Columns:
     """Columns that designs are judged by, from the other metrics of variants of the same columns.
 
-    What needs turning sprockets is masked where they stand still.
+    What needs turning sprockets is masked where they stand still. `stacks` are the drives sorted into kinds, where they
+    are.
     """
     columns: Columns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in of_drive(drives[0], DESIGN):
-            judged = Judged(drives, metrics, prefix, index)
+            judged = Judged(drives, stacks, metrics, prefix, index)
             columns |= {prefix + c.name: np.ma.asarray(c.value(judged)) for c in group.columns if c.value}
     return columns
 
@@ -259,9 +284,8 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
         columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY.columns if c.value}
         balance = energy_balance(drive, sums)
         columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
-        columns |= design_columns(
-            ended.drives, run_columns(ended) | {STEP: np.ma.asarray(ended.schedule("step"))} | columns
-        )
+        known = run_columns(ended) | {STEP: np.ma.asarray(ended.schedule("step"))} | columns
+        columns |= design_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
     columns = {name: where(ended.measured, values) for name, values in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}

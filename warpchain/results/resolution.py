@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpchain.drive.batch_math import smallest
 from warpchain.drive.friction_coefficients import guide_rubbing, rubbing_of, tooth_rubbing
 from warpchain.results.formulas import STEP, Judged, Values, displacement_std, where
 
@@ -43,20 +44,18 @@ HELD = 0.12
 
 def joint_resolution(of: Judged) -> Values:
     """(b) over the step."""
-    moments, bends = np.array([_joint(drive) for drive in of.drives]).T
-    return _steps(of, bends, moments * of["tension_q999"])
+    return _steps(of, of.each(_bend), of.each(_joint_arm) * of["tension_q999"])
 
 
 def joint_give(of: Judged) -> Values:
     """(c), the largest of all strands, over a strand's own `tension_q999`."""
     step = np.ma.getdata(of.metrics[STEP])
-    moments, _ = np.array([_joint(drive) for drive in of.drives]).T
-    inertias = of.mass * np.array([drive.chain.pitch**2 for drive in of.drives]) / 6.0
-    stiffness = np.array([min(drive.chain.stiffness, drive.chain.outer_stiffness) for drive in of.drives])
+    arms, stiffness = of.each(_joint_arm), of.each(_least_stiffness)
+    inertias = of.mass * of.each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
     gives = np.zeros(len(of.drives))
     for name in of.drives[0].strand_names:
         strand = replace(of, prefix=f"{name}.")
-        turned = moments * np.maximum(strand["tension_mean"], 0.0) * step * step / (HELD * inertias)
+        turned = arms * np.maximum(strand["tension_mean"], 0.0) * step * step / (HELD * inertias)
         swings = math.sqrt(2.0) * np.ma.filled(displacement_std(strand), 0.0)
         gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
     tension = of["tension_q999"]
@@ -65,17 +64,17 @@ def joint_give(of: Judged) -> Values:
 
 def partner_resolution(of: Judged) -> Values:
     """(a) over the step, or the ramp of a sprocket's motion, which is shorter."""
-    rubbing, ways, ramps = np.array([_partner(drive, of.index) for drive in of.drives]).T
-    steps = _steps(of, ways, rubbing * of["force_max"])
-    ramped = where(ramps > 0.0, ramps / np.ma.getdata(of.metrics[STEP]))
+    ways = of.mass * of.each(lambda drive: drive.chain.pitch)
+    steps = _steps(of, ways, of.each(lambda drive: _rubbing(drive, of.index)) * of["force_max"])
+    times = of.each(lambda drive: _ramp_time(drive, of.index))
+    ramped = where(times > 0.0, times / np.ma.getdata(of.metrics[STEP]))
     fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
     return where(np.isfinite(fewer), fewer)
 
 
 def ramps(drive: Drive, index: int) -> bool:
     """Whether a partner is a sprocket whose motion is ramped up."""
-    motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
-    return motion is not None and motion.ramp_time > 0.0
+    return _ramp_time(drive, index) > 0.0
 
 
 def _steps(of: Judged, way: Values, force: Values) -> np.ma.MaskedArray:
@@ -85,18 +84,31 @@ def _steps(of: Judged, way: Values, force: Values) -> np.ma.MaskedArray:
     return where(np.isfinite(steps) & (force > 0.0), steps)
 
 
-def _joint(drive: Drive) -> tuple[float, float]:
-    """mu kappa r_p [m], and (2 pi / z) I [kg m^2]."""
-    chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
+def _joint_arm(drive: Drive) -> float:
+    """mu kappa r_p [m]."""
+    chain = drive.chain
     assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
-    moment = rubbing_of(chain.joint).most * chain.joint.factor * chain.pin_radius
-    return moment, 2.0 * math.pi / teeth * chain.mass * chain.pitch**2 / 6.0
+    return rubbing_of(chain.joint).most * chain.joint.factor * chain.pin_radius
 
 
-def _partner(drive: Drive, index: int) -> tuple[float, float, float]:
-    """mu [-], m p [kg m], and the ramp's time [s] or 0."""
+def _bend(drive: Drive) -> float:
+    """(2 pi / z) I [kg m^2]."""
+    chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
+    return 2.0 * math.pi / teeth * chain.mass * (chain.pitch * chain.pitch) / 6.0
+
+
+def _least_stiffness(drive: Drive) -> float:
+    """Stiffness of the softest link [N/m]."""
+    return smallest(drive.chain.stiffness, drive.chain.outer_stiffness)
+
+
+def _rubbing(drive: Drive, index: int) -> float:
+    """mu of rollers and a partner [-]."""
     s = len(drive.sprockets)
-    rubbing = tooth_rubbing(drive) if index < s else guide_rubbing(drive, index - s)
-    motion = drive.sprockets[index].prescribed if index < s else None
-    ramp = 0.0 if motion is None else motion.ramp_time
-    return rubbing.most, drive.chain.mass * drive.chain.pitch, ramp
+    return (tooth_rubbing(drive) if index < s else guide_rubbing(drive, index - s)).most
+
+
+def _ramp_time(drive: Drive, index: int) -> float:
+    """The time in which a partner's motion is ramped up [s], or 0."""
+    motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
+    return 0.0 if motion is None else motion.ramp_time

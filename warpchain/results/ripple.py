@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.batch_math import smallest, some
 from warpchain.drive.sprocket import PrescribedMount
 from warpchain.drive.trains import names_of, speed_ratio
 
@@ -15,23 +16,24 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: float) -> float:
+def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
     """Periods in a window of the slowest ripple of motions, loads, motors, valves and prescribed centers; 0 for none.
 
     Args:
-        turns: of each sprocket in the window.
-        seconds: duration of the window [s].
+        drive: one, or a stack.
+        turns: of each sprocket in the window, (S,) or (S, V).
+        seconds: duration of the window [s], of a stack (V,).
     """
     count = len(turns)
 
-    def periods(b: int, order: float) -> float:
+    def periods(b: int, order: Any) -> Any:
         led = b if b < count else drive.driver
-        return order * float(turns[led]) * (1.0 if b < count else speed_ratio(drive, b, led))
+        return order * turns[led] * (1.0 if b < count else speed_ratio(drive, b, led))
 
     mounts = (sprocket.mount for sprocket in drive.sprockets)
-    swings = (mount.frequency * seconds for mount in mounts if isinstance(mount, PrescribedMount))
-    slow = [*(periods(b, order) for b, order in _orders(drive)), *(swing for swing in swings if swing)]
-    return min(slow, default=0.0)
+    swings = [mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and some(mount.frequency)]
+    slow = [*(periods(b, order) for b, order in _orders(drive)), *(swing * seconds for swing in swings)]
+    return smallest(*slow) if slow else 0.0
 
 
 def _orders(drive: Drive) -> Iterator[tuple[int, float]]:
@@ -42,7 +44,7 @@ def _orders(drive: Drive) -> Iterator[tuple[int, float]]:
     for b, causes in enumerate(acting):
         for of in causes:
             table = getattr(of, "table", None)
-            ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if h.amplitude]
+            ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if some(h.amplitude)]
             if table is not None and table.slowest_order is not None:
                 ripples.append((table.shaft, table.slowest_order))
             for shaft, order in ripples:

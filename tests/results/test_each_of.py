@@ -1,0 +1,57 @@
+"""Numbers that metrics take of drives: a stack's at once are those of each drive by itself, to the bit."""
+
+import numpy as np
+import pytest
+from drives import example
+
+from warpchain.drive.batch import stacks_of
+from warpchain.drive.rings import rings_of
+from warpchain.results import resolution
+from warpchain.results.formulas import each_of
+from warpchain.results.metrics import Ended
+from warpchain.results.ripple import slowest_ripple
+
+FACTORS = np.random.default_rng(3).uniform(0.8, 1.2, (6, 4))
+VALUES = {
+    "marine": ("chain.stiffness", "chain.joint.friction", "chain.roller_mass", "sprockets.crankshaft.prescribed.speed"),
+    "car": ("chain.stiffness", "chain.joint.friction", "contact.guide.friction", "chain.damping_ratio"),
+    "engine": ("chain.stiffness", "chain.joint.friction", "sprockets.exhaust cam.inertia"),
+    "v6": ("chains.primary.stiffness", "chains.left.stiffness"),
+    "conveyor": ("chain.stiffness",),
+}
+
+
+def spread(name):
+    """Drives that differ in some values, the chains of one with several each by itself."""
+    base, paths = example(name), VALUES[name]
+    values = [{path: base.get_value(path) * by for path, by in zip(paths, row, strict=False)} for row in FACTORS]
+    drives = [base.with_values(each) for each in values]
+    return [[rings_of(drive)[c].drive for drive in drives] for c in range(len(rings_of(base)))]
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_numbers_of_a_stack_are_those_of_each_drive(name):
+    for drives in spread(name):
+        stacks, partners = stacks_of(drives), len(drives[0].sprockets) + len(drives[0].guides)
+        assert len(stacks) == 1
+        functions = [lambda drive: drive.chain.mass, lambda drive: drive.chain.links, resolution._bend]
+        functions += [resolution._least_stiffness, *[resolution._joint_arm] * drives[0].chain.rubs]
+        functions += [lambda drive, k=k: resolution._rubbing(drive, k) for k in range(partners)]
+        functions += [lambda drive, k=k: resolution._ramp_time(drive, k) for k in range(partners)]
+        for function in functions:
+            np.testing.assert_array_equal(each_of(drives, stacks, function), [function(drive) for drive in drives])
+        turns, seconds = 10.0 * FACTORS[:, :1] * np.ones(len(drives[0].sprockets)), FACTORS[:, 1]
+        alone = [slowest_ripple(*of) for of in zip(drives, turns, seconds, strict=True)]
+        np.testing.assert_array_equal(each_of(drives, stacks, slowest_ripple, turns, seconds), alone)
+        np.testing.assert_array_equal(each_of(drives, None, slowest_ripple, turns, seconds), alone)
+
+
+def test_some_variants_have_the_stacks_of_all():
+    drives = [*spread("marine")[0], *spread("engine")[0], *spread("marine")[0][::-1]]
+    ended = Ended(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of(drives))
+    stiffness = np.array([drive.chain.stiffness for drive in drives])
+    np.testing.assert_array_equal(ended.each(lambda drive: drive.chain.stiffness), stiffness)
+    for some in (np.array([0, 3, 7, 8, 17]), np.arange(6, 12), np.array([5])):
+        of = ended.of(some)
+        assert sorted(v for stack in of.stacks for v in stack.members.tolist()) == list(range(len(some)))
+        np.testing.assert_array_equal(of.each(lambda drive: drive.chain.stiffness), stiffness[some])
