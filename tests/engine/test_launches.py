@@ -1,7 +1,6 @@
 """How a GPU's launches are cut: every variant once, every step once, in order, and the GPU full to the end."""
 
 from contextlib import nullcontext
-from heapq import heapify, heappop, heappush
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,16 +8,14 @@ import pytest
 import warp as wp
 from blocks import on_fibers
 from drives import two_sprockets
+from loading import load_script
 
 from warpchain.engine import buckets, gpu
-from warpchain.engine.launches import PARTS, UNIT, groups, launches_of, measured_from, shares, steps_left
+from warpchain.engine.launches import UNIT, groups, shares, steps_left
 from warpchain.engine.pack import pack
 from warpchain.engine.share import _steps_of
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
-
-DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
-PROGRESS = np.dtype([("step", int), ("diverged", int)])
 
 
 @pytest.mark.parametrize("count", [1, 1584, 1585, 16_896, 10_001])
@@ -29,31 +26,21 @@ def test_every_variant_is_in_one_group(count):
     assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
-def spread(count, steps, seed=0):
+@pytest.fixture
+def counted():
+    """The host's count of launches."""
+    return load_script("benches.launches")
+
+
+def spread(counted, count, steps, seed=0):
     """Variants whose steps differ twofold, in any order, measured over the latter half."""
-    drives = np.zeros(count, DRIVES)
-    drives["steps"] = steps * np.random.default_rng(seed).uniform(0.67, 1.33, count)
-    drives["window_start"], drives["window_end"] = drives["steps"] // 2, drives["steps"]
-    return drives
+    return counted.runs_of((steps * np.random.default_rng(seed).uniform(0.67, 1.33, count)).astype(int))
 
 
-def calls(drives, most, turn):
-    """Launches of a run, call by call and group by group, as the engine makes them."""
-    progress = np.zeros(len(drives), PROGRESS)
-    while (left := steps_left(drives, progress)).any():
-        share = shares(left, most)
-        order = np.argsort(-share, kind="stable")
-        parts = groups(order[share[order] > 0], turn)
-        begins = measured_from(drives, progress["step"])
-        cut = PARTS if len(parts) > 1 else 1
-        yield [list(launches_of(part, progress["step"], share, begins, cut)) for part in parts]
-        progress["step"] += share
-
-
-def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_own_window():
-    drives = spread(100, 3000)
+def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_own_window(counted):
+    drives = spread(counted, 100, 3000)
     at = np.zeros(len(drives), int)
-    for lanes in calls(drives, 32 * 9, 60):
+    for lanes in counted.calls(drives, 32 * 9, 60):
         assert len(lanes) == 2
         for launch in (launch for lane in lanes for launch in lane):
             assert len(set(launch.variants)) == len(launch.variants)
@@ -67,9 +54,9 @@ def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_o
     np.testing.assert_array_equal(at, drives["steps"] + 1)
 
 
-def test_all_variants_end_in_the_same_call_and_none_takes_more_than_it_may():
-    drives = spread(1000, 3000)
-    progress = np.zeros(len(drives), PROGRESS)
+def test_all_variants_end_in_the_same_call_and_none_takes_more_than_it_may(counted):
+    drives = spread(counted, 1000, 3000)
+    progress = np.zeros(len(drives), counted.PROGRESS)
     progress["step"][0], progress["diverged"][1] = drives["steps"][0] + 1, 1
     assert steps_left(drives, progress)[:2].tolist() == [0, 0]
     for calls_left in reversed(range(-(-drives["steps"].max() // 512))):
@@ -84,32 +71,13 @@ def test_short_launches_stay_whole(left, most, wanted):
     assert shares(np.array(left, int), most).tolist() == wanted
 
 
-def time_of(lanes, slots, at):
-    """When so many slots have taken variants, which stand `at` a step, through launches: a lane's one after another."""
-    free, waiting = [0] * slots, [(0, 0, lane, 0) for lane in range(len(lanes))]
-    heapify(waiting)
-    while waiting:
-        ready, _, lane, number = heappop(waiting)
-        launch, over = lanes[lane][number], ready
-        for steps in launch.ends - at[launch.variants]:
-            ends = max(heappop(free), ready) + steps
-            heappush(free, ends)
-            over = max(over, ends)
-        at[launch.variants] = launch.ends
-        if number + 1 < len(lanes[lane]):
-            heappush(waiting, (over, number + 1, lane, number + 1))
-    return max(free)
+@pytest.mark.parametrize("count", [10_000, 5000])
+def test_a_gpu_is_full_until_all_variants_end(counted, count):
+    """Steps that differ twofold, in any order, take at most 1.05 times as long as if they were spread evenly.
 
-
-@pytest.mark.parametrize("drives", [spread(10_000, 30_000), spread(5000, 30_000, 1)], ids=len)
-def test_a_gpu_is_full_until_all_variants_end(drives):
-    """Steps that differ twofold, in any order, take at most 1.05 times as long as if they were shared out evenly.
-
-    Longest first, two groups of eight launches each; it was 1.25 where each launch took as many steps of all.
+    Longest first, two groups of eight launches each; 1.15 where each launch took as many steps of all.
     """
-    slots, at = 1584, np.zeros(len(drives), int)
-    taken = sum(time_of(lanes, slots, at) for lanes in calls(drives, 6144, slots))
-    assert taken <= 1.05 * (drives["steps"] + 1).sum() / slots
+    assert 1.0 <= counted.occupied(spread(counted, count, 30_000), 6144, 1584) <= 1.05
 
 
 class WithoutStreams:

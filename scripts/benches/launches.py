@@ -1,0 +1,92 @@
+"""A GPU's launches counted on the host: how long its blocks have something to do."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from heapq import heapify, heappop, heappush, heapreplace
+
+import numpy as np
+from common.cases import Line, case, option
+from numpy.typing import NDArray
+
+from benches.drives import RANGES, designs, named
+from benches.gpu import DESIGNS
+from warpchain.assembly.timestep import resolve_step
+from warpchain.engine.gpu import launch_steps
+from warpchain.engine.launches import PARTS, Launch, groups, launches_of, measured_from, shares, steps_left
+
+DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
+PROGRESS = np.dtype([("step", int), ("diverged", int)])
+MEASURED = 1.5
+"""Time of a step with metrics, in steps without."""
+Lanes = Sequence[Sequence[Launch]]
+
+
+def runs_of(steps: NDArray[np.integer]) -> NDArray[np.void]:
+    """Variants of so many steps, measured over the latter half."""
+    drives = np.zeros(len(steps), DRIVES)
+    drives["steps"] = drives["window_end"] = steps
+    drives["window_start"] = steps // 2
+    return drives
+
+
+def calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lanes]:
+    """Launches of a run, call by call and group by group, as the engine makes them."""
+    progress = np.zeros(len(drives), PROGRESS)
+    while (left := steps_left(drives, progress)).any():
+        share, step = shares(left, most), progress["step"]
+        order = np.argsort(-share, kind="stable")
+        parts, begins = groups(order[share[order] > 0], turn), measured_from(drives, step)
+        yield [list(launches_of(part, step, share, begins, PARTS if len(parts) > 1 else 1)) for part in parts]
+        progress["step"] += share
+
+
+def time_of(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
+    """When so many slots have taken variants, which stand `at` a step, through launches: a lane's one after another."""
+    free, waiting = [0.0] * slots, [(0.0, 0, lane) for lane in range(len(lanes))]
+    heapify(waiting)
+    while waiting:
+        ready, number, lane = heappop(waiting)
+        launch, over = lanes[lane][number], ready
+        each = (launch.ends - at[launch.variants]) * (MEASURED if launch.kernel == "measure" else 1.0)
+        for length in each.tolist():
+            ends = max(free[0], ready) + length
+            heapreplace(free, ends)
+            over = max(over, ends)
+        at[launch.variants] = launch.ends
+        if number + 1 < len(lanes[lane]):
+            heappush(waiting, (over, number + 1, lane))
+    return max(free)
+
+
+def occupied(drives: NDArray[np.void], most: int, slots: int) -> float:
+    """Time of a run in launches of at most so many steps, over that of as many steps spread evenly over all slots."""
+    at = np.zeros(len(drives), int)
+    taken = sum(time_of(lanes, slots, at) for lanes in calls(drives, most, slots))
+    bare = np.minimum(measured_from(drives, at * 0), drives["steps"] + 1)
+    return taken * slots / float((bare + MEASURED * (drives["steps"] + 1 - bare)).sum())
+
+
+@case(
+    option("--drives", nargs="+", choices=list(RANGES), default=["marine", "car"], help="default marine car"),
+    option("--slots", type=int, default=1584, help="blocks that a GPU holds at once (default 1584)"),
+)
+def launches(asked: argparse.Namespace) -> Iterator[Line]:
+    """Time of 10,000 designs in a GPU's launches, over that of as many steps spread evenly, counted on the host.
+
+    python scripts/bench.py launches
+
+    In two shares, as they run; beside as many drives that all take their mean number of steps. A step with metrics
+    counts 1.5 without.
+    """
+    yield ("drive", "most of least steps", "of evenly spread", "drives of equal steps", "ratio")
+    for name in asked.drives:
+        drive = named(name)
+        steps = np.array([drive.run.duration / resolve_step(each) for each in designs(drive, name, DESIGNS)]).astype(
+            int
+        )
+        most = launch_steps(0.5 * DESIGNS * drive.chain.links, 2**31 - 1)
+        found = [
+            np.mean([occupied(runs_of(part), most, asked.slots) for part in np.array_split(each, 2)])
+            for each in (steps, np.full(len(steps), int(steps.mean())))
+        ]
+        yield (name, steps.max() / steps.min(), *map(float, found), float(found[0] / found[1]))
