@@ -102,8 +102,7 @@ def test_what_does_not_fit_begins_anew():
 
 
 def test_a_gpu_goes_on_with_the_same_window():
-    """Its kernel without sums rounds otherwise than that with them: a later window would have other bits. Which one
-    takes a variant hangs on no other's window."""
+    """With a later one it begins anew; neither hangs on what is beside a variant."""
     drive = two_sprockets().with_values({"run.step": STEP})
     short, run = States(), "float64 cuda"
     simulate([drive], duration=SHORT, step=STEP, window=(0.0, SHORT), states=short, device="cpu", record=Record("none"))

@@ -7,8 +7,7 @@ step without a trace, so a run that is gone on with gives the same bits as a run
 A longer run can take a state over, with its sums, where its window begins at the same step, the chain is looked at as
 often (`looks`), and each note of its batches (`kernels.statistics`) that lies behind was taken, as it was where the
 window becomes a whole number of times as long.
-It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
-it sums up, and the two round differently. Else the variant begins anew.
+It can take a state over without its sums where its window begins later, on a CPU. Else the variant begins anew.
 """
 
 from __future__ import annotations
