@@ -96,7 +96,7 @@ def stretching(integrator: int, stage: int, one: Any):
 
     At a step's start over the step before, which they then keep; later from there on.
     """
-    if stage <= 0:
+    if stage == 0:
         return one
     return stage_instant(integrator, stage, one)
 

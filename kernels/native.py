@@ -230,16 +230,6 @@ def moved(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
     """The same at float32."""
 
 
-@wp.func_native(by_device("return __dmul_rn(a, b);", "return a * b;"))
-def product(a: wp.float64, b: wp.float64) -> wp.float64:
-    """a b; on CUDA drawn into no sum, so that kernels in which more or less is done with it give the same bits."""
-
-
-@wp.func_native(by_device("return __fmul_rn(a, b);", "return a * b;"))
-def product(a: wp.float32, b: wp.float32) -> wp.float32:
-    """a b, as at float64."""
-
-
 @wp.func_native(by_device("return b < a ? b : a;", "return wp::min(a, b);"))
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
     """The smaller of two; on CUDA without the instructions that keep it a number where one of them is none."""

@@ -70,7 +70,6 @@ class Drive:
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
     hubs: wp.int32  # 1: arms carry sprockets or arms, or bearings rub
     jointed: wp.int32  # 1: arms carry arms
-    light: wp.int32  # 1: has bodies so light that contacts want their accelerations before forces (`body.solved`)
     step: wp.float64  # h [s]
     steps: wp.int32  # whole run
     window_start: wp.int32  # metrics are taken from this step
@@ -96,7 +95,6 @@ class Motion:
     own_inertia: wp.float64  # J of its own [kg m^2]
     sign: wp.float64  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float64  # 1 / J, of an arm about its pivot, with what moves along [1/(kg m^2)]
-    following: wp.float64  # part of a change of its acceleration that contacts expect (`body.expecting`)
     speed: wp.float64  # Omega [rad/s]
     ramp_time: wp.float64  # [s]
     start_angle: wp.float64  # theta_0 [rad]
@@ -209,7 +207,6 @@ class Mount:
     gravity: wp.vec2d  # [m/s^2]
     wheel: wp.vec2d  # m_b r_b (cos psi_b, sin psi_b) [kg m]
     inertia: wp.float64  # of body and wheel; of the wheel alone if the angle is prescribed [kg m^2]
-    following: wp.float64  # part of a change of the center's acceleration that contacts expect
 
 
 @wp.struct
@@ -331,7 +328,7 @@ class BodyState:
     speed: wp.float64  # omega [rad/s]
     center: wp.vec2d  # [m]
     velocity: wp.vec2d  # of the center [m/s]
-    straight: wp.vec2d  # acceleration of the center that contacts expect (`body.expecting`) [m/s^2]
+    straight: wp.vec2d  # acceleration of the center in the step before [m/s^2]
     angular: wp.float64  # the same of the angle [rad/s^2]
 
 
@@ -342,7 +339,6 @@ class Wrench:
     force: wp.vec2d  # of contacts and tensioners [N]
     moment: wp.float64  # the same, about its center, counter-clockwise [N m]
     load: wp.float64  # moment of its load, or of an arm's own springs and weight [N m]
-    yielding: wp.float64  # moment by which contacts answer an acceleration of its angle [kg m^2]
     bearing: wp.float64  # moment of the bearings of sprockets, of a sprocket its own [N m]
 
 
@@ -369,7 +365,7 @@ class Pose:
     angle: wp.float64  # [rad]
     exact_speed: wp.float64  # prescribed: angular velocity at the step's instant [rad/s]
     load: wp.float64  # free: load moment [N m]
-    straight: wp.vec2d  # acceleration of the center that contacts expect [m/s^2]
+    straight: wp.vec2d  # acceleration of the center in the step before [m/s^2]
     angular: wp.float64  # the same of the angle [rad/s^2]
 
 
@@ -398,8 +394,6 @@ class Now:
     sizes: wp.int32  # magnitudes of the contact forces on each roller
 
 
-PREDICTING = wp.constant(-1)
-"""In place of a stage: contacts are evaluated only to find what accelerations bodies will have (`body.solved`)."""
 DIVERGENCE_CHECK = wp.constant(32)  # steps between two checks of whether a variant has left its box
 
 
@@ -422,6 +416,7 @@ class ContactLaw:
     speed_floor: wp.float64  # v_min [m/s]
     lag: wp.float64  # h / 2, by which leapfrog's speeds are behind the forces [s]; 0 with stages
     yielding: wp.float64  # the same over a roller's mass [s/kg]
+    answer: wp.float64  # G: twice that of the partner's body to all its seated rollers (`impact`)
     most_damping: wp.float64  # with stages 2 m / h, which bounds the damper [N s/m]; 0 with leapfrog
 
 
@@ -429,7 +424,10 @@ class ContactLaw:
 class Friction:
     """Dry friction of rollers on teeth or a guide, or of a chain's joints (`physics.friction`)."""
 
-    inertia: wp.float64  # m_e / h [kg/s], of joints 0.6 (m p^2 / 6) / h [N m s]; 0: there is no friction
+    inertia: wp.float64  # m_e [kg], of joints 0.6 (m p^2 / 6) [kg m^2]; 0: there is no friction
+    stiffness: wp.float64  # k of its bristle [N/m], of joints [N m/rad]
+    spring: wp.float64  # that which the step can follow, over a step, k h [N s/m], of joints [N m s/rad]
+    damper: wp.float64  # c beside the bristle [N s/m], of joints [N m s/rad]
     mu_dynamic: wp.float64  # mu_d
     mu_static: wp.float64  # mu_s
     stribeck_speed: wp.float64  # v_s [m/s]
@@ -468,7 +466,8 @@ class Sprocket:
     tip_reach: wp.float64  # R_tip + Rr [m]
     law: ContactLaw
     near_square: wp.float64  # (R - b)^2, not below 0, and
-    far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr - R)
+    far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr + `ahead` - R)
+    ahead: wp.float64  # how far from the teeth a roller may be that comes to touch them within a step [m]
     exact_radius: wp.float64  # R, beside rows of float32 too [m]
 
 
@@ -490,6 +489,7 @@ class Guide:
     length: wp.float64  # |b - a| [m]
     end_radius: wp.float64  # Rg [m]
     roller_radius: wp.float64  # Rr, or how far from the face a roller's center is that touches it [m]
+    ahead: wp.float64  # how far from the face a roller may be that comes to touch it within a step [m]
     slack: wp.float64  # what float32 alone may be off by in telling which rollers are near [m]; 0 at float64
     deepest_entry: wp.float64  # a roller first seen deeper than this has not come through the face [m]
     law: ContactLaw
@@ -541,6 +541,7 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
+    late_work: wp.float64  # done by contacts, beside what these have in `dissipated` (`body.late_power`) [J]
     force: wp.vec2d  # of the chain on it [N s]
     force_max: wp.float64  # its largest magnitude [N]
 
@@ -568,6 +569,7 @@ class ArmSums:
     moment: wp.float64  # of contacts about its pivot [N m s]
     dissipated: wp.float64  # in its damper and stops [J]
     work: wp.float64  # done on it by what leads its pivot [J]
+    late_work: wp.float64  # done on it by contacts, beside what these have in `dissipated` (`body.late_power`) [J]
 
 
 @wp.struct
@@ -844,6 +846,7 @@ class State:
     seat: wp.array[wp.int32]  # (contact memories,): seat, or piece of a profile, that a roller is near, else -1
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
+    contact_damper: wp.array[wp.float64]  # the same: what the damper did in the step before [N] (`impact`)
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
     hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
@@ -861,13 +864,14 @@ class Memory:
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
     hold: wp.array[wp.float64]  # `State.contact_hold`
+    damper: wp.int32  # row of what dampers did in the step before (`contacts.damper_row`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
     inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
     gravity: wp.vec2d  # on them [m/s^2]
-    straight: wp.vec2d  # acceleration that contacts expect of the center of the partner's body [m/s^2]
+    straight: wp.vec2d  # acceleration of the center of the partner's body in the step before [m/s^2]
     angular: wp.float64  # the same of its angle [rad/s^2]
     lag: wp.float64  # how far the velocities are behind the forces [s]
     time: wp.float64  # the forces' instant [s]
@@ -890,7 +894,7 @@ class _BlockPose:
     velocity: PairVector  # of the center [m/s]
     grid: wp.float32  # for `physics.tooth.gridded` [m]
     exact_speed: wp.float32  # prescribed: angular velocity at the step's instant [rad/s]
-    straight: wp.vec2f  # acceleration of the center that contacts expect [m/s^2]
+    straight: wp.vec2f  # acceleration of the center in the step before [m/s^2]
     angular: wp.float32  # the same of the angle [rad/s^2]
     unused_0: wp.int32
     unused_1: wp.int32
@@ -937,7 +941,9 @@ def _of_blocks(made: dict[Any, Any]) -> None:
     made[Pose] = _BlockPose
     flowed = [name for name in TensionerFlows.vars if name != "unfilled"]
     made[TensionerFlows] = at_float32(TensionerFlows, made, pairs=flowed)
-    made[SprocketSums] = sums_at_float32(SprocketSums, made, recent=("moment", "contact_work", "load_work"))
+    made[SprocketSums] = sums_at_float32(
+        SprocketSums, made, recent=("moment", "contact_work", "load_work", "late_work")
+    )
     made[SprocketNote] = sums_at_float32(SprocketNote, made, recent=("moment",))
     for full in (MountSums, MountNote, ArmSums, TensionerSums, ShaftSums, CouplingSums, GearSums, ValveSums, Sums):
         made[full] = sums_at_float32(full, made)

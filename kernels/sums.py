@@ -85,9 +85,12 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 
 @wp.func
-def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
-    """Adds forces of a partner's contacts, and powers of their dampers and friction, in one step of `weight` [s]."""
-    sums.dissipated = sums.dissipated + weight * totals.dissipated
+def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, start: bool):
+    """Adds forces of a partner's contacts, and powers that they and their friction take, in one step of `weight` [s].
+
+    What they take is dissipated but for the elastic energy that they have at the window's end more than at its start.
+    """
+    sums.dissipated = sums.dissipated + weight * totals.dissipated + wp.where(start, totals.energy, -totals.energy)
     sums.friction = sums.friction + weight * totals.friction
     sums.impulse = sums.impulse + weight * totals.force
     sums.force_max = wp.max(sums.force_max, totals.force_max)
@@ -121,12 +124,15 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 
 @wp.func
-def add_powers(sums: Any, speed: Any, moment: Any, load: Any, weight: Any):
-    """A sprocket's speed, the chain's moment on it, and what that and the load's do in one step of `weight` [s]."""
+def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
+    """A sprocket's speed, the chain's moment on it, what that and the load's do in one step of `weight` [s], and
+    `body.late_power`.
+    """
     way = weight * speed
     sums.moment = added(sums.moment, weight * moment)
     sums.contact_work = added(sums.contact_work, way * moment)
     sums.load_work = added(sums.load_work, way * load)
+    sums.late_work = added(sums.late_work, weight * late)
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
     sums.speed = added(sums.speed, way)
@@ -140,6 +146,7 @@ def gathered_powers(sums: Any):
     sums.moment = gathered(sums.moment)
     sums.contact_work = gathered(sums.contact_work)
     sums.load_work = gathered(sums.load_work)
+    sums.late_work = gathered(sums.late_work)
     return sums
 
 
@@ -187,9 +194,9 @@ def add_bearing(sums: Any, power: Any, weight: Any):
 
 
 @wp.func
-def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, weight: Any):
-    """One arm's angle, the contacts' moment on it, the power that its damper and stops take, and that of what leads
-    its pivot.
+def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, weight: Any):
+    """One arm's angle, the contacts' moment on it, the power that its damper and stops take, that of what leads its
+    pivot, and `body.late_power`.
     """
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
@@ -198,6 +205,7 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, weight: Any
     sums.moment = added(sums.moment, weight * moment)
     sums.dissipated = added(sums.dissipated, weight * power)
     sums.work = added(sums.work, weight * led)
+    sums.late_work = added(sums.late_work, weight * late)
     return sums
 
 

@@ -11,7 +11,6 @@
 #include "chain_reference.h"
 
 typedef struct { int roller; Gap gap; } Touch;
-typedef struct { double moment, yielding; } Sum;  // over the contacts of a body
 
 static int n;
 static double *x, *y, *vx, *vy, *fx, *fy, *lx, *ly, *tension, *turn, *bend_x, *bend_y, *moment, *joint_hold;
@@ -20,21 +19,20 @@ static int touching;
 static double inverse_mass;
 static Vector gravity;
 
-// Forces of all that touch the partner at hand. What contacts keep changes where `final`.
-static void press(const Motion *at, const Law *law, const Sliding *sliding, int final, double *restrict first,
-                  double *restrict hold, Sum *sum) {
+// Forces of all that touch the partner at hand; the moment of all on its body.
+static double press(const Motion *at, const Law *law, const Sliding *sliding, double *restrict first, double *restrict hold,
+                    double *restrict damped) {
     const Motion m = *at;
-    double moment = 0.0;
+    double sum = 0.0;
     for (const Touch *q = touches; q < touches + touching; q++) {
         int i = q->roller;
         Roller r = {{x[i], y[i]}, {vx[i], vy[i]}, {inverse_mass * (lx[i + 1] - lx[i] + fx[i]) + gravity.x,
                                                    inverse_mass * (ly[i + 1] - ly[i] + fy[i]) + gravity.y}};
-        Push push = contact_push(law, sliding, &m, &r, q->gap, final, &first[i], &hold[i]);
+        Push push = contact_push(law, sliding, &m, &r, q->gap, &first[i], &hold[i], &damped[i]);
         fx[i] += push.x, fy[i] += push.y;
-        moment += push.moment;
-        if (!final) sum->yielding += push.yielding;
+        sum += push.moment;
     }
-    sum->moment += moment;
+    return sum;
 }
 
 static void touch(int i, Gap gap) {
@@ -42,7 +40,7 @@ static void touch(int i, Gap gap) {
     touches[touching++] = q;
 }
 
-static void touch_teeth(const Sprocket *s, const Motion *at, const Vector *restrict seats, int final, int *restrict seat,
+static void touch_teeth(const Sprocket *s, const Motion *at, const Vector *restrict seats, int *restrict seat,
                         double *restrict first) {
     const Motion m = *at;
     for (int i = 0; i < n; i++) {
@@ -52,29 +50,29 @@ static void touch_teeth(const Sprocket *s, const Motion *at, const Vector *restr
             continue;
         }
         Gap gap = tooth_gap(s, &m, seats, place, &seat[i]);
-        if (gap.penetration > 0.0) touch(i, gap);
-        else if (final) first[i] = 0.0;
+        if (gap.penetration > -s->ahead) touch(i, gap);
+        else first[i] = 0.0;
     }
 }
 
-static void touch_bar(const Guide *g, const Motion *at, int final, double *restrict first) {
+static void touch_bar(const Guide *g, const Motion *at, double *restrict first) {
     const Motion m = *at;
     Vector start = turned(g->start, m.heading), direction = turned(g->direction, m.heading);
     start.x += m.center.x, start.y += m.center.y;
     for (int i = 0; i < n; i++) {
         Vector place = {x[i], y[i]};
-        Gap gap = bar_gap(g, start, direction, place, final, &first[i]);
-        if (gap.penetration > 0.0) touch(i, gap);
+        Gap gap = bar_gap(g, start, direction, place, &first[i]);
+        if (gap.penetration > -g->ahead) touch(i, gap);
     }
 }
 
-static void touch_profile(const Guide *g, const Piece *piece, const Motion *at, int final, int *restrict kept,
+static void touch_profile(const Guide *g, const Piece *piece, const Motion *at, int *restrict kept,
                           double *restrict first) {
     const Motion m = *at;
     for (int i = 0; i < n; i++) {
         Vector place = {x[i], y[i]};
-        Gap gap = profile_gap(g, piece, &m, place, final, &kept[i], &first[i]);
-        if (gap.penetration > 0.0) touch(i, gap);
+        Gap gap = profile_gap(g, piece, &m, place, &kept[i], &first[i]);
+        if (gap.penetration > -g->ahead) touch(i, gap);
     }
 }
 
@@ -106,7 +104,7 @@ static void joint_pass(const Joint *j, double *restrict tension, double *restric
     for (int i = 0; i < n; i++) {
         double slip = turn[i + 1] - turn[i], before = fabs(tension[i]), after = fabs(tension[i + 1]);
         double most = MAX(before, after) * coefficient(fabs(slip) * j->pin_radius, &j->law) * j->arm;
-        moment[i + 1] = -held_back(most, slip, &hold[i + 1], j->inertia);
+        moment[i + 1] = -held_back(most, slip, &hold[i + 1], j->spring, j->damper);
     }
     moment[0] = moment[n];
     for (int i = 0; i < n; i++) {
@@ -132,7 +130,7 @@ static Piece *piece;
 static Arm *arm;
 static Tensioner *tensioner;
 static Vector *seats[64];
-static double *first, *hold;
+static double *first, *hold, *damped;
 static int *seat;
 static size_t row;
 
@@ -141,40 +139,39 @@ static Point heading_of(const Body *b) {
     return heading;
 }
 
-// Forces of all contacts, and what they do to bodies.
-static void contact_pass(const Motion *motion, int final, Sum *sum) {
+// Forces of all contacts; adds their moments to those on bodies.
+static void contact_pass(const Motion *motion, double *on) {
     int S = (int)head.sprockets, B = S + (int)head.arms;
-    for (int b = 0; b < B; b++) sum[b].moment = sum[b].yielding = 0.0;
     for (int s = 0; s < S; s++) {
+        size_t r = s * row;
         touching = 0;
-        touch_teeth(&sprocket[s], &motion[s], seats[s], final, seat + s * row, first + s * row);
-        press(&motion[s], &sprocket[s].law, &sprocket[s].sliding, final, first + s * row, hold + s * row, &sum[s]);
+        touch_teeth(&sprocket[s], &motion[s], seats[s], seat + r, first + r);
+        on[s] += press(&motion[s], &sprocket[s].law, &sprocket[s].sliding, first + r, hold + r, damped + r);
     }
     for (int g = 0; g < (int)head.guides; g++) {
         const Guide *q = &guide[g];
         int b = q->body < 0.0 ? B : (int)q->body;  // the last is the ground
-        double *kept = first + (S + g) * row;
+        size_t r = (S + g) * row;
         touching = 0;
-        if (q->pieces > 0.0) touch_profile(q, piece + (int)q->first_piece, &motion[b], final, seat + (S + g) * row, kept);
-        else touch_bar(q, &motion[b], final, kept);
-        press(&motion[b], &q->law, &q->sliding, final, kept, hold + (S + g) * row, &sum[b]);
+        if (q->pieces > 0.0) touch_profile(q, piece + (int)q->first_piece, &motion[b], seat + r, first + r);
+        else touch_bar(q, &motion[b], first + r);
+        on[b] += press(&motion[b], &q->law, &q->sliding, first + r, hold + r, damped + r);
     }
 }
 
 static void step(int it) {
     int S = (int)head.sprockets, B = S + (int)head.arms, T = (int)head.tensioners;
-    double h = head.step, t = it * h, kick = it ? h : 0.5 * h, load[64];
-    Sum sum[64];
+    double h = head.step, t = it * h, kick = it ? h : 0.5 * h, on[64];  // moments
     Motion motion[64];
     for (int b = 0; b < B; b++) {
         const Body *q = &body[b];
         Point heading = heading_of(q);
         motion[b] = (Motion){{q->x, q->y}, {heading.x, heading.y}, q->omega, q->angular};
-        load[b] = q->prescribed ? 0.0 : b < S ? load_moment(q, t) : arm_moment(&arm[b - S], q, heading);
+        on[b] = q->prescribed ? 0.0 : b < S ? load_moment(q, t) : arm_moment(&arm[b - S], q, heading);
         for (int k = 0; k < T; k++)
-            if ((int)tensioner[k].body == b) load[b] += push_moment(&tensioner[k], q, heading);
+            if ((int)tensioner[k].body == b) on[b] += push_moment(&tensioner[k], q, heading);
     }
-    motion[B] = (Motion){{0.0, 0.0}, {1.0, 0.0}, 0.0, 0.0};
+    motion[B] = (Motion){{0.0, 0.0}, {1.0, 0.0}, 0.0, 0.0}, on[B] = 0.0;
     x[n] = x[0], y[n] = y[0], vx[n] = vx[0], vy[n] = vy[0];
     link_pass(head.stiffness, head.damping, head.length, x, y, vx, vy, tension, lx, ly, fx, fy);
     if (head.joint.rubs != 0.0) {
@@ -182,16 +179,8 @@ static void step(int it) {
         joint_pass(&head.joint, tension, turn, bend_x, bend_y, moment, joint_hold, lx, ly);
     }
     lx[0] = lx[n], ly[0] = ly[n];
-    if (head.light != 0.0) {  // the accelerations of bodies with which their contacts agree
-        contact_pass(motion, 0, sum);
-        for (int b = 0; b < B; b++) {
-            expect(&body[b], sum[b].moment + load[b], sum[b].yielding);
-            motion[b].angular = body[b].angular;
-        }
-        for (int i = 0; i < n; i++) fx[i] = fy[i] = 0.0;
-    }
-    contact_pass(motion, 1, sum);
-    for (int b = 0; b < B; b++) move_body(&body[b], sum[b].moment + load[b], t, kick, h);
+    contact_pass(motion, on);
+    for (int b = 0; b < B; b++) move_body(&body[b], on[b], t, kick, h);
     for (int k = 0; k < T; k++) {
         const Body *q = &body[(int)tensioner[k].body];
         flow(&tensioner[k], q, heading_of(q), h);
@@ -214,10 +203,11 @@ int main(int argc, char **argv) {
     body = read_all(in, sizeof *body, head.sprockets + head.arms), sprocket = read_all(in, sizeof *sprocket, head.sprockets);
     guide = read_all(in, sizeof *guide, head.guides), piece = read_all(in, sizeof *piece, head.pieces);
     arm = read_all(in, sizeof *arm, head.arms), tensioner = read_all(in, sizeof *tensioner, head.tensioners);
-    double *work = calloc((size_t)(14 + 2 * P) * row, sizeof(double)), **rows[] = {&x, &y, &vx, &vy, &fx, &fy, &lx, &ly, &tension,
+    double *work = calloc((size_t)(14 + 3 * P) * row, sizeof(double)), **rows[] = {&x, &y, &vx, &vy, &fx, &fy, &lx, &ly, &tension,
         &turn, &bend_x, &bend_y, &moment, &joint_hold};
     for (int r = 0; r < 14; r++) *rows[r] = work + r * row;
-    touches = malloc(n * sizeof *touches), first = work + 14 * row, hold = first + P * row, seat = malloc(P * row * sizeof(int));
+    touches = malloc(n * sizeof *touches), first = work + 14 * row, hold = first + P * row, damped = hold + P * row;
+    seat = malloc(P * row * sizeof(int));
     inverse_mass = 1.0 / head.mass, gravity = head.gravity;
     double *held = read_all(in, sizeof(double), (4 + P) * n);
     if (fgetc(in) != EOF) return fprintf(stderr, "long input\n"), 2;

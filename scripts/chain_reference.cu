@@ -15,7 +15,7 @@
     fprintf(stderr, "%s: %s\n", #call, cudaGetErrorString(e)); exit(1); } } while (0)
 
 constexpr int N = ROLLERS, S = SPROCKETS, G = GUIDES, P = PIECES, A = ARMS, T = TENSIONERS;
-constexpr bool rubs = RUBS, light = LIGHT;
+constexpr bool rubs = RUBS;
 constexpr int W = (N + 31) / 32, B = S + A;  // warps, bodies
 constexpr unsigned ALL = 0xffffffffu;
 static_assert(B <= W, "a warp moves one body at most");
@@ -34,7 +34,7 @@ struct Drive {
 struct State {
     Roller roller;
     int at, seat, piece[G + 1];
-    Real joint_hold, first, hold, guide_first[G + 1], guide_hold[G + 1];
+    Real joint_hold, first, hold, damped, guide_first[G + 1], guide_hold[G + 1], guide_damped[G + 1];
 };
 
 // A thread's place in the ring of rollers. Warps exchange the values at their ends in shared memory, across a barrier.
@@ -76,7 +76,7 @@ __device__ Vector link_force(const Head &head, const Ring &ring, State &q) {
         __syncthreads();
         const Real before = ring.previous(size, ends[4]), slip = turn - ring.previous(turn, ends[5]);
         const Real most = MAX(before, size) * coefficient(fabs(slip) * joint.pin_radius, &joint.law) * joint.arm;
-        const Real moment = -held_back(most, slip, &q.joint_hold, joint.inertia);
+        const Real moment = -held_back(most, slip, &q.joint_hold, joint.spring, joint.damper);
         ring.share_first(moment, ends[6]);
         __syncthreads();
         const Real across = (ring.next(moment, ends[6]) - moment) * inverse;
@@ -89,15 +89,15 @@ __device__ Vector link_force(const Head &head, const Ring &ring, State &q) {
 }
 
 // Adds a contact's push to the roller's acceleration and to the sums of its body.
-__device__ void add(const Push &push, Real inverse_mass, int body, Roller &roller, Real *moment, Real *yielding) {
+__device__ void add(const Push &push, Real inverse_mass, int body, Roller &roller, Real *moment) {
     roller.acceleration.x += inverse_mass * push.x, roller.acceleration.y += inverse_mass * push.y;
     #pragma unroll
-    for (int b = 0; b < B; ++b) if (b == body) moment[b] += push.moment, yielding[b] += push.yielding;
+    for (int b = 0; b < B; ++b) if (b == body) moment[b] += push.moment;
 }
 
-// Contacts of a roller. What they keep changes where `final`.
-__device__ void contacts(const Drive &d, const Motion *motion, const Vector *seats, int most_teeth, Real inverse_mass, int final,
-                         State &q, Real *moment, Real *yielding) {
+// Contacts of a roller.
+__device__ void contacts(const Drive &d, const Motion *motion, const Vector *seats, int most_teeth, Real inverse_mass, State &q,
+                         Real *moment) {
     const Vector place = q.roller.place;
     const Sliding smooth = {};
     int now = -1;
@@ -107,11 +107,11 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
     if (now >= 0) {
         const Sprocket &s = d.sprocket[now];
         const Gap gap = tooth_gap(&s, &motion[now], seats + now * most_teeth, place, &q.seat);
-        if (gap.penetration > 0) {
-            const Push push = contact_push(&s.law, rubs ? &s.sliding : &smooth, &motion[now], &q.roller, gap, final,
-                                           &q.first, &q.hold);
-            add(push, inverse_mass, now, q.roller, moment, yielding);
-        } else if (final) q.first = 0;
+        if (gap.penetration > -s.ahead) {
+            const Push push = contact_push(&s.law, rubs ? &s.sliding : &smooth, &motion[now], &q.roller, gap, &q.first, &q.hold,
+                                           &q.damped);
+            add(push, inverse_mass, now, q.roller, moment);
+        } else q.first = 0;
     }
     #pragma unroll
     for (int k = 0; k < G; ++k) {
@@ -119,19 +119,19 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
         const int b = A && g.body >= 0 ? (int)g.body : B;  // the last is the ground
         Gap gap;
         if (P && g.pieces > 0)
-            gap = profile_gap(&g, d.piece + (int)g.first_piece, &motion[b], place, final, &q.piece[k], &q.guide_first[k]);
+            gap = profile_gap(&g, d.piece + (int)g.first_piece, &motion[b], place, &q.piece[k], &q.guide_first[k]);
         else {
             Vector start = g.start, direction = g.direction;
             if (b != B) {
                 start = turned(start, motion[b].heading), direction = turned(direction, motion[b].heading);
                 start.x += motion[b].center.x, start.y += motion[b].center.y;
             }
-            gap = bar_gap(&g, start, direction, place, final, &q.guide_first[k]);
+            gap = bar_gap(&g, start, direction, place, &q.guide_first[k]);
         }
-        if (gap.penetration > 0) {
-            const Push push = contact_push(&g.law, rubs ? &g.sliding : &smooth, &motion[b], &q.roller, gap, final,
-                                           &q.guide_first[k], &q.guide_hold[k]);
-            add(push, inverse_mass, b, q.roller, moment, yielding);
+        if (gap.penetration > -g.ahead) {
+            const Push push = contact_push(&g.law, rubs ? &g.sliding : &smooth, &motion[b], &q.roller, gap, &q.guide_first[k],
+                                           &q.guide_hold[k], &q.guide_damped[k]);
+            add(push, inverse_mass, b, q.roller, moment);
         }
     }
 }
@@ -179,7 +179,7 @@ __global__ void __launch_bounds__(32 * W, 32 / W)
 march(const Drive *drives, const Vector *seats, int most_teeth, const double *rows, const double *seat0, Real *out, int steps) {
     __shared__ Drive d;
     __shared__ Motion motion[B + 1];
-    __shared__ Real moments[B][W], yieldings[B][W];
+    __shared__ Real moments[B][W];
     const int i = threadIdx.x, j = i < N ? i : N - 1;  // threads beyond the rollers hold the last, without contacts
     const Ring ring(i);
     const int mine = ring.lane == 0 && ring.warp < B ? ring.warp : -1;
@@ -199,21 +199,12 @@ march(const Drive *drives, const Vector *seats, int most_teeth, const double *ro
         const Vector force = link_force(d.head, ring, q);
         double t = 0, own = 0;
         if (mine >= 0) t = it * double(h), own = own_moment(d, mine, heading, t);
-        for (int final = light ? 0 : 1; final < 2; ++final) {
-            Real moment[B] = {}, yielding[B] = {};
-            q.roller.acceleration.x = inverse_mass * force.x + d.head.gravity.x;
-            q.roller.acceleration.y = inverse_mass * force.y + d.head.gravity.y;
-            if (i < N) contacts(d, motion, seats, most_teeth, inverse_mass, final, q, moment, yielding);
-            sum_up(moment, moments, ring.lane, ring.warp);
-            if (!final) sum_up(yielding, yieldings, ring.lane, ring.warp);
-            __syncthreads();
-            if (final) break;
-            if (mine >= 0) {  // the accelerations of bodies with which their contacts agree
-                expect(&d.body[mine], of_all(moments[mine]) + own, of_all(yieldings[mine]));
-                motion[mine].angular = Real(d.body[mine].angular);
-            }
-            __syncthreads();
-        }
+        Real moment[B] = {};
+        q.roller.acceleration.x = inverse_mass * force.x + d.head.gravity.x;
+        q.roller.acceleration.y = inverse_mass * force.y + d.head.gravity.y;
+        if (i < N) contacts(d, motion, seats, most_teeth, inverse_mass, q, moment);
+        sum_up(moment, moments, ring.lane, ring.warp);
+        __syncthreads();
         q.roller.velocity.x += kick * q.roller.acceleration.x, q.roller.velocity.y += kick * q.roller.acceleration.y;
         q.roller.place.x += h * q.roller.velocity.x, q.roller.place.y += h * q.roller.velocity.y;
         if (mine >= 0) {
@@ -256,8 +247,7 @@ int main(int argc, char **argv) {
     Drive d{};
     read_into<Real>(&d.head, 1, in);
     const Head &head = d.head;
-    if (head.rollers != N || head.sprockets != S || head.guides != G || head.pieces != P || head.arms != A || head.tensioners != T
-        || (head.light != 0) != light)
+    if (head.rollers != N || head.sprockets != S || head.guides != G || head.pieces != P || head.arms != A || head.tensioners != T)
         return fprintf(stderr, "compiled for drives of another kind\n"), 2;
     read_into<double>(d.body, B, in), read_into<Real>(d.sprocket, S, in), read_into<Real>(d.guide, G, in);
     read_into<Real>(d.piece, P, in), read_into<double>(d.arm, A, in), read_into<double>(d.tensioner, T, in);

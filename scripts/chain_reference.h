@@ -13,25 +13,26 @@
 #endif
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
 #define MIN(a, b) ((a) < (b) ? (a) : (b))
+#define AWAY (-1)  // penetration of a roller that is not near
 #define CLAMP(v, low, high) ((v) < (low) ? (low) : (v) > (high) ? (high) : (v))
 
 typedef REAL Real;
 typedef struct { Real x, y; } Vector;
 typedef struct { double x, y; } Point;
-typedef struct { Real form, stiffness, exponent, damping, speed_floor, lag, yielding; } Law;
+typedef struct { Real form, stiffness, exponent, damping, speed_floor, lag, yielding, answer; } Law;
 typedef struct { Real mu_dynamic, mu_static, stribeck_speed; } Friction;
-typedef struct { Real rubs, inertia; Friction law; } Sliding;
+typedef struct { Real rubs, spring, damper; Friction law; } Sliding;
 typedef struct { double order, amplitude, phase; } Harmonic;
 typedef struct {
-    double prescribed, sign, inverse_inertia, following, speed, ramp_time, start_angle, torque, viscous, quadratic, load_ramp_time;
+    double prescribed, sign, inverse_inertia, speed, ramp_time, start_angle, torque, viscous, quadratic, load_ramp_time;
     double harmonics;
     Harmonic harmonic[8];
     double x, y, angle, omega, angular;
 } Body;
-typedef struct { Real teeth, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip; Law law; Sliding sliding; } Sprocket;
+typedef struct { Real teeth, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip, ahead; Law law; Sliding sliding; } Sprocket;
 typedef struct {
     Vector start, direction;
-    Real length, end_radius, roller_radius, deepest_entry, body, pieces, first_piece;
+    Real length, end_radius, roller_radius, ahead, deepest_entry, body, pieces, first_piece;
     Vector low, high;
     Law law;
     Sliding sliding;
@@ -45,18 +46,17 @@ typedef struct {
     double valve_preload, valve_compliance, lift_max, seat_width, seat_growth, discharge, density, laminar_limit;
     double bottom, stop_stiffness, stop_damping, content, root;
 } Tensioner;
-typedef struct { Real rubs, pin_radius, arm, inertia; Friction law; } Joint;
+typedef struct { Real rubs, pin_radius, arm, spring, damper; Friction law; } Joint;
 typedef struct {
-    Real rollers, sprockets, guides, pieces, arms, tensioners, light, step, length, stiffness, damping, mass;
+    Real rollers, sprockets, guides, pieces, arms, tensioners, step, length, stiffness, damping, mass;
     Vector gravity;
     Joint joint;
 } Head;
 
 typedef struct { Vector center, heading; Real omega, angular; } Motion;  // of a body; heading: cosine and sine of its angle
 typedef struct { Vector place, velocity, acceleration; } Roller;         // acceleration by all but the contact at hand
-typedef struct { Real penetration; Vector normal; } Gap;                 // the normal points from the partner to the roller
-// Force on a roller, its moment on the body, and how much less moment an angular acceleration of the body leaves.
-typedef struct { Real x, y, moment, yielding; } Push;
+typedef struct { Real penetration; Vector normal; } Gap;  // negative before they touch; the normal points to the roller
+typedef struct { Real x, y, moment; } Push;                              // force on a roller, and its moment on the body
 
 // Root of a square, and its inverse, as each machine has it at least cost.
 #ifdef __CUDACC__
@@ -83,36 +83,38 @@ SHARED Real coefficient(Real speed, const Friction *law) {
 }
 
 // Friction against a sliding speed, at most `most`; *held is what its bristle holds.
-SHARED Real held_back(Real most, Real speed, Real *held, Real inertia) {
-    Real stick = *held + (Real)0.2 * inertia * speed;
+SHARED Real held_back(Real most, Real speed, Real *held, Real spring, Real damper) {
+    Real stick = *held + spring * speed;
     *held = CLAMP(stick, -most, most);
-    Real force = *held + inertia / 2 * speed;
+    Real force = *held + damper * speed;
     return CLAMP(force, -most, most);
 }
 
-// Push of a contact that is closed. What it keeps, *first its impact speed and *hold its friction's, changes where `final`.
-SHARED Push contact_push(const Law *law, const Sliding *sliding, const Motion *m, const Roller *r, Gap gap, int final,
-                         Real *first, Real *hold) {
+// Push of a contact that is near, in the mean over the step. It keeps *first, its impact speed, 0 while it is open; *hold, what
+// its friction's bristle holds; *damped, the damping part of its force.
+SHARED Push contact_push(const Law *law, const Sliding *sliding, const Motion *m, const Roller *r, Gap gap, Real *first, Real *hold,
+                         Real *damped) {
     Real pen = gap.penetration, nx = gap.normal.x, ny = gap.normal.y, ax = r->place.x - m->center.x, ay = r->place.y - m->center.y;
     Real ux = -m->omega * ay - r->velocity.x, uy = m->omega * ax - r->velocity.y;
     Real gain_x = -m->angular * ay - r->acceleration.x, gain_y = m->angular * ax - r->acceleration.y;
-    Real speed = ux * nx + uy * ny, growth = gain_x * nx + gain_y * ny, before = *first;
-    Real kept = before > 0 ? before : MAX(speed, law->speed_floor);
-    Real elastic = law->stiffness * (law->exponent == 1 ? pen : power(pen, law->exponent));
-    Real damper = law->form == 0 ? elastic * law->damping / kept : law->damping, fastest = law->form == 0 ? kept : (Real)1e30;
-    Real now = (speed + law->lag * growth - law->yielding * elastic) / (1 + law->yielding * damper);
-    Real force = elastic + damper * MIN(now, fastest), size = MAX(force, 0), lever = ay * nx - ax * ny;
-    Push push = {size * nx, size * ny, 0, 0};
+    Real growth = gain_x * nx + gain_y * ny, closing = ux * nx + uy * ny + law->lag * growth, ahead = fabs(closing) * law->lag;
+    Push push = {0, 0, 0};
+    if (pen <= -ahead) return *first = 0, push;
+    Real mean = pen >= ahead ? pen : (pen + ahead) * (pen + ahead) / (4 * ahead);
+    if (*first <= 0) {
+        Real met = closing == 0 ? 0 : closing - growth * pen / fabs(closing);
+        *first = MAX(met, law->speed_floor), *hold = *damped = 0;
+    }
+    Real elastic = law->stiffness * (law->exponent == 1 ? mean : power(mean, law->exponent));
+    Real damper = law->form == 0 ? elastic * law->damping / *first : law->damping, fastest = law->form == 0 ? *first : (Real)1e30;
+    Real now = (closing - law->yielding * (elastic - law->answer * *damped)) / (1 + law->yielding * damper * (1 + law->answer));
+    Real force = elastic + damper * MIN(now, fastest), size = MAX(force, 0);
+    *damped = size - elastic, push.x = size * nx, push.y = size * ny;
     if (sliding->rubs != 0) {
-        Real along = uy * nx - ux * ny, held = before > 0 ? *hold : 0;
-        Real most = size > 0 ? coefficient(fabs(along), &sliding->law) * size : 0;
-        Real drag = held_back(most, along, &held, sliding->inertia);
-        if (final) *hold = held;
+        Real along = uy * nx - ux * ny, most = size > 0 ? coefficient(fabs(along), &sliding->law) * size : 0;
+        Real drag = held_back(most, along, hold, sliding->spring, sliding->damper);
         push.x -= drag * ny, push.y += drag * nx;
     }
-    if (final) *first = kept;
-    else if (size > 0 && size - elastic < (Real)0.999 * damper * fastest)
-        push.yielding = lever * lever * law->lag * damper / (1 + law->yielding * damper);
     push.moment = ay * push.x - ax * push.y;
     return push;
 }
@@ -150,7 +152,7 @@ SHARED Gap tooth_gap(const Sprocket *s, const Motion *m, const Vector *seats, Ve
         gap.penetration = eta * s->sin_half - xi * s->cos_half - s->clearance;
         gap.normal.x = s->cos_half, gap.normal.y = lateral >= 0 ? -s->sin_half : s->sin_half;
     }
-    if (gap.penetration > 0) {
+    if (gap.penetration > -s->ahead) {
         Real square = radial * radial + lateral * lateral, most = MAX(s->tip - gap.penetration, 0);
         if (square > most * most) {
             Real inverse, d = root(square, &inverse);
@@ -162,26 +164,27 @@ SHARED Gap tooth_gap(const Sprocket *s, const Motion *m, const Vector *seats, Ve
 }
 
 // A roller that is deep in a guide without having come through its face touches nothing until it has left.
-SHARED Real through_face(Real pen, const Guide *g, int final, Real *first) {
-    int missed = pen > 0 && (*first < 0 || (*first == 0 && pen > g->deepest_entry));
-    if (final && (missed || pen <= 0)) *first = missed ? -1 : 0;
-    return missed ? 0 : pen;
+SHARED Real through_face(Real pen, const Guide *g, Real *first) {
+    int missed = pen > -g->ahead && (*first < 0 || (*first == 0 && pen > g->deepest_entry));
+    if (missed || pen <= -g->ahead) *first = missed ? -1 : 0;
+    return missed ? AWAY : pen;
 }
 
 // Gap from a straight guide, given its start and direction as it stands.
-SHARED Gap bar_gap(const Guide *g, Vector start, Vector t, Vector place, int final, Real *first) {
+SHARED Gap bar_gap(const Guide *g, Vector start, Vector t, Vector place, Real *first) {
     Real reach = g->end_radius + g->roller_radius, qx = place.x - start.x, qy = place.y - start.y;
     Real along = qx * t.x + qy * t.y, across = qy * t.x - qx * t.y;
-    Gap gap = {0, {0, 1}};
-    if (along > -reach && along < g->length + reach && across > -g->end_radius && across < g->roller_radius) {
+    Gap gap = {AWAY, {0, 1}};
+    if (along > -reach - g->ahead && along < g->length + reach + g->ahead && across > -g->end_radius
+        && across < g->roller_radius + g->ahead) {
         Real beyond = (along < 0 ? along : 0) + (along > g->length ? along - g->length : 0);
         gap.penetration = g->roller_radius - across;
         if (beyond != 0) {
             Real up = across + g->end_radius, inverse, d = root(beyond * beyond + up * up, &inverse);
             gap.penetration = reach - d, gap.normal.x = beyond * inverse, gap.normal.y = up * inverse;
         }
-        gap.penetration = through_face(gap.penetration, g, final, first), gap.normal = turned(gap.normal, t);
-    } else if (final) *first = 0;
+        gap.penetration = through_face(gap.penetration, g, first), gap.normal = turned(gap.normal, t);
+    } else *first = 0;
     return gap;
 }
 
@@ -217,13 +220,13 @@ SHARED int nearest_piece(const Piece *piece, int count, Vector q) {
 }
 
 // Gap from a curved guide, given its pieces; *kept is the piece below the roller, or -1 where that is not near.
-SHARED Gap profile_gap(const Guide *g, const Piece *piece, const Motion *m, Vector place, int final, int *kept, Real *first) {
+SHARED Gap profile_gap(const Guide *g, const Piece *piece, const Motion *m, Vector place, int *kept, Real *first) {
     Real ax = place.x - m->center.x, ay = place.y - m->center.y;
     Vector q = {ax * m->heading.x + ay * m->heading.y, ay * m->heading.x - ax * m->heading.y}, normal;
     Real dx = q.x - g->start.x, dy = q.y - g->start.y, along = dx * g->direction.x + dy * g->direction.y;
     Real across = dy * g->direction.x - dx * g->direction.y;
     if (!(along > g->low.x && along < g->high.x && across > g->low.y && across < g->high.y)) {
-        Gap none = {0, {0, 1}};
+        Gap none = {AWAY, {0, 1}};
         if (*kept >= 0) *kept = -1, *first = 0;
         return none;
     }
@@ -232,9 +235,9 @@ SHARED Gap profile_gap(const Guide *g, const Piece *piece, const Motion *m, Vect
     else k = past(&piece[k + 1], q) ? (k < last ? k + 1 : k) : past(&piece[k], q) || k == 0 ? k : k - 1;
     *kept = k;
     Real height = over(&piece[k], q, &normal), pen = g->roller_radius - height;
-    if (height <= -g->end_radius || past(&piece[k + 1], q) || !past(&piece[k], q)) pen = 0;
-    Gap gap = {through_face(pen, g, final, first), normal};
-    if (gap.penetration > 0) gap.normal = turned(normal, m->heading);
+    if (height <= -g->end_radius || past(&piece[k + 1], q) || !past(&piece[k], q)) pen = AWAY;
+    Gap gap = {through_face(pen, g, first), normal};
+    if (gap.penetration > -g->ahead) gap.normal = turned(normal, m->heading);
     return gap;
 }
 
@@ -275,21 +278,14 @@ SHARED double arm_moment(const Arm *a, const Body *b, Point heading) {
     return mx * a->gravity.y - my * a->gravity.x + stop - a->stiffness * (b->angle - a->free_angle) - a->damping * b->omega;
 }
 
-// Sets a body's acceleration to that with which its contacts agree.
-SHARED void expect(Body *b, double moment, double yielding) {
-    double share = yielding * b->inverse_inertia;
-    if (b->prescribed == 0.0) b->angular = (moment * b->inverse_inertia + share * b->angular) / (1.0 + share);
-}
-
 // Moves a body over a step `h` from time `t`; speeds take `kick`.
 SHARED void move_body(Body *b, double moment, double t, double kick, double h) {
-    double rate = moment * b->inverse_inertia;
+    b->angular = moment * b->inverse_inertia;
     if (b->prescribed != 0.0) {
         double angle = prescribed_angle(b, t + h), speed = (angle - b->angle) / h;
-        rate = (speed - b->omega) / kick, b->omega = speed, b->angle = angle;
+        b->angular = (speed - b->omega) / kick, b->omega = speed, b->angle = angle;
     } else
-        b->omega += kick * rate, b->angle += h * b->omega;
-    b->angular += b->following * (rate - b->angular);
+        b->omega += kick * b->angular, b->angle += h * b->omega;
 }
 
 SHARED double pressure_at(double z, const Tensioner *t) { return t->ambient * z * z * z * z * z * z * z; }

@@ -61,7 +61,7 @@ def equal_sprockets():
 
 
 def light_wheels():
-    """Wheels of the inertia of one roller at their pitch radius: contacts want their accelerations before forces."""
+    """Wheels of the inertia of one roller at their pitch radius."""
     light = two_sprockets(teeth=24, links=64, torque=100.0, inertia=0.037).with_values(OTHER_TEETH)
     return [two_sprockets(inertia=0.026), light]
 
@@ -246,19 +246,19 @@ def trains_rk4():
 
 
 def light_trains():
-    """The same with a driven sprocket so light that contacts want its acceleration before forces."""
+    """The same with a driven sprocket that is light beside its rollers."""
     return trains(inertia=0.02)
 
 
 LIGHT = {"sprockets.idler.inertia": 4e-5, "sprockets.idler.mass": 0.05, "arms.0.inertia": 2e-3, "arms.0.mass": 0.1}
-"""Of an idler on an arm that are so light that contacts want their accelerations before forces."""
+"""Of an idler on an arm that are light beside their rollers."""
 
 
 def swung(**values):
     """An idler on an arm, one whose bearing rubs, the other in a drive whose last sprocket's does, too."""
     at_once = {"run.step": 5e-6, "chain.elongation": -2e-3, "contact.sprocket.clearance": 1e-5}
     at_once |= {"sprockets.gearbox.prescribed.ramp_time": 0.0, "sprockets.auger.load.ramp_time": 0.0}
-    at_once |= {"sprockets.idler.inertia": 5e-3}  # far from light in its narrow seats
+    at_once |= {"sprockets.idler.inertia": 5e-3}  # 125 times that of `LIGHT`
     idler = load_drive(drive_path("swing_idler")).with_values(at_once | values)
     return [idler, idler.with_values({"sprockets.auger.bearing": {"friction": 0.1, "radius": 0.02}})]
 
@@ -371,14 +371,14 @@ def stages_of_two_chains():
 
 
 def light_stages():
-    """The same alike, with a shaft so light that the contacts of both chains want its acceleration before forces."""
+    """The same alike, with a shaft that is light beside the rollers of both chains."""
     light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 1e-3}
     drive = chains.two_stages(step=2e-6).with_values(light)
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
 
 
 def geared_light_stages():
-    """Two tight stages on gears between bodies so light that contacts want their accelerations before forces."""
+    """Two tight stages on gears between bodies that are light beside their rollers."""
     tight = {f"chains.{name}.elongation": -2e-3 for name in ("first", "second")}
     drive = chains.light_gears(step=2e-6).with_values(tight)
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
@@ -395,7 +395,7 @@ def geared_stages():
 
 
 def cushed_stages():
-    """Two stages, with bodies so light that contacts want their accelerations before forces, on a coupling."""
+    """Two stages, with bodies that are light beside their rollers, on a coupling."""
     light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 0.02, "shafts.pump.inertia": 2e-3}
     drive = chains.cushed_stages(step=2e-6).with_values(light)
     return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
@@ -664,6 +664,8 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
         mine, theirs_ = flat(sums[name]), flat(summed[name])
         for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
+            if field == "late_work":  # a small difference of powers, none where motion is steady
+                scale = max(scale, 1e-6 * np.abs(theirs_["moment"]).max())
             exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
             loose = exact if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")

@@ -25,13 +25,14 @@ def bounce(
     dissipated = wp.float64(0.0)
     peak = wp.float64(0.0)
     normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
+    none = wp.float64(0.0)
     open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
-        f0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, law)
+        f0, p0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, none, law)
         half_v = v - wp.float64(0.5) * h * s0 / mass
         half_pen = penetration + wp.float64(0.5) * h * v
-        f1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, law)
+        f1, p1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, none, law)
         v = v - h * s1 / mass
         penetration = penetration + h * half_v
         dissipated = dissipated + h * d1 * half_v
@@ -59,16 +60,12 @@ def leap(
     penetration = begin[0]
     v = begin[1]
     impact_speed = wp.float64(0.0)
+    held = wp.float64(0.0)
     normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
+    more = wp.vec2d(pull / mass, wp.float64(0.0))
     for i in range(out.shape[0]):
-        size = wp.float64(0.0)
-        if penetration > wp.float64(0.0):
-            more = wp.vec2d(pull / mass, wp.float64(0.0))
-            force, size, impact_speed, damper, energy = respond(
-                penetration, normal, v * normal, more, impact_speed, law
-            )
-        else:
-            impact_speed = wp.float64(0.0)
+        force, mean, size, first, held, energy = respond(penetration, normal, v * normal, more, impact_speed, held, law)
+        impact_speed = wp.where(mean > wp.float64(0.0), first, wp.float64(0.0))
         v = v + h * (pull - size) / mass
         penetration = penetration + h * v
         out[i] = wp.vec2d(penetration, v)
@@ -84,7 +81,9 @@ def response(
 ):
     """A contact at a speed along its normal; out = length of the force, its size, damper's part."""
     normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-    force, size, first, damper, energy = respond(penetration, normal, speed * normal, wp.vec2d(), impact_speed, law)
+    force, mean, size, first, damper, energy = respond(
+        penetration, normal, speed * normal, wp.vec2d(), impact_speed, wp.float64(0.0), law
+    )
     out[0] = wp.length(force)
     out[1] = size
     out[2] = damper

@@ -8,7 +8,7 @@ import warp as wp
 from warpchain.assembly.assemble_batch import Assemblies
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import JOINT_INERTIA
-from warpchain.engine.pack import fill_steps
+from warpchain.engine.pack import fill_bristles, fill_steps
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
@@ -93,7 +93,7 @@ def chain(
         sprocket["half_pitch_tangent"], sprocket["clearance"] = np.tan(np.pi / teeth), values.get("clearance", 0.0)
         sprocket["cos_half_seat"], sprocket["sin_half_seat"] = np.cos(half), np.sin(half)
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
-        sprocket["tip_reach"] = radius + pitch / 2
+        sprocket["tip_reach"], sprocket["ahead"] = radius + pitch / 2, pitch / 20
         law = sprocket["law"]
         put_friction(packed.tooth_friction[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
@@ -126,7 +126,7 @@ def chain(
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
-        bar["deepest_entry"] = 0.5 * values["roller_radius"]
+        bar["deepest_entry"], bar["ahead"] = 0.5 * values["roller_radius"], values["roller_radius"] / 16
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
         law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
@@ -134,7 +134,6 @@ def chain(
         packed.seats = np.concatenate(seats)
     for a, values in enumerate(arms):
         put_arm(packed, a, gravity, **values)
-    packed.motions["following"] = 1.0
     fill_steps(packed)
     return packed
 
@@ -171,7 +170,8 @@ def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(
 
 def put_friction(row, friction, effective_mass, step):
     """Friction of a hand-made contact."""
-    row["inertia"] = effective_mass / step if friction > 0.0 else 0.0
+    row["inertia"], row["stiffness"] = effective_mass if friction > 0.0 else 0.0, np.inf
+    fill_bristles(row, step)
     row["mu_dynamic"] = row["mu_static"] = friction
     row["stribeck_speed"] = 1.0
 

@@ -145,10 +145,10 @@ def test_the_c_program_takes_the_same_steps(name, values, drives, tmp_path):
     """Both do the same operations on places of up to some meters, whose rounding is 4e-16 m, in another order, and
     contacts add up some of it: 1e-14 m is found after 500 steps. Without friction of the joints, or of teeth and
     guides, without the oil's flow, or without the speed of an arm's guide, 1e-5 to 2e-4 m are found, without the static
-    part of a guide's friction 1e-6 m. A light camshaft has contacts foresee its acceleration."""
+    part of a guide's friction 1e-6 m, without what contacts' dampers did in the step before 1e-9 to 2e-5 m, without the
+    mean over a step 8e-10 to 3e-7 m. In `LIGHTER` camshaft and arm are light."""
     cpu, reference = load_script("benches.cpu"), load_script("benches.reference")
     drive = drives.without_valves(name).with_values(values)
-    assert bool(pack([drive], [Schedule(1e-6, 10, 0, 10, 0)]).drives["light"][0]) == bool(values)
     assert cpu.difference(drive, reference.c_program(tmp_path), 500) < 1e-12
 
 
@@ -169,8 +169,8 @@ def test_the_cuda_program_is_compiled_for_the_parts_that_its_input_has(name, val
     assert compiled["float64"].pop("real") == "double" and compiled["float32"].pop("real") == "float"
     assert compiled["float64"] == compiled["float32"]
     *parts, rubs = compiled["float64"].values()
-    assert parts == np.frombuffer(reference.layout(packed))[:7].tolist()
-    assert (parts[-1], rubs) == (bool(values), name in ("marine", "car"))
+    assert parts == np.frombuffer(reference.layout(packed))[:6].tolist()
+    assert rubs == (name in ("marine", "car"))
 
 
 @pytest.mark.skipif(shutil.which("nvcc") is None, reason="no compiler of CUDA C++")

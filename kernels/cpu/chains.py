@@ -13,14 +13,14 @@ import warp as wp
 
 from ..integrate import MOST, Stage, leapfrog_kick, stage_at, stages_of, stretching
 from ..modules import own_module
-from ..physics.body import solved
 from ..physics.valve import valves_share
-from ..structs import DIVERGENCE_CHECK, PREDICTING, Drive, Now, Sums, types
+from ..structs import DIVERGENCE_CHECK, Drive, Now, Sums, types
 from .contact_pairs import nearness
+from .contacts import contact_rows
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
 from .rollers import passes
-from .steps import evaluating, hanging, is_predicted, loading, moving, stepping
+from .steps import evaluating, loading, moving, stepping
 
 
 @cache
@@ -28,7 +28,7 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
     """The functions that make the bodies of each shaft of a variant turn as one."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    find_rates, follow = moving(Real, plain).find_rates, hanging(Real).follow
+    find_rates = moving(Real, plain).find_rates
     cam_on, kick_of = loading(Real, plain).cam_on, loading(Real, plain).kick_of
 
     @wp.func
@@ -80,38 +80,6 @@ def shafts(Real: type, plain: bool) -> SimpleNamespace:
         lifting = last.first_valve + last.valves > drive.first_valve
         join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time), lifting)
 
-    @wp.func
-    def yielding_of(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
-        """Answer of the contacts of all that turns with body `b` to an acceleration of that [kg m^2]."""
-        mine, total = ensemble.motions[b], wp.float64(0.0)
-        for other in range(begin, begin + count):
-            motion = ensemble.motions[other]
-            if motion.train == mine.train:
-                ratio = motion.ratio / mine.ratio
-                total = total + ratio * ratio * state.wrenches[other].yielding
-        return total
-
-    @wp.func
-    def predict(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
-        """Finds the accelerations with which all contacts of each body agree, from wrenches that say how they answer
-        (`steps.evaluating`).
-        """
-        for r in range(variant, variant + rings):
-            find_rates(ensemble, state, ensemble.drives[r], PREDICTING, time)
-        join_all(ensemble, state, variant, rings, time)
-        begin, count = ensemble.drives[variant].first_body, bodies_of(ensemble, variant, rings)
-        for r in range(variant, variant + rings):
-            drive = ensemble.drives[r]
-            for b in range(drive.first_body, drive.first_body + drive.bodies):
-                if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
-                    wrench = state.wrenches[b]
-                    wrench.yielding = yielding_of(ensemble, state, begin, count, b)
-                    angular = solved(state.poses[b].angular, state.rates[b][2], wrench, ensemble.motions[b])
-                    state.bodies[b].angular = angular
-                    state.poses[b].angular = angular
-        for r in range(variant, variant + rings):
-            follow(ensemble, state, ensemble.drives[r])
-
     return SimpleNamespace(**locals())
 
 
@@ -124,7 +92,12 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
     do, of_bodies, together = stepping(Real, capacity, plain), moving(Real, plain), shafts(Real, plain)
     sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
     forces = evaluating(Real, capacity, plain)
-    neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
+    neighbors, near, contact = (
+        neighbor_list(Real, capacity),
+        nearness(Real, capacity, plain),
+        contact_rows(Real, capacity),
+    )
+    fetch_dampers, put_dampers_back = contact.fetch_dampers, contact.put_dampers_back
 
     @wp.func
     def pull(ensemble: Ensemble, state: State, r: int, drive: Drive, w: wp.array[Real], memory: kinds.Memory):
@@ -139,24 +112,10 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
 
         A drive of one chain may have trains of its own.
         """
-        predicted = int(0)
-        if wp.static(not plain):
-            if ensemble.drives[variant].light != 0 and ensemble.drives[variant].integrator == 0:
-                predicted = int(1)
-                for c in range(rings):
-                    drive = ensemble.drives[variant + c]
-                    memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
-                    pull(ensemble, state, variant + c, drive, scratch[c], memory)
-                    forces.try_contacts(ensemble, state, drive, scratch[c], memory)
-                if rings == 1:
-                    forces.predict(ensemble, state, ensemble.drives[variant], memory.time)
-                else:
-                    together.predict(ensemble, state, variant, rings, memory.time)
         for c in range(rings):
             drive = ensemble.drives[variant + c]
             memory = near.at_chain(memory, drive, ensemble.chains[variant + c])
-            if predicted == 0:
-                pull(ensemble, state, variant + c, drive, scratch[c], memory)
+            pull(ensemble, state, variant + c, drive, scratch[c], memory)
             forces.push(ensemble, state, drive, scratch[c], memory)
             together.find_rates(ensemble, state, drive, memory.stage, memory.time)
         together.join_all(ensemble, state, variant, rings, memory.time)
@@ -220,6 +179,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
         for c in range(rings):
             drive = ensemble.drives[variant + c]
             part.fetch(state, ensemble.lengths, scratch[c], drive.first_roller, drive.rollers)
+            fetch_dampers(state, drive, scratch[c])
             neighbors.reset(scratch[c], drive)
             sums_of.clear(scratch[c], drive.rollers)
         end = wp.min(progress.step + steps, whole.steps + 1)
@@ -259,6 +219,7 @@ def chains_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kern
             sums_of.merge(ensemble, state, sums, variant + c, scratch[c])
             state.progress[variant + c] = progress
             part.put_back(state, scratch[c], drive.first_roller, drive.rollers)
+            put_dampers_back(state, drive, scratch[c])
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "advance_chains", Real, capacity, frame, plain))
     def advance(

@@ -8,7 +8,7 @@ import warp as wp
 from ..native import accessors, whole_lanes
 from ..physics.body import pose_of
 from ..physics.guide import carried
-from ..structs import GROUND, PREDICTING, Drive, Now, Pose, Totals, Wrench, types
+from ..structs import GROUND, Drive, Now, Pose, Totals, Wrench, types
 from .contacts import contact_forces, contact_friction, contact_rows, contact_sums
 from .guides import guide_passes
 from .neighbor_list import GROUP, Group, lowest_bit, neighbor_list, next_bits
@@ -341,24 +341,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 totals[slot] = face.count_missed(w, group, totals[slot])
 
     @wp.func
-    def yield_arm(
-        ensemble: Ensemble,
-        state: State,
-        drive: Drive,
-        w: wp.array[Real],
-        group: Group,
-        law: kinds.ContactLaw,
-        s: int,
-    ):
-        """Adds how contacts with sprocket s answer an acceleration of the arm that carries it."""
-        arm = ensemble.hubs[drive.first_sprocket + s].arm
-        if arm != GROUND:
-            b = drive.first_body + arm
-            lever = state.poses[drive.first_body + s].center - state.poses[b].center
-            own = force.yielding(w, group, law, Real(0.0), kinds.vec2(Real(lever[0]), Real(lever[1])))
-            state.wrenches[b].yielding = state.wrenches[b].yielding + own
-
-    @wp.func
     def evaluate_run(
         ensemble: Ensemble,
         state: State,
@@ -387,12 +369,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                     seats.keep(w, group.low, group.high, p, memory)
                 else:
                     contact.keep(w, group, memory)
-            if memory.stage == PREDICTING and body != GROUND:
-                b = drive.first_body + body
-                own = force.yielding(w, group, law, Real(1.0), kinds.vec2())
-                state.wrenches[b].yielding = state.wrenches[b].yielding + own
-                if on_teeth and drive.hubs != 0:
-                    yield_arm(ensemble, state, drive, w, group, law, p)
             take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func
@@ -409,6 +385,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             runs = neighbors.count(w, drive, p)
             if run == 0:
                 state.totals[slot] = Totals()
+                memory.damper = contact.damper_row(p)
             if run < runs:
                 evaluate_run(ensemble, state, drive, w, p, run, memory)
                 run += 1

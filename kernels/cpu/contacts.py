@@ -11,20 +11,20 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, product
+from ..native import accessors
 from ..physics.contact import gained, power_taken, pressed, reaction, sliding_speed, stored
 from ..physics.friction import coefficient, held_back
-from ..physics.impact import elastic_force, force_by_growth
-from ..structs import Now, Totals, types
+from ..physics.impact import elastic_force
+from ..structs import Drive, Now, Totals, types
 from .neighbor_list import Group, is_near
-from .rollers import passes, rows
+from .rollers import ROWS, passes, rows
 
 
 @cache
 def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that write how rollers touch a partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    Memory = kinds.Memory
+    Memory, State = kinds.Memory, kinds.State
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     row = rows(capacity)
 
@@ -56,12 +56,33 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
     def touch(
         w: wp.array[Real], i: int, penetration: Real, normal_x: Real, normal_y: Real, relative_x: Real, relative_y: Real
     ):
-        """Stores roller i's contact with the partner, 0 or less deep where it is open; in numbers, not vectors."""
+        """Stores where roller i is to the partner, away where it is not near; in numbers, not vectors."""
         store_row(w, row.penetration + i, penetration)
         store_row(w, row.normal_x + i, normal_x)
         store_row(w, row.normal_y + i, normal_y)
         store_row(w, row.relative_x + i, relative_x)
         store_row(w, row.relative_y + i, relative_y)
+
+    @wp.func
+    def damper_row(p: int):
+        """First index of the row that holds what the dampers of contacts with partner p did in the step before [N]."""
+        return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
+
+    @wp.func
+    def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
+        """Brings the rows of dampers from the state, as a launch begins."""
+        for p in range(drive.sprockets + drive.guides):
+            first, at = damper_row(p), drive.first_contact + p * drive.rollers
+            for i in range(drive.rollers):
+                store_row(w, first + i, load_row(state.contact_damper, at + i))
+
+    @wp.func
+    def put_dampers_back(state: State, drive: Drive, w: wp.array[Real]):
+        """Brings them back, as it ends."""
+        for p in range(drive.sprockets + drive.guides):
+            first, at = damper_row(p), drive.first_contact + p * drive.rollers
+            for i in range(drive.rollers):
+                store_row(state.contact_damper, at + i, load_row(w, first + i))
 
     @wp.func
     def begins(w: wp.array[Real], i: int):
@@ -113,21 +134,17 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
         more = gaining(w, i, memory)
         growth = more[0] * normal_x + more[1] * normal_y
-        x = Real(0.0)
-        y = Real(0.0)
-        size = Real(0.0)
-        damper = Real(0.0)
-        kept = load_row(w, row.open + i)
-        if penetration > Real(0.0):
-            size, kept, damper, energy = pressed(penetration, speed, growth, load_row(w, row.before + i), law)
-            x = size * normal_x
-            y = size * normal_y
-        store_row(w, row.press_x + i, x)
-        store_row(w, row.press_y + i, y)
+        before = load_row(w, row.before + i)
+        held = load_row(w, memory.damper + i)
+        mean, size, first, damper, energy = pressed(penetration, speed, growth, before, held, law)
+        kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
+        store_row(w, row.penetration + i, mean)
+        store_row(w, row.press_x + i, where_touching(w, i, size * normal_x))
+        store_row(w, row.press_y + i, where_touching(w, i, size * normal_y))
         store_row(w, row.size + i, size)
         store_row(w, row.kept + i, kept)
-        store_row(w, row.damper + i, damper)
-        return wp.where(kept == load_row(w, row.before + i), 0, 1)
+        store_row(w, memory.damper + i, damper)
+        return wp.where(kept == before, 0, 1)
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
@@ -155,25 +172,6 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return changed
 
     @wp.func
-    def yielding(w: wp.array[Real], group: Group, law: kinds.ContactLaw, own: Real, apart: vec2):
-        """Moment by which the contacts answer an acceleration [kg m^2] of their body's angle, or of another's.
-
-        Levers are `own` times their arms from the body's center, and `apart` [m].
-        """
-        total = wp.float64(0.0)
-        i = group.low
-        while i < group.high:
-            penetration = load_row(w, row.penetration + i)
-            if penetration > Real(0.0):
-                arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
-                lever = reaction(own * arm + apart, normal_of(w, i))
-                elastic = elastic_force(penetration, law.stiffness, law.exponent)
-                size, first = load_row(w, row.size + i), load_row(w, row.kept + i)
-                total += wp.float64(lever * lever * force_by_growth(elastic, size, first, law))
-            i = i + 1
-        return total
-
-    @wp.func
     def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory):
         """Power that a force on roller i takes, as `contact.dissipated`."""
         more = gaining(w, i, memory)
@@ -183,10 +181,10 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def lose_one(w: wp.array[Real], i: int, memory: Memory):
-        """Power that roller i's damper takes."""
-        damper = load_row(w, row.damper + i)
-        x = damper * load_row(w, row.normal_x + i)
-        y = damper * load_row(w, row.normal_y + i)
+        """Power that roller i's contact takes but for friction."""
+        size = load_row(w, row.size + i)
+        x = size * load_row(w, row.normal_x + i)
+        y = size * load_row(w, row.normal_y + i)
         store_row(w, row.damped + i, power_of(w, i, x, y, memory))
 
     @wp.func
@@ -250,8 +248,8 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: Real, holds: Real):
         """Adds friction to the force on roller i, and sets what its contact holds; in numbers, not vectors."""
-        x = where_touching(w, i, product(drag, -load_row(w, row.normal_y + i)))
-        y = where_touching(w, i, product(drag, load_row(w, row.normal_x + i)))
+        x = where_touching(w, i, drag * -load_row(w, row.normal_y + i))
+        y = where_touching(w, i, drag * load_row(w, row.normal_x + i))
         store_row(w, row.drag_x + i, x)
         store_row(w, row.drag_y + i, y)
         store_row(w, row.press_x + i, load_row(w, row.press_x + i) + x)
@@ -295,7 +293,7 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = held_back(mu * size, slides(w, i), held, friction.inertia, memory.stretched)
+            drag, holds = held_back(mu * size, slides(w, i), held, friction.spring, friction.damper, memory.stretched)
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, load_constant
-from ..physics.contact import MISSED, UNTOUCHED, misses, surface_velocity, turned
+from ..physics.contact import AWAY, MISSED, UNTOUCHED, misses, surface_velocity, turned
 from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_piece, tracked_piece
 from ..structs import Piece, Pose, Totals, types
 from .contacts import contact_rows
@@ -29,7 +29,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def find_over_bar(w: wp.array[Real], first: int, last: int, bar: Guide):
         """Which rollers from `first` on, before `last`, are at a guide-bar's face or ends; only those touch it."""
-        reach = wp.float64(bar.end_radius + bar.roller_radius)
+        reach = wp.float64(bar.end_radius + bar.roller_radius + bar.ahead)
         end = wp.float64(bar.length) + reach
         i = first
         while i < last:
@@ -52,11 +52,11 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def came_in(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
-        """Penetration of roller i in a guide, 0 of one that did not come in through the face; notes which is so."""
+        """Penetration of roller i in a guide, away if it did not come in through the face; notes which is so."""
         kept = Real(UNTOUCHED)
-        if penetration > Real(0.0) and misses(penetration, load_row(w, row.before + i), guide):
+        if penetration > -guide.ahead and misses(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
-            penetration = Real(0.0)
+            penetration = Real(AWAY)
         store_row(w, row.open + i, kept)
         return penetration
 
@@ -71,7 +71,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             moving = vec2(Real(surface[0]), Real(surface[1]))
             penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
             recall(w, i, group, memory)
-            depth = wp.where(is_near(group, i), penetration, Real(0.0))
+            depth = wp.where(is_near(group, i), penetration, Real(AWAY))
             place_arm(w, i, Real(arm[0]), Real(arm[1]))
             touch(w, i, came_in(w, i, depth, bar), normal[0], normal[1], relative[0], relative[1])
             i = i + 1
@@ -110,7 +110,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             if is_near(group, i):
                 number = Real(load_piece(memory.seat, memory.first + i))
             store_row(w, row.piece + i, number)
-            store_row(w, row.penetration + i, Real(0.0))
+            store_row(w, row.penetration + i, Real(AWAY))
             i = i + 1
 
     @wp.func

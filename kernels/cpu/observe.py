@@ -19,13 +19,14 @@ from ..physics.body import (
     body_rates,
     heading_of,
     held_by,
+    late_power,
     mass_moment_now,
     pivot_power,
     pose_of,
 )
 from ..physics.hub import against, turning_force
 from ..physics.motion import load_moment_at_speed
-from ..physics.mount import off_home
+from ..physics.mount import CARRIED, off_home
 from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
 from ..physics.valve import cam_energy
@@ -211,7 +212,8 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             rates = body_rates(now.time, off, body, heading, whole, motion, mount, ensemble)
             held, power = held_by(off, body, heading, whole, rates, motion, mount)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
-        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, now.weight)
+        late = late_power(wrench, body, state.poses[b], now.lag, mount.moves == CARRIED)
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, late, now.weight)
         sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
 
     @wp.func
@@ -249,7 +251,8 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             whole, rates = with_turning(ensemble, state, drive, a, whole, rates, now)
             held, led = held_by(off, body, heading, whole, rates, motion, mount)
             led = pivot_power(led, body, ensemble.arms[i])
-        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, now.weight)
+        late = late_power(state.wrenches[b], body, state.poses[b], now.lag, ensemble.mounts[b].moves == CARRIED)
+        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, late, now.weight)
 
     @wp.func
     def add_push(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
@@ -269,7 +272,7 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         first = drive.first_sprocket + drive.first_guide
         for i in range(first, first + drive.sprockets + drive.guides):
             of = state.totals[i]
-            sums.contact[i] = add_contact(sums.contact[i], of, now.weight)
+            sums.contact[i] = add_contact(sums.contact[i], of, now.weight, now.step == drive.window_start)
             missed = wp.where(now.step == drive.window_start, of.missing, of.missed)
             add_touches(sums.contact, i, of.impacts, of.contacts, missed)
 

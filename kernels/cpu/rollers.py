@@ -66,7 +66,7 @@ class Rows:
     outward_y: int
     arm_x: int  # the roller from the center of the partner's body [m]
     arm_y: int
-    penetration: int  # [m]
+    penetration: int  # [m], at the instant and then in the mean of the step (`contact.pressed`)
     normal_x: int  # towards the roller
     normal_y: int
     relative_x: int  # velocity of the partner's material point less the roller's [m/s]
@@ -77,12 +77,11 @@ class Rows:
     press_y: int
     size: int  # of the normal force [N]
     mu: int  # coefficient of friction [-]
-    damper: int  # what of it damps [N]
     hold: int  # what friction's bristle holds of it [N]
     drag_x: int  # friction [N]
     drag_y: int
     moment_of: int  # on the partner's body [N m]
-    damped: int  # power that dampers take [W]
+    damped: int  # power that contacts take but for friction [W]
     rubbed: int  # power of friction [W]
     least: int  # of links since their tallies were merged: least and greatest tension [N]
     greatest: int

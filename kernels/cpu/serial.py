@@ -13,6 +13,7 @@ from ..integrate import MOST, leapfrog_kick, stage_at, stages_of, stretching
 from ..modules import own_module
 from ..structs import DIVERGENCE_CHECK, Now, Sums, types
 from .contact_pairs import nearness
+from .contacts import contact_rows
 from .neighbor_list import neighbor_list
 from .observe import measuring, now_at, sampling
 from .rollers import ROWS, passes
@@ -34,7 +35,12 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     do = stepping(Real, capacity, plain)
     sums_of, frames_of = measuring(Real, capacity, plain), sampling(Real, capacity, frame, plain)
     forces = evaluating(Real, capacity, plain)
-    neighbors, near = neighbor_list(Real, capacity), nearness(Real, capacity, plain)
+    neighbors, near, contact = (
+        neighbor_list(Real, capacity),
+        nearness(Real, capacity, plain),
+        contact_rows(Real, capacity),
+    )
+    fetch_dampers, put_dampers_back = contact.fetch_dampers, contact.put_dampers_back
     inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
     @wp.func
@@ -54,6 +60,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state, ensemble.lengths, w, drive.first_roller, n)
+        fetch_dampers(state, drive, w)
         neighbors.reset(w, drive)
         sums_of.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
@@ -73,10 +80,6 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 memory.time = at_stage.time
                 memory.stretched = stretching(drive.integrator, stage, Real(1.0))
                 forces.pull(ensemble, state, drive, chain, w, memory)
-                if wp.static(not plain):
-                    if drive.light != 0 and memory.lag > Real(0.0):
-                        forces.try_contacts(ensemble, state, drive, w, memory)
-                        forces.predict(ensemble, state, drive, memory.time)
                 forces.push(ensemble, state, drive, w, memory)
                 find_rates(ensemble, state, drive, stage, at_stage.time)
                 if stage == 0:
@@ -103,6 +106,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         progress.step = step
         state.progress[variant] = progress
         part.put_back(state, w, drive.first_roller, n)
+        put_dampers_back(state, drive, w)
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, plain))
     def advance(

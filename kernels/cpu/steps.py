@@ -10,16 +10,15 @@ from ..native import accessors
 from ..physics.body import (
     body_at,
     body_rates,
-    expecting,
     heading_of,
     in_box,
     leapfrog_body,
     led_center,
     own_moment,
     pose_of,
-    solved,
     stage_body,
     turns_soundly,
+    with_accelerations,
 )
 from ..physics.hub import bearing_moment, carried_by, moment_of
 from ..physics.link import are_uneven
@@ -28,7 +27,7 @@ from ..physics.mount import off_home
 from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
 from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
 from ..physics.valve import constant_moment, geared, lift_at, unloaded, with_load, with_valves
-from ..structs import GROUND, PREDICTING, BodyState, Cam, Drive, Motion, Mount, Now, Wrench, types
+from ..structs import GROUND, BodyState, Cam, Drive, Wrench, types
 from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
 from .jointed import carrier_of, jointed
@@ -42,14 +41,6 @@ def arm_of(drive: Drive, b: int):
     """Which arm of all body `b` of all is; negative for other bodies."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
-
-
-@wp.func
-def is_predicted(drive: Drive, b: int, motion: Motion, mount: Mount):
-    """Whether contacts are to expect of body `b` of all, so driven and held, the acceleration that `solved` gives."""
-    arm = arm_of(drive, b)
-    free = motion.prescribed == 0 and not (arm >= 0 and drive.jointed != 0)
-    return free and (mount.active == 0 or arm >= 0)
 
 
 @cache
@@ -104,14 +95,6 @@ def hanging(Real: type) -> SimpleNamespace:
                 b = drive.first_body + s
                 arm = pose_of(state.bodies[drive.first_body + hub.arm])
                 state.bodies[b] = carried_by(state.bodies[b], arm, hub)
-
-    @wp.func
-    def follow(ensemble: Ensemble, state: State, drive: Drive):
-        """Takes sprockets on arms along with these, as contacts are to expect them."""
-        if drive.hubs != 0:
-            carry(ensemble, state, drive)
-            for b in range(drive.first_body, drive.first_body + drive.sprockets):
-                state.poses[b].straight = state.bodies[b].straight
 
     return SimpleNamespace(**locals())
 
@@ -333,7 +316,7 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
             if wp.static(not plain):
                 moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
-            state.bodies[b] = expecting(body, moved, rates, kick, motion, mount)
+            state.bodies[b] = with_accelerations(body, moved, rates, kick, motion, mount)
         if wp.static(not plain):
             if drive.hubs != 0:
                 carry(ensemble, state, drive)
@@ -426,40 +409,9 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
     kinds = types(Real)
     link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
     evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
-    clear, row, bodies = passes(Real, capacity).clear, rows(capacity), moving(Real, plain)
-    rates_of, pass_on, hang, follow = bodies.rates_of, bodies.pass_on, hanging(Real).hang, hanging(Real).follow
+    clear, row = passes(Real, capacity).clear, rows(capacity)
+    hang = hanging(Real).hang
     joints = joint_passes(Real, capacity)
-
-    @wp.func
-    def try_contacts(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        drive: Drive,
-        w: wp.array[Real],
-        memory: kinds.Memory,
-    ):
-        """Wrenches on bodies with how their contacts answer accelerations, and nothing else."""
-        memory.stage = PREDICTING
-        memory.wanted = Now()
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            state.wrenches[b] = Wrench()
-        evaluate_all(ensemble, state, drive, w, memory)
-        if drive.hubs != 0:
-            hang(ensemble, state, drive, PREDICTING, wp.float64(memory.stretched))
-        clear(w, row.fx, row.fy, drive.rollers)
-
-    @wp.func
-    def predict(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64):
-        """Finds the accelerations of the bodies with which their contacts' forces agree, for contacts to expect."""
-        if drive.tied != 0:
-            pass_on(ensemble, state, drive, PREDICTING, time)
-        for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if is_predicted(drive, b, ensemble.motions[b], ensemble.mounts[b]):
-                rates = rates_of(ensemble, state, drive, b, time)
-                before = state.poses[b].angular
-                state.bodies[b].angular = solved(before, rates[2], state.wrenches[b], ensemble.motions[b])
-                state.poses[b].angular = state.bodies[b].angular
-        follow(ensemble, state, drive)
 
     @wp.func
     def pull(
@@ -487,7 +439,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]
                 pushed = state.poses[drive.first_body + tensioner.body]
-                state.pushes[t] = push_by(pushed, memory.stage <= 0, state.tensioners[t], tensioner)
+                state.pushes[t] = push_by(pushed, memory.stage == 0, state.tensioners[t], tensioner)
 
     @wp.func
     def push(

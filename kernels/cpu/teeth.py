@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, load_constant
-from ..physics.contact import UNTOUCHED, after_teeth, turned_by
+from ..physics.contact import AWAY, UNTOUCHED, after_teeth, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, in_gap, nearest_seat, on_tip, seat_step, tracked_seat
 from ..structs import Pose, types
 from .contacts import contact_rows
@@ -202,7 +202,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
             lateral = load_row(w, row.lateral + i)
             penetration, along, across = endless_gap(xi, lateral, sprocket)
             seated = load_row(w, row.direction_of + i) == Real(number)
-            depth = wp.where(seated, penetration, Real(0.0))
+            depth = wp.where(seated, penetration, Real(AWAY))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
             p = place(w, i) - body.center
             relative_x = -omega * Real(p[1]) - (load_row(w, row.vx + i) - center_vx)

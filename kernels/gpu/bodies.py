@@ -13,17 +13,16 @@ from ..physics.body import (
     aligned,
     body_at,
     body_rates,
-    expecting,
     in_box,
     in_plain,
     leapfrog_body,
     led_center,
     own_moment,
     posed,
-    solved,
     stage_body,
     swung,
     turns_soundly,
+    with_accelerations,
 )
 from ..physics.hub import bearing_moment, carried_by
 from ..physics.motion import free_load, prescribed_acceleration, prescribed_at, tabulated_over, value_at
@@ -267,17 +266,6 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
             angular = prescribed_acceleration(counted(now.step, step_number(mine)), motion, ensemble)
         return speed, angular
 
-    @wp.func
-    def yielding_together(shared: Shared, mine: Mine):
-        """Answer to an acceleration of the contacts of all bodies that turn with the thread's [kg m^2]."""
-        own, total = shared.motions[mine.body], Real(0.0)
-        for b in range(wp.static(kind.parts.bodies)):
-            motion = shared.motions[b]
-            if motion.train == own.train:
-                ratio = quotient(motion.ratio, own.ratio)
-                total = total + ratio * ratio * shared.passed[wp.static(kind.parts.bodies) + b]
-        return total
-
     return SimpleNamespace(**locals())
 
 
@@ -289,7 +277,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
     of, access, motions = contact_geometry(kind), body_access(kind), prescribed_motion(kind)
-    vec2, gathered, yielding_together = kinds.vec2, gathering(kind).gathered, gathering(kind).yielding_together
+    vec2, gathered = kinds.vec2, gathering(kind).gathered
     state_of, heading, step_number = access.state_of, access.heading, motions.step_number
     of_joints, of_three = access.of_joints, wp.types.vector(3, Real)
     # a load is found ahead by threads that else would wait for the contacts of others
@@ -366,35 +354,12 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             shared.poses[mine.body].load = load_on(ensemble, shared, mine, rounded, time, pose)
 
     @wp.func
-    def hangs(ensemble: Ensemble, mine: Mine):
-        """Whether the thread's body is an arm of a chain with arms on arms."""
-        if wp.static(kind.parts.jointed):
-            return mine.arm >= 0 and ensemble.drives[mine.row].jointed != 0
-        else:
-            return False
-
-    @wp.func
     def joined(shared: Shared, mine: Mine, rates: of_three):
         """Accelerations of the thread's body, those of an arm with the arms beside it (`jointed.couple`)."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
                 rates[2] = of_joints(shared, mine.arm, ANGULAR)
         return rates
-
-    @wp.func
-    def predict_rates(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
-        """Makes contacts expect the acceleration of the thread's body with which they agree; `wrench` as they are."""
-        pose, motion = shared.poses[mine.body], shared.motions[mine.body]
-        mount = mount_of(shared, mine.body)
-        if motion.prescribed == 0 and (mount.active == 0 or mine.arm >= 0) and not hangs(ensemble, mine):
-            wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time_of(mine, now), pose)
-            by = turning(shared, mine, now, with_bearing(wrench))
-            body, apart = state_of(pose), off(pose, mount)
-            if wp.static(kind.parts.rings > 1):
-                wrench.yielding = yielding_together(shared, mine)
-            time = time_of(mine, now)
-            rates = body_rates(time, apart, in_plain(body), heading(pose), by, motion, mount, ensemble)
-            shared.poses[mine.body].angular = solved(pose.angular, rates[2], wrench, motion)
 
     @wp.func
     def with_bearing(wrench: Wrench):
@@ -429,7 +394,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
             moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
             moved = led_center(time + step_number(mine), h, moved, mount, ensemble)
-            moved = expecting(body, moved, rates, kick, motion, mount)
+            moved = with_accelerations(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
             of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
         return seen, wrench

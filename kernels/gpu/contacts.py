@@ -9,13 +9,12 @@ import warp as wp
 from ..native import accessors
 from ..number import difference, leading
 from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly
-from ..physics.impact import elastic_force, force_by_growth
-from ..structs import GROUND, PREDICTING, Tallies
-from .kind import BY_SPEED, EXTRA, WARP, BlockKind, Mine
+from ..structs import GROUND, Tallies
+from .kind import BY_SPEED, ENDS, EXTRA, START, WARP, BlockKind, Mine
 from .near import near_mask
 from .rings import block_rings
 from .rollers import roller_rows
-from .shared_memory import parts_of_a_body, yielding_row
+from .shared_memory import parts_of_a_body
 from .sync import add_to, group, lanes, raise_to, sync, widened
 
 
@@ -39,7 +38,8 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         direction: Direction  # of the seat at angle zero
         before: Real  # v0 [m/s], or whether it touched
         held: Real  # friction that the contact has held until now, of kernels with friction [N]
-        penetration: Real  # [m]
+        damper: Real  # the damping part of its force in the step before [N]
+        penetration: Real  # [m], negative where they do not touch yet
         normal: vec2
         relative: vec2  # velocity [m/s]
         gaining: vec2  # acceleration of that velocity without this contact [m/s^2]
@@ -64,6 +64,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     def remembering(state: State, touch: Touch, at: int):
         """`touch` with what the contact at `at` has kept; loaded at once, as each load is waited for."""
         touch.before = load_row(state.impact_speed, at)
+        touch.damper = load_row(state.contact_damper, at)
         if wp.static(sliding):
             touch.held = load_row(state.contact_hold, at)
         return touch
@@ -97,9 +98,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             return Real(0.5) * row.step_of(mine)
 
     @wp.func
-    def powers(mine: Mine, damper: vec2, drag: vec2, relative: vec2, more: vec2):
-        """Powers [W] that damper and friction take in a closed contact; `more` is `gaining` with all forces [m/s^2]."""
-        return dissipated(damper, relative, more, lag(mine)), dissipated(drag, relative, more, lag(mine))
+    def powers(mine: Mine, force: vec2, drag: vec2, relative: vec2, more: vec2):
+        """Powers [W] that a closed contact's force and friction take; `more` is `gaining` with all forces [m/s^2]."""
+        return dissipated(force, relative, more, lag(mine)), dissipated(drag, relative, more, lag(mine))
 
     @wp.func
     def in_full(value: Real):
@@ -111,7 +112,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def measure_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
-        """Adds the powers [W] of a closed contact's damping and friction to its sums."""
+        """Adds the powers [W] that a closed contact's force and friction take to its sums."""
         add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
             add_to(tallies.friction, at, in_full(now.weight * rubbed))
@@ -136,6 +137,18 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
+    def measure_energy(tallies: Tallies, now: Now, at: int, energy: Real):
+        """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
+        if wp.static(kind.measuring) and now.flags & ENDS != 0:
+            add_to(tallies.dissipated, at, in_full(wp.where(now.flags & START != 0, energy, -energy)))
+
+    @wp.func
+    def remember(state: State, now: Now, at: int, answer: Real, damper: Real):
+        """Stores the damping part of a closed contact's force [N], where its body's `answer` wants that."""
+        if answer > Real(0.0) and now.stage == 0:
+            store_row(state.contact_damper, at, damper)
+
+    @wp.func
     def press(
         state: State,
         tallies: Tallies,
@@ -146,40 +159,38 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         touch: Touch,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's contact at hand, which is closed, to the roller's.
-
-        Returns it [N] and, where accelerations are predicted, by what it answers a closing one of 1 m/s^2 [N].
-        """
+        """Adds the force of roller j's contact at hand to the roller's; returns whether it is closed, and that [N]."""
         p, before, normal, relative, more = touch.partner, touch.before, touch.normal, touch.relative, touch.gaining
         at = memory_of(shared, mine, j, p)
-        force, size, first, damper, energy = respond(touch.penetration, normal, relative, more, before, as_known(law))
-        if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
-            extra = mine.first + j
-            state.extra[extra].energy = state.extra[extra].energy + energy
-            if p < wp.static(sprockets):
-                state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
-            else:
-                state.extra[extra].guide_force = state.extra[extra].guide_force + size
-        drag = vec2(Real(0.0), Real(0.0))
-        if wp.static(sliding):
-            drag, holds = drag_of(now, size, normal, relative, touch, shared.friction[p])
-            force = force + drag
-            if now.stage == 0:
-                store_row(state.contact_hold, at, holds)
-        row.set_force(shared, j, row.force_on(shared, j) + force)
-        keep(state, now, at, before, first)
-        if now.measured != 0:
-            after = more - chain_at(shared, j).inverse_mass * force
-            damped, rubbed = powers(mine, damper * normal, drag, relative, after)
-            measure_powers(tallies, now, at, damped, rubbed)
-            measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
-        answer = Real(0.0)
-        if wp.static(kind.parts.light > 0):
-            if now.stage == PREDICTING:
-                known = as_known(law)
-                elastic = elastic_force(touch.penetration, known.stiffness, known.exponent)
-                answer = force_by_growth(elastic, size, first, known)
-        return force, answer
+        pushes, mean, size, first, damper, energy = respond(
+            touch.penetration, normal, relative, more, before, touch.damper, as_known(law)
+        )
+        force = pushes
+        closed = mean > Real(0.0)
+        if closed:
+            if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
+                extra = mine.first + j
+                state.extra[extra].energy = state.extra[extra].energy + energy
+                if p < wp.static(sprockets):
+                    state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+                else:
+                    state.extra[extra].guide_force = state.extra[extra].guide_force + size
+            drag = vec2(Real(0.0), Real(0.0))
+            if wp.static(sliding):
+                drag, holds = drag_of(now, size, normal, relative, touch, shared.friction[p])
+                force = force + drag
+                if now.stage == 0:
+                    store_row(state.contact_hold, at, holds)
+            row.set_force(shared, j, row.force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+            remember(state, now, at, law.answer, damper)
+            if now.measured != 0:
+                after = more - chain_at(shared, j).inverse_mass * force
+                taken, rubbed = powers(mine, pushes, drag, relative, after)
+                measure_powers(tallies, now, at, taken, rubbed)
+                measure_energy(tallies, now, at, energy)
+                measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
+        return closed, force
 
     return SimpleNamespace(**locals())
 
@@ -230,19 +241,6 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
         add_part(shared, place_of(mine, 2, s, j), -force[1])
 
     @wp.func
-    def add_yielding(shared: Shared, mine: Mine, now: Now, s: int, j: int, arm: vec2, normal: vec2, answer: Real):
-        """Adds how roller j's contact answers an acceleration of body s, where those are predicted."""
-        if wp.static(kind.parts.light > 0):
-            if now.stage == PREDICTING:
-                lever = reaction(arm, normal)
-                add_part(shared, place_of(mine, wp.static(yielding_row(kind)), s, j), lever * lever * answer)
-
-    @wp.func
-    def yielding_on(shared: Shared, i: int):
-        """All that on the body that thread i moves [kg m^2]; all threads together, as `sum_of`."""
-        return sum_of(shared, wp.static(yielding_row(kind)), i)
-
-    @wp.func
     def add_wrench(shared: Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, measured: int):
         """Adds the moment [N m] and, if that is wanted, the opposite of roller j's force [N] to body s."""
         add_moment(shared, mine, s, j, moment)
@@ -250,14 +248,13 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
             add_push(shared, mine, s, j, force)
 
     @wp.func
-    def pass_on(shared: Shared, mine: Mine, now: Now, s: int, j: int, force: vec2, normal: vec2, answer: Real):
-        """Adds what roller j's force does to the arm that carries sprocket s, where one does; as `add_yielding`."""
+    def pass_on(shared: Shared, mine: Mine, now: Now, s: int, j: int, force: vec2):
+        """Adds what roller j's force does to the arm that carries sprocket s, where one does."""
         if wp.static(kind.parts.hubs > 0):
             arm = shared.hubs[s].arm
             if arm != GROUND:
                 lever = leading(difference(shared.poses[s].center, shared.poses[arm].center))
                 add_wrench(shared, mine, arm, j, reaction(lever, force), force, now.measured)
-                add_yielding(shared, mine, now, arm, j, lever, normal, answer)
 
     @wp.func
     def part(shared: Shared, s: int, k: int, i: int):

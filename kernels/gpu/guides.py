@@ -32,7 +32,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
     Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
     remembering = sums.remembering
-    add_wrench, add_yielding = wrench_parts(kind).add_wrench, wrench_parts(kind).add_yielding
+    add_wrench = wrench_parts(kind).add_wrench
     point, velocity, memory_of = row.point, row.velocity, block_rings(kind).memory_of
     load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -93,26 +93,28 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         touch = remembering(state, touch, at)
         before = touch.before
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
-        if penetration > Real(0.0) and misses(penetration, before, bar):
-            if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                add_to(tallies.missed, at, 1)
-            keep(state, now, at, before, Real(MISSED))
-        elif penetration > Real(0.0):
-            touch = placed(touch, penetration, normal, relative)
-            arm = vec2()
-            carrier = kinds.Pose()
-            if wp.static(profiles):
-                arm = arm_on(shared, j, bar.body)
-                carrier = shared.poses[bar.body]
-            touch.gaining = gaining(shared, carrier, arm, j)
-            force, answer = press(state, tallies, shared, mine, now, j, touch, bar.law)
-            if wp.static(profiles):
-                if bar.body < wp.static(bodies):
-                    add_yielding(shared, mine, now, bar.body, j, arm, normal, answer)
-                    moment = reaction(arm, force)
-                    add_wrench(shared, mine, bar.body, j, moment, force, now.measured)
-        else:
-            keep(state, now, at, before, Real(UNTOUCHED))
+        closed = bool(False)
+        kept = Real(UNTOUCHED)
+        if penetration > -bar.ahead:
+            if misses(penetration, before, bar):
+                kept = Real(MISSED)
+                if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
+                    add_to(tallies.missed, at, 1)
+            else:
+                touch = placed(touch, penetration, normal, relative)
+                arm = vec2()
+                carrier = kinds.Pose()
+                if wp.static(profiles):
+                    arm = arm_on(shared, j, bar.body)
+                    carrier = shared.poses[bar.body]
+                touch.gaining = gaining(shared, carrier, arm, j)
+                closed, force = press(state, tallies, shared, mine, now, j, touch, bar.law)
+                if wp.static(profiles):
+                    if closed and bar.body < wp.static(bodies):
+                        moment = reaction(arm, force)
+                        add_wrench(shared, mine, bar.body, j, moment, force, now.measured)
+        if not closed:
+            keep(state, now, at, before, kept)
 
     @wp.func
     def at_bars(ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, near: Bits):

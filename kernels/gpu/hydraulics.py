@@ -130,7 +130,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
         """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
         kept = True
         if wp.static(kind.staged):
-            kept = stage <= 0
+            kept = stage == 0
         drive = ensemble.drives[mine.row]
         for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = tensioner_at(ensemble, t)

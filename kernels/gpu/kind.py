@@ -71,7 +71,6 @@ def block_types(Real: type) -> SimpleNamespace:
         poses: wp.array[kinds.Pose]  # (B,), and with profiles the ground
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
-        # after them, of several chains with light bodies: how contacts answer accelerations [kg m^2]
         cams: wp.array[kinds.Cam]  # (B,) with valves
         lifts: wp.array[wp.types.vector(3, Real)]  # (cams,) of valves: lift, slope, bend (`valve.lift_at`)
         mounts: wp.array[kinds.Mount]  # (B,), where centers move
@@ -175,10 +174,10 @@ class BlockShape:
 @dataclass(frozen=True)
 class Parts:
     """The numbers of a drive's parts and of prescribed angles; 1, else 0, where motions or loads are tabulated,
-    bodies light, bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub
-    (`structs.Drive.light`, `tied`, `hubs`), and where tensioners have oil, and its supply is tabulated; `hubs` is 2
-    where arms carry arms, `crowded` 1 where one carries a guide beside a sprocket or another guide. `valves` is room
-    for so many cams of valves. Of several chains, `rings`, all others are of all of them, which are tied.
+    bodies tied by shafts, gears and couplings, arms carry sprockets or bearings rub (`structs.Drive.tied`, `hubs`),
+    and where tensioners have oil, and its supply is tabulated; `hubs` is 2 where arms carry arms, `crowded` 1 where one
+    carries a guide beside a sprocket or another guide. `valves` is room for so many cams of valves. Of several chains,
+    `rings`, all others are of all of them, which are tied.
     """
 
     sprockets: int
@@ -188,7 +187,6 @@ class Parts:
     prescribed: int = 1
     others: int = 0
     tabulated: int = 1
-    light: int = 0
     tied: int = 0
     hubs: int = 0
     crowded: int = 0
@@ -276,7 +274,7 @@ class BlockKind:
         """
         more = self.moving or self.parts.hubs or self.parts.tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
-        return not (self.staged or long or self.parts.light)
+        return not (self.staged or long)
 
     @property
     def early(self) -> bool:
@@ -286,7 +284,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.light or self.parts.tied or self.parts.hubs or self.parts.fed
+        waiting = self.parts.tied or self.parts.hubs or self.parts.fed
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

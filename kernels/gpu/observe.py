@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..integrate import leapfrog_lag
 from ..native import accessors, by_device
 from ..number import leading
 from ..physics.body import (
@@ -19,12 +20,14 @@ from ..physics.body import (
     body_rates,
     heading_of,
     held_by,
+    late_power,
     own_moment,
     pivot_power,
     whole_speed,
 )
 from ..physics.link import link_spring, roller_energy
 from ..physics.motion import load_moment_at_speed
+from ..physics.mount import CARRIED
 from ..physics.train import own_energy
 from ..physics.valve import cam_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
@@ -275,6 +278,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
     kinds, Now, steps, joints = kind.types, kind.types.Now, body_steps(kind), block_jointed(kind)
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
     vec2, heading, of_joints = kinds.vec2, body_access(kind).heading, body_access(kind).of_joints
+    of_three = wp.types.vector(3, Real)
 
     @wp.func
     def heading_seen(pose: Pose, seen: kinds.Instant):
@@ -285,6 +289,25 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             return heading_of(seen)
 
     @wp.func
+    def lag_at(mine: Mine, now: Now):
+        """Time that speeds are behind the forces [s]."""
+        if wp.static(kind.staged):
+            return Real(0.0)
+        else:
+            return leapfrog_lag(now.step, Real(mine.h))
+
+    @wp.func
+    def late_on(shared: Shared, mine: Mine, now: Now, before: Pose, seen: kinds.Instant, acting: of_three):
+        """`body.late_power` of the thread's body; arguments as of `observe_sprocket`."""
+        wrench = kinds.Wrench()
+        wrench.moment = acting[0]
+        carried = bool(True)  # or fixed
+        if wp.static(moving):
+            wrench.force = vec2(acting[1], acting[2])
+            carried = shared.mounts[mine.body].moves == CARRIED
+        return late_power(wrench, seen, before, lag_at(mine, now), carried)
+
+    @wp.func
     def observe_sprocket(
         ensemble: Ensemble,
         shared: Shared,
@@ -292,7 +315,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         now: Now,
         before: Pose,
         seen: kinds.Instant,
-        moment: Real,
+        acting: of_three,
         whole: Wrench,
     ):
         """One step of the thread's sprocket for the sums of the window.
@@ -300,7 +323,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         Args:
             before: where the body was.
             seen: the body with its rates at the step's instant.
-            moment: of the chain on it [N m].
+            acting: the chain's moment [N m] and force (x, y) [N] on it.
             whole: the chain's and its tensioners' wrench on it, with its load at the rates of `before`.
         """
         s = mine.sprocket
@@ -310,12 +333,15 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             mount = shared.mounts[s]
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
-                acting = steps.with_bearing(whole)
-                rates = body_rates(steps.time_of(mine, now), off, seen, to, acting, motion, mount, ensemble)
-                held, power = held_by(off, seen, to, acting, rates, motion, mount)
+                by = steps.with_bearing(whole)
+                rates = body_rates(steps.time_of(mine, now), off, seen, to, by, motion, mount, ensemble)
+                held, power = held_by(off, seen, to, by, rates, motion, mount)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
-        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], seen.speed, moment, whole.load, now.weight)
+        late = late_on(shared, mine, now, before, seen, acting)
+        shared.sprocket_sums[s] = add_powers(
+            shared.sprocket_sums[s], seen.speed, acting[0], whole.load, late, now.weight
+        )
 
     @wp.func
     def leading_power(
@@ -356,14 +382,14 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         now: Now,
         seen: kinds.Instant,
         moment: Real,
-        led: Real,
+        powers: vec2,
     ):
-        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `led` the power
-        of what leads its pivot [W].
+        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `powers` are that
+        of what leads its pivot and `body.late_power` [W].
         """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
         power = arm_dissipation(as_its_spring(shared, mine, seen), ensemble.arms[at])
-        sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, led, now.weight)
+        sums.arm[at] = add_arm(sums.arm[at], seen, moment, power, powers[0], powers[1], now.weight)
 
     @wp.func
     def observe_energy(

@@ -95,8 +95,8 @@ def parts_of_a_body(kind: BlockKind) -> int:
     return kind.shape.threads if by_threads else kind.shape.room
 
 
-def yielding_row(kind: BlockKind) -> int:
-    """The row of parts, after those of moment and force, in which contacts answer accelerations of light bodies."""
+def part_rows(kind: BlockKind) -> int:
+    """Rows of parts: of the moment, and of the force in x and in y."""
     return 3 if kind.moving or kind.measuring else 1
 
 
@@ -109,7 +109,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
         "led_angle": COURSE * kind.parts.prescribed,
         "led_speed": COURSE * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
-        "passed": kind.parts.bodies * (kind.parts.tied + several * kind.parts.light),
+        "passed": kind.parts.bodies * kind.parts.tied,
         "cams": kind.parts.bodies * (kind.parts.valves > 0),
         "lifts": kind.parts.valves,
         "mounts": kind.parts.bodies * kind.moving,
@@ -171,7 +171,7 @@ def size_of(dtype: Any) -> int:
 def room(kind: BlockKind) -> Room:
     """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
-    parts = (yielding_row(kind) + kind.parts.light) * kind.parts.bodies * parts_of_a_body(kind)
+    parts = part_rows(kind) * kind.parts.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
     seen = seen_rows(kind)[-1] if kind.measuring else 0
 

@@ -7,7 +7,6 @@ from typing import Any
 import warp as wp
 
 from ..native import moved
-from ..structs import PREDICTING
 from ..sums import add_hub_force
 from .bodies import block_bearings, body_access, body_steps
 from .contact_pairs import contact_forces
@@ -15,7 +14,7 @@ from .contacts import wrench_parts
 from .events import block_sampling
 from .hydraulics import block_tensioners
 from .jointed import block_jointed
-from .kind import ENDS, EVENT, EXTRA, WARP, BlockKind, Mine, inlined
+from .kind import ENDS, EXTRA, WARP, BlockKind, Mine, inlined
 from .links import block_joints, link_forces
 from .near import near_partners
 from .observe import body_observing
@@ -30,7 +29,7 @@ MEETING = wp.constant(16)
 
 @cache
 def touching(kind: BlockKind, frame: Any) -> SimpleNamespace:
-    """The functions that evaluate the contacts and, where bodies are light, predict their accelerations before."""
+    """The function that evaluates the contacts."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
@@ -41,67 +40,17 @@ def touching(kind: BlockKind, frame: Any) -> SimpleNamespace:
     moment_on, acting_on, wrench_of = wrenches.moment_on, wrenches.acting_on, wrenches.wrench_of
     carry, SPROCKETS = body_access(kind).carry, near_partners(kind).SPROCKETS
 
-    @wp.func
-    def predict(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now):
-        """Finds what accelerations light bodies will have, from what contacts do and answer; all threads together."""
-        wrench = wrench_of(acting_on(shared, mine.thread, moment_on(shared, mine.thread), 0))
-        wrench.yielding = wrenches.yielding_on(shared, mine.thread)
-        wrench = bearings.rub(ensemble, state, shared, mine, now, wrench)
-        tensioners.await_oil(shared)
-        if mine.body >= 0:
-            if wp.static(kind.parts.tensioners > 0):
-                wrench = tensioners.pushed(ensemble, state, mine, now.stage, shared.poses[mine.body], wrench)
-            if wp.static(kind.parts.tied > 0):
-                trains.pass_on(ensemble, state, shared, mine, now, wrench)
-            if wp.static(kind.parts.rings > 1):
-                shared.passed[wp.static(kind.parts.bodies) + mine.body] = wrench.yielding
-        if wp.static(kind.parts.tied > 0):
-            barrier()
-        if mine.body >= 0:
-            bodies.predict_rates(ensemble, state, shared, mine, now, wrench)
-        if wp.static(kind.parts.hubs > 0):
-            barrier()
-            carry(shared, mine.sprocket)
-
-    @wp.func
-    def predicting(now: Now):
-        """An evaluation of contacts that finds what accelerations light bodies will have."""
-        now.stage = PREDICTING
-        now.flags = EVENT
-        now.measured = 0
-        now.summed = SPROCKETS
-        return now
-
     @inlined
     def touch_all(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: Mine, now: Now, touch: forces.Touch
     ):
-        """Adds the contacts' forces, the lifts of valves shared and accelerations of light bodies predicted before.
+        """Adds the contacts' forces, the lifts of valves shared before.
 
         All threads together, links' forces done.
         """
         if wp.static(kind.parts.valves > 0):
             trains.cams.share_lifts(ensemble, shared, mine)
-        if wp.static(kind.parts.light > 0):
-            x = of_each()
-            y = of_each()
-            for k in range(wp.static(rollers_per_thread)):
-                force = row.force_on(shared, k * wp.static(threads) + mine.thread)
-                x[k] = force[0]
-                y[k] = force[1]
-            of = predicting(now)
-            while True:  # the code of contacts stands once for both
-                forces.contacts(ensemble, state, out.tallies, shared, mine, of, touch)
-                barrier()
-                if of.stage != PREDICTING:
-                    break
-                predict(ensemble, state, shared, mine, of)
-                for k in range(wp.static(rollers_per_thread)):
-                    row.set_force(shared, k * wp.static(threads) + mine.thread, vec2(x[k], y[k]))
-                barrier()
-                of = now
-        else:
-            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
+        forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
 
     return SimpleNamespace(**locals())
 
@@ -170,13 +119,14 @@ def advancing(kind: BlockKind, frame: Any) -> SimpleNamespace:
         seen, whole = bodies.advance(ensemble, state, shared, mine, now, before, whole)
         if wp.static(measuring) and now.measured != 0:
             if mine.sprocket >= 0:
-                observe.observe_sprocket(ensemble, shared, mine, now, before, seen, acting[0], whole)
+                observe.observe_sprocket(ensemble, shared, mine, now, before, seen, acting, whole)
                 sums = shared.sprocket_sums[mine.sprocket]
                 shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, vec2(acting[1], acting[2]), now.weight)
             if wp.static(kind.parts.arms > 0):
                 if mine.arm >= 0:
                     led = observe.leading_power(ensemble, shared, mine, now, before, seen, whole)
-                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, acting[0], led)
+                    powers = vec2(led, observe.late_on(shared, mine, now, before, seen, acting))
+                    observe.observe_arm(ensemble, out.sums, shared, mine, now, seen, acting[0], powers)
             if now.flags & ENDS != 0:
                 observe.observe_energy(ensemble, out.tallies, shared, mine, now, before, seen)
             if wp.static(kind.parts.tensioners > 0):

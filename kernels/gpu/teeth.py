@@ -107,7 +107,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
-    add_yielding, pass_on = wrenches.add_yielding, wrenches.pass_on
+    pass_on, remember = wrenches.pass_on, sums.remember
     drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
     gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
@@ -138,14 +138,15 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         s = touch.partner
         at = memory_of(shared, mine, j, s)
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
-        if closer.penetration > Real(0.0):
+        closed = bool(False)
+        if closer.penetration > -shared.teeth[s].ahead:
             closer.gaining = gaining(shared, shared.poses[s], arm, j)
-            force, answer = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
-            add_yielding(shared, mine, now, s, j, arm, closer.normal, answer)
-            if is_summed(now, s):
-                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.measured)
-            pass_on(shared, mine, now, s, j, force, closer.normal, answer)
-        else:
+            closed, force = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
+            if closed:
+                if is_summed(now, s):
+                    add_wrench(shared, mine, s, j, reaction(arm, force), force, now.measured)
+                pass_on(shared, mine, now, s, j, force)
+        if not closed:
             keep(state, now, at, touch.before, after_teeth(touch.before))
 
     @wp.func
@@ -163,9 +164,11 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         speed = products(relative[0], normal[0], relative[1], normal[1])
         more = gaining(shared, shared.poses[s], arm, j)
         growth = products(more[0], normal[0], more[1], normal[1])
-        size, first, damper, energy = pressed(penetration, speed, growth, before, as_known(teeth.law))
-        force = sized(normal, size)
-        closed = penetration > Real(0.0)
+        law = as_known(teeth.law)
+        mean, size, first, damper, energy = pressed(penetration, speed, growth, before, touch.damper, law)
+        pushes = sized(normal, size)
+        force = pushes
+        closed = mean > Real(0.0)
         applies = wp.where(touch.seat < 0, 0, applies)
         drag = vec2()
         if wp.static(sliding):
@@ -178,14 +181,16 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             if wp.static(moving):
                 if closed:
                     add_push(shared, mine, s, j, force)
-                    pass_on(shared, mine, now, s, j, force, normal, Real(0.0))
+                    pass_on(shared, mine, now, s, j, force)
             set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
             keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
+            if closed:
+                remember(state, now, at, teeth.law.answer, damper)
             if wp.static(kind.measuring) and now.measured != 0:
                 after = more - chain_at(shared, j).inverse_mass * force
-                damped, rubbed = powers(mine, damper * normal, drag, relative, after)
+                taken, rubbed = powers(mine, pushes, drag, relative, after)
                 if closed:
-                    measure_powers(tallies, now, at, damped, rubbed)
+                    measure_powers(tallies, now, at, taken, rubbed)
                     measure_force(tallies, now, at, before, size, True)
                     if wp.static(not moving):
                         add_push(shared, mine, s, j, force)

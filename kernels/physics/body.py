@@ -220,46 +220,22 @@ def led_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
 
 
 @wp.func
-def expecting(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body after a leapfrog step, with the accelerations that contacts expect of it in the next one.
-
-    They expect part of what it had more than was expected. Contacts' dampers answer an acceleration by a force that
-    takes, of z rollers of mass m at R, at most g = z m R^2 / J of it away again. With 1 / (1 + g) as that part, a light
-    body's acceleration settles where one equation for all its contacts would have it, and never swings; a heavy body's
-    is that of the step before.
+def with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
+    """A body after a leapfrog step, with the accelerations that it had in it, for contacts in the next one.
 
     Args:
         before, after: the body at this step and the next.
         rates: its accelerations in this step.
         kick: as `leapfrog_kick` [s].
-        motion, mount: with the parts; what is led has gained its speeds.
+        motion, mount: what is led has gained its speeds.
     """
-    angular = rates[2]
+    after.angular = rates[2]
     if motion.prescribed == 1:
-        angular = rounded(difference(after.speed, before.speed)) * reciprocal(kick)
-    straight = wp.vector(rates[0], rates[1])
+        after.angular = rounded(difference(after.speed, before.speed)) * reciprocal(kick)
+    after.straight = wp.vector(rates[0], rates[1])
     if mount.moves == PRESCRIBED:
-        straight = rounded(difference(after.velocity, before.velocity)) * reciprocal(kick)
-    after.straight = before.straight + mount.following * (straight - before.straight)
-    after.angular = before.angular + motion.following * (angular - before.angular)
+        after.straight = rounded(difference(after.velocity, before.velocity)) * reciprocal(kick)
     return after
-
-
-@wp.func
-def solved(expected: Any, acceleration: Any, wrench: Any, motion: Any):
-    """Acceleration of a body's angle [rad/s^2] with which its contacts agree.
-
-    Contact forces are linear in it, M = M_0 - S (alpha - alpha_0), so that alpha = (M_0 + S alpha_0) / (J + S), M_0 all
-    moments where alpha_0 is expected.
-
-    Args:
-        expected: alpha_0 [rad/s^2].
-        acceleration: M_0 / J [rad/s^2].
-        wrench: with S [kg m^2].
-        motion: with 1 / J.
-    """
-    share = wrench.yielding * motion.inverse_inertia
-    return (acceleration + share * expected) / (type(share)(1.0) + share)
 
 
 @wp.func
@@ -336,6 +312,23 @@ def held_by(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: 
     """
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
+
+
+@wp.func
+def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
+    """Power [W] of contacts on a body by which its rates `now` differ from those that contacts took it to have.
+
+    They know its accelerations of the step before; of a center that is `carried` the carrier has that power.
+
+    Args:
+        wrench: of contacts [N, N m].
+        now: the body in plain numbers, with its rates at the forces' instant.
+        pose: as contacts saw it, `lag` before that [s].
+    """
+    power = wrench.moment * (now.speed - leading(pose.speed) - lag * pose.angular)
+    if not carried:
+        power += wp.dot(wrench.force, now.velocity - leading(pose.velocity) - lag * pose.straight)
+    return power
 
 
 @wp.func

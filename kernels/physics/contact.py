@@ -14,6 +14,18 @@ product). Penetration and normal are those of `tooth.in_teeth`, `guide.on_guide`
     dissipated  the power of damping and friction
     reaction    the moment of the force on the partner's body
 
+**Mean over a step.** Leapfrog's kick is the force's impulse over a step, and max(0, pen) has a kink: where in a step a
+roller meets its partner would decide how deep it stands as the first force acts. So forces go by the mean of
+max(0, pen + v tau) over the step, tau from -h/2 to h/2, v the approach speed by all but the contact and w = |v| h / 2,
+
+    pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
+
+and a contact begins up to half a step before it is reached, at v0 = v - a pen / v, a the closing acceleration: the
+speed where pen is 0. A scheme with stages has w = 0.
+
+What a contact takes is the power of its whole force, which holds the energy that is lost in (a), less the change of
+its elastic energy.
+
 Friction acts at the roller's center like the contact force, against what the partner's material point there slides
 along the contact: so the reaction's moment and the power are exact, and no roller needs an angle.
 """
@@ -22,11 +34,13 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, multiply_add, product, products, quotient
+from ..native import larger, multiply_add, products, quotient, reciprocal
 from ..number import leading
 from .friction import coefficient, held_back
 from .impact import contact_force, elastic_force
 
+AWAY = wp.constant(-1.0)
+"""Penetration [m] of a roller that no partner is near."""
 UNTOUCHED = wp.constant(0.0)
 SEPARATED = wp.constant(-1.0)
 MISSED = wp.constant(-1.0)
@@ -35,44 +49,64 @@ MISSED = wp.constant(-1.0)
 @wp.func
 def sized(direction: Any, size: Any):
     """A vector [N] of a size and a direction."""
-    return type(direction)(product(size, direction[0]), product(size, direction[1]))
+    return size * direction
 
 
 @wp.func
-def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_speed: Any, law: Any):
-    """The force of a closed contact, eq. (15)-(19); `penetration` must be positive.
+def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_speed: Any, held: Any, law: Any):
+    """The force of a contact, eq. (15)-(19), as `pressed`, from vectors.
 
     Args:
-        penetration: pen > 0 [m].
+        penetration: pen, negative where they do not touch yet [m].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
             penetration grows.
         gaining: acceleration of that velocity, by all but this contact [m/s^2].
-        impact_speed: v0 of this contact, not positive if it was open until now [m/s].
-        law: the contact's parameters (`structs.ContactLaw`).
+        impact_speed, held, law: as in `pressed`.
 
     Returns:
-        Force on the roller (vector) and its magnitude [N], v0 [m/s], the damping part of that magnitude [N], elastic
-        energy [J].
+        Force on the roller (vector), and what `pressed` does.
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     growth = products(gaining[0], normal[0], gaining[1], normal[1])
-    size, first, damper, energy = pressed(penetration, speed, growth, impact_speed, law)
-    return sized(normal, size), size, first, damper, energy
+    mean, size, first, damper, energy = pressed(penetration, speed, growth, impact_speed, held, law)
+    return sized(normal, size), mean, size, first, damper, energy
 
 
 @wp.func
-def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
-    """As `respond`, from approach speed [m/s] and acceleration [m/s^2] along the normal, without the direction."""
-    first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
-    elastic = elastic_force(penetration, law.stiffness, law.exponent)
-    size = contact_force(elastic, speed, growth, first, law)
-    return size, first, size - elastic, stored(penetration, elastic, law)
+def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: Any, law: Any):
+    """The force of a contact along its normal: its impulse over a leapfrog step, over the step (a).
+
+    Args:
+        penetration: pen at the step's instant, negative where they do not touch [m].
+        speed: at which it grows [m/s], half a step before with leapfrog.
+        growth: acceleration of that speed, by all but this contact [m/s^2].
+        impact_speed: v0 of this contact, not positive if it was open until now [m/s].
+        held: the damping part of its force in the step before [N].
+        law: the contact's parameters (`structs.ContactLaw`).
+
+    Returns:
+        Mean penetration over the step [m], 0 where the contact is open, and nothing else then counts; the force [N],
+        v0 [m/s], the damping part of the force [N], elastic energy [J].
+    """
+    zero = type(speed)(0.0)
+    closing = multiply_add(law.lag, growth, speed)
+    ahead = wp.abs(closing) * law.lag
+    inverse = wp.where(ahead > zero, reciprocal(ahead), zero)
+    part = larger(penetration + ahead, zero)
+    mean = wp.where(penetration >= ahead, larger(penetration, zero), type(speed)(0.25) * part * part * inverse)
+    begins = impact_speed <= zero
+    met = larger(multiply_add(-growth * penetration, law.lag * inverse, closing), law.speed_floor)
+    first = wp.where(begins, met, impact_speed)
+    elastic = elastic_force(mean, law.stiffness, law.exponent)
+    size = contact_force(elastic, speed, growth, first, wp.where(begins, zero, held), law)
+    size = wp.where(mean > zero, size, zero)
+    return mean, size, first, size - elastic, stored(mean, elastic, law)
 
 
 @wp.func
 def stored(penetration: Any, elastic: Any, law: Any):
-    """Energy [J] of a closed contact: `elastic` [N] is the force without damping."""
+    """Elastic energy [J] of a contact: `elastic` [N] is the force without damping."""
     return quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
 
 
@@ -134,7 +168,7 @@ def rub_at(mu: Any, size: Any, normal: Any, relative: Any, held: Any, friction: 
     """As `rub`, of a given coefficient."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
-    drag, holds = held_back(mu * size, speed, held, friction.inertia, stretched)
+    drag, holds = held_back(mu * size, speed, held, friction.spring, friction.damper, stretched)
     return sized(along, drag), holds
 
 
@@ -177,8 +211,8 @@ def surface_velocity(body: Any, arm: Any):
 def gained(straight: Any, angular: Any, arm: Any, acceleration: Any):
     """Acceleration [m/s^2] of the velocity of a body's material point less a roller's.
 
-    Of the body those count that are expected of its center and its angle (`body.expecting`), of the roller all
-    that is known. The arm is the one of the forces' instant, so nothing centripetal is in it.
+    Of the body those of the step before count, of the roller all that is known. The arm is the one of the forces'
+    instant, so nothing centripetal is in it.
 
     Args:
         straight: of the body's center [m/s^2].

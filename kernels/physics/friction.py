@@ -3,11 +3,12 @@ r"""Dry friction of whatever slides, after Coulomb, without a slip-speed paramet
 With N the normal force, v the sliding speed and mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), friction Q is at most
 mu(v) N. What sticks is held by a bristle (Dahl): over a step of length h it is stretched by v h, and
 
-    b <- clamp(b + s (m_e / h) v, -mu N, mu N),    Q = clamp(b + t (m_e / h) v, -mu N, mu N)   against the sliding,
+    b <- clamp(b + k h v, -mu N, mu N),    Q = clamp(b + c v, -mu N, mu N)   against the sliding,
 
-s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness s m_e / h^2 grows as h falls:
-Coulomb's law in the limit, no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v,
-the bristle stores b^2 h^2 / (2 s m_e).
+c = t sqrt(k m_e / s), s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness k is that of
+the contact along its surface, s m_e / h^2 at most, which the step can follow: so results do not hang on the step where
+that is short. There is no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v, the
+bristle stores b^2 / (2 k).
 
 The joints' pins turn in bushes as neighboring links turn against each other. Joint i lies at roller i, between the
 links i - 1 and i, of lengths L and unit vectors u, n being u turned by +90 degrees. Link i turns at dphi_i = (v_{i+1} -
@@ -32,9 +33,9 @@ import warp as wp
 from ..native import dot, inverse_root, multiply_add, quotient
 
 SPRING = 0.2
-"""s: of the speed in a step, what a bristle takes; it oscillates at 0.45 / h."""
+"""s: of the speed in a step, what a bristle takes at most; it then oscillates at 0.45 / h."""
 DAMPER = 0.5
-"""t: the same of the damper beside it."""
+"""t: the same of the damper beside it, where the bristle is as stiff as that."""
 
 
 @wp.func
@@ -53,18 +54,19 @@ def coefficient(speed: Any, friction: Any):
 
 
 @wp.func
-def held_back(most: Any, speed: Any, held: Any, inertia: Any, stretched: Any):
+def held_back(most: Any, speed: Any, held: Any, spring: Any, damper: Any, stretched: Any):
     """Friction [N] against a sliding speed, at most mu N either way, and the bristle's part of it.
 
     Args:
         most: mu N [N].
         speed: v [m/s].
         held: the bristle's force b until now [N].
-        inertia: m_e / h [kg/s].
+        spring: k h [N s/m].
+        damper: c [N s/m].
         stretched: part of a step over which the bristle is stretched (`integrate.stretching`).
     """
-    holds = wp.clamp(multiply_add(stretched * type(speed)(SPRING) * inertia, speed, held), -most, most)
-    return wp.clamp(multiply_add(type(speed)(DAMPER) * inertia, speed, holds), -most, most), holds
+    holds = wp.clamp(multiply_add(stretched * spring, speed, held), -most, most)
+    return wp.clamp(multiply_add(damper, speed, holds), -most, most), holds
 
 
 @wp.func
@@ -103,7 +105,7 @@ def rubbing_moment(
         stretched: as in `held_back`.
     """
     most = mu * chain.joint_arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
-    drag, holds = held_back(most, turn_after - turn_before, held, chain.joint.inertia, stretched)
+    drag, holds = held_back(most, turn_after - turn_before, held, chain.joint.spring, chain.joint.damper, stretched)
     return -drag, holds
 
 

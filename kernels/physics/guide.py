@@ -17,18 +17,18 @@ import warp as wp
 
 from ..native import dot, inside, inverse_root, load_constant, multiply_add, products, root
 from ..number import PairVector, add, component, cross, difference, fused, leading, mul, sub, vector  # noqa: F401
-from .contact import turned
+from .contact import AWAY, turned
 
 
 @wp.func
 def at_face(across: Any, bar: Any):
     """Whether `across` = q . n [m] is where a roller may touch a guide-bar."""
-    return across > -bar.end_radius and across < bar.roller_radius
+    return across > -bar.end_radius and across < bar.roller_radius + bar.ahead
 
 
 @wp.func
 def guide_gap(along: Any, across: Any, bar: Any):
-    """Penetration [m] (not positive: no contact) and the normal's components along t and n, eq. (21)-(23).
+    """Penetration [m] (negative: no contact) and the normal's components along t and n, eq. (21)-(23).
 
     Args:
         along: q . t [m].
@@ -36,7 +36,7 @@ def guide_gap(along: Any, across: Any, bar: Any):
         bar: the guide-bar (`structs.Guide`).
     """
     zero = type(along)(0.0)
-    penetration = zero
+    penetration = type(along)(AWAY)
     normal_along = zero
     normal_across = type(along)(1.0)
     if at_face(across, bar):
@@ -95,8 +95,8 @@ def near_coordinates(p: wp.vec2f, bar: Any):
 def near_bar(p: Any, bar: Any):
     """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
     along, across = near_coordinates(p, bar)
-    reach = bar.end_radius + bar.roller_radius + bar.slack
-    near = inside(across, -bar.end_radius - bar.slack, bar.roller_radius + bar.slack)
+    reach = bar.end_radius + bar.roller_radius + bar.ahead + bar.slack
+    near = inside(across, -bar.end_radius - bar.slack, bar.roller_radius + bar.ahead + bar.slack)
     return near & inside(along, -reach, bar.length + reach)
 
 
@@ -266,7 +266,7 @@ def on_piece(q: Any, piece: Any, following: Any, guide: Any):
     """Penetration [m] of a roller on a piece of a guide's profile and the normal, in the frame of the guide's body; and
     +1 where the roller is past the piece, -1 where it is before, else 0.
 
-    The penetration is not positive where they do not touch, and where the roller is behind the guide.
+    The penetration is negative where they do not touch, and where the roller is behind the guide.
 
     Args:
         q: in that frame [m].
@@ -280,7 +280,7 @@ def on_piece(q: Any, piece: Any, following: Any, guide: Any):
     beyond = wp.where(ahead_of(difference(q, following.start), following.direction), 1, beyond)
     penetration = guide.roller_radius - height
     if height <= -guide.end_radius or beyond != 0:
-        penetration = type(length)(0.0)
+        penetration = type(length)(AWAY)
     t = leading(piece.direction)
     x = products(type(u)(along), t[0], -type(u)(across), t[1])
     y = products(type(u)(along), t[1], type(u)(across), t[0])

@@ -30,7 +30,7 @@ from typing import Any
 import warp as wp
 
 from ..number import Pair, PairVector, add, difference, leading, mul, number_of, sub  # noqa: F401
-from .friction import held_back
+from .friction import DAMPER, SPRING, held_back
 from .guide import from_frame
 from .mount import left
 
@@ -110,5 +110,8 @@ def bearing_moment(force: Any, turning: Any, held: Any, hub: Any, stretched: Any
         hub: its data.
         stretched: as in `friction.held_back`.
     """
-    drag, holds = held_back(hub.bearing * wp.length(force), turning, held, hub.inertia, stretched)
+    most = hub.bearing * wp.length(force)
+    drag, holds = held_back(
+        most, turning, held, type(turning)(SPRING) * hub.inertia, type(turning)(DAMPER) * hub.inertia, stretched
+    )
     return -drag, holds

@@ -15,8 +15,18 @@ forces' instant is that which solves v' = v + (h / 2) (a - F / m),
 
     v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
 
-It is of second order in h, and turns no speed around however strong the damper: a seated roller under a load N has
-d N / v0, whatever its speed. A scheme with stages has the speed of the forces' instant; its damper is bounded where its
+The partner's body has in a its acceleration of the step before, alpha_0. A light body would answer all its contacts'
+dampers at once and gain energy, so each remembers the force P_0 that its damper had then. With P for the part that
+damps, D = h c / (2 m) and G twice the body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body
+of inertia J that turns (with the ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carry it,
+
+    P (1 + D (1 + G)) = c (v + (h / 2) (a - E / m)) + D G P_0,    F = max(0, E + min(P, c v0)).               (a)
+
+At rest and in blows, where D is small, that is the same. It is of second order in h, and turns no speed around however
+strong the damper and however light the body: a seated roller under a load N has d N / v0, whatever its speed. The
+damper lags behind by a step at most.
+
+A scheme with stages has the speed of the forces' instant; its damper is bounded where its
 step could not follow, by an error of fourth order:
 
     c / (1 + (c h / (2 m))^4)^(1/4).
@@ -29,7 +39,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, multiply_add, product, quotient, smaller
+from ..native import larger, multiply_add, quotient, smaller
 
 UNBOUNDED = 1.0e30
 
@@ -38,7 +48,7 @@ UNBOUNDED = 1.0e30
 def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
     """K pen^n [N], eq. (15) without damping; `penetration` > 0 [m]."""
     if exponent == type(exponent)(1.0):
-        return product(stiffness, penetration)
+        return stiffness * penetration
     return stiffness * wp.exp(exponent * wp.log(penetration))
 
 
@@ -81,7 +91,7 @@ def damper_of(elastic: Any, impact_speed: Any, law: Any):
 
 
 @wp.func
-def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
+def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, held: Any, law: Any):
     """Force [N] of a contact law, never adhesive.
 
     Args:
@@ -89,21 +99,11 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, law:
         speed: approach speed v [m/s], positive while the penetration grows.
         growth: a, of that speed by all but this contact [m/s^2].
         impact_speed: v0 [m/s].
+        held: P_0, the damper's force in the step before [N].
         law: the contact's parameters (`structs.ContactLaw`).
     """
     damper, slowest, fastest = damper_of(elastic, impact_speed, law)
-    led = multiply_add(-law.yielding, elastic, multiply_add(law.lag, growth, speed))
-    now = quotient(led, multiply_add(law.yielding, damper, type(elastic)(1.0)))
+    one = type(elastic)(1.0)
+    led = multiply_add(-law.yielding, multiply_add(-law.answer, held, elastic), multiply_add(law.lag, growth, speed))
+    now = quotient(led, multiply_add(law.yielding * damper, one + law.answer, one))
     return larger(multiply_add(damper, smaller(larger(now, slowest), fastest), elastic), type(elastic)(0.0))
-
-
-@wp.func
-def force_by_growth(elastic: Any, size: Any, impact_speed: Any, law: Any):
-    """Force [N] that a closed contact answers a closing acceleration of 1 m/s^2 more with.
-
-    Arguments as of `contact_force`, and `size` as it returns; nothing where that is bounded either way.
-    """
-    damper, slowest, fastest = damper_of(elastic, impact_speed, law)
-    free = size > type(size)(0.0) and size - elastic < type(size)(0.999) * damper * fastest
-    more = quotient(law.lag * damper, type(elastic)(1.0) + law.yielding * damper)
-    return wp.where(free, more, type(size)(0.0))

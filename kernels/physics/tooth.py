@@ -122,15 +122,16 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
     across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
     radial = gap.pitch_radius + xi
     limit = larger(gap.tip_reach - penetration, zero)
-    applies = wp.where(products(radial, radial, lateral, lateral) > limit * limit, int(penetration <= zero), 1)
+    farther = products(radial, radial, lateral, lateral) > limit * limit
+    applies = wp.where(farther, int(penetration <= -gap.ahead), 1)
     applies = wp.where(in_arc, applies, applies * int(gap.flank_curvature <= zero))
     return penetration, along, across, applies
 
 
 @wp.func
 def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
-    """Whether a roller, `penetration` deep in a gap without tips, is less deep in the tip."""
-    if penetration > type(xi)(0.0):
+    """Whether a roller, `penetration` deep in a gap without tips or about to touch it, is less deep in the tip."""
+    if penetration > -gap.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
         return products(radial, radial, lateral, lateral) > limit * limit

@@ -15,15 +15,15 @@ from benches.probe import packed_of, schedule
 from warpchain import Drive
 from warpchain.engine.packed import Packed
 
-LAW = "form stiffness exponent damping speed_floor lag yielding"
-FRICTION = "inertia mu_dynamic mu_static stribeck_speed"
-BODY = "prescribed sign inverse_inertia following speed ramp_time start_angle load load_ramp_time"
+LAW = "form stiffness exponent damping speed_floor lag yielding answer"
+FRICTION = "spring damper mu_dynamic mu_static stribeck_speed"
+BODY = "prescribed sign inverse_inertia speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"
 TEETH = """
-    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach
+    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach ahead
 """
 GUIDE = """
-    start direction length end_radius roller_radius deepest_entry body pieces first_piece low high
+    start direction length end_radius roller_radius ahead deepest_entry body pieces first_piece low high
 """
 PIECE = "start direction curvature"
 ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"
@@ -72,7 +72,7 @@ def lacking(packed: Packed) -> list[str]:
 
 
 def counts(packed: Packed) -> dict[str, int]:
-    """Numbers of variant 0's parts, and whether it has light bodies."""
+    """Numbers of variant 0's parts."""
     drive = packed.drives[0]
     return {
         "rollers": int(drive["rollers"]),
@@ -81,7 +81,6 @@ def counts(packed: Packed) -> dict[str, int]:
         "pieces": len(packed.pieces) if packed.guides["pieces"].any() else 0,
         "arms": int(drive["bodies"] - drive["sprockets"]),
         "tensioners": int(drive["tensioners"]),
-        "light": int(drive["light"]),
     }
 
 
@@ -94,9 +93,9 @@ def layout(packed: Packed) -> bytes:
     if unknown := lacking(packed):
         raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
     drive, chain = packed.drives[0], packed.chains[0]
-    n, sprockets, guides, pieces, arms, tensioners, light = counts(packed).values()
+    n, sprockets, guides, pieces, arms, tensioners = counts(packed).values()
     bodies = sprockets + arms
-    values: list[float] = [n, sprockets, guides, pieces, arms, tensioners, light]
+    values: list[float] = [n, sprockets, guides, pieces, arms, tensioners]
     values += [drive["step"], packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
     values += [
         chain["joint"]["inertia"] > 0.0,

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from blocks import pack_for
 from drives import STARTING, example, two_sprockets
 from scipy.optimize import least_squares
 
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.drive.examples import example_names
-from warpchain.results.schedule import Schedule
 
 PITCH, MASS = 0.0127, 0.0088
 OWN = {
@@ -81,13 +78,6 @@ def test_a_start_of_three_chains_on_a_shaft_gains_no_energy():
     drive = example("v6").with_values({"run.duration": 0.01})
     run = simulate(drive, record=Record("none"), window=(0.0, 0.01), device="cpu", limits=STARTING)
     assert abs(run.metrics.to_pylist()[0]["energy_residual_relative"]) < 1e-5
-
-
-def test_drives_that_do_not_gain_energy_keep_what_they_run():
-    for name in example_names():
-        drive, light = example(name), name in ("v6", "motorcycle_drivetrain", "derailleur", "marine_lever")
-        packed = pack_for([drive], [Schedule(float(resolve_step(drive)), 1, 0, 1, 0)], "float64")
-        assert (packed.drives["light"] == light).all(), name
 
 
 def test_a_slow_start_has_the_same_bits_beside_drives_that_are_not_slow():

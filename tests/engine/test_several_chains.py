@@ -46,7 +46,7 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(side_b
 
 
 def test_two_equal_chains_on_a_light_shaft_are_one_of_twice_the_mass_stiffness_and_contact():
-    """To round-off: what contacts expect of a shaft lighter than its rollers, all chains on it answer together."""
+    """To round-off: a shaft lighter than its rollers answers the dampers of all chains on it together."""
     drives = [chains.side_by_side(count, duration=0.01, step=2.5e-6) for count in (0, 2)]
     one, two = simulate([of.with_values({"sprockets.b0.inertia": 0.05}) for of in drives], device="cpu").values()
     for half in (slice(0, 60), slice(60, 120)):
@@ -153,7 +153,7 @@ def test_bodies_of_a_shaft_stay_together():
 
 
 def test_light_shafts_run_at_large_steps(device):
-    """A shaft lighter than the rollers on it: contacts of both chains agree on its acceleration before forces."""
+    """A shaft lighter than the rollers on it answers the dampers of both chains."""
     light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 1e-3, "run.step": "auto"}
     drive = chains.two_stages(duration=0.2).with_values(light)
     row = simulate(drive, device=device, record=Record(variants="none")).metrics.to_pylist()[0]

@@ -11,8 +11,6 @@ from blocks import (
     LONG,
     MOVING_TRAINS,
     RUBBING,
-    SWUNG,
-    SWUNG_LIGHT,
     THOROUGH,
     TRAINS_RK4,
     USUAL,
@@ -48,20 +46,6 @@ FOREVER = 10**8
 @pytest.mark.parametrize(**together(USUAL, LONG, THOROUGH))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision, family):
     assert_steps_of_the_cpu(drives, many, precision, family)
-
-
-def test_idlers_are_light_or_not_by_far():
-    """Half the inertia of idlers that are not, and twice that of those that are, changes nothing about it.
-
-    Near where it does, at 1.3e-3 and 1.5e-3 kg m^2, a contact of `led` or `folded` closed a step apart at float32.
-    """
-    for families, light, factor in ((SWUNG, 0, 0.5), (SWUNG_LIGHT, 1, 2.0)):
-        drives = [drive for family in families for drive in family()]
-        inertia = "sprockets.idler.inertia"
-        drives += [drive.with_values({inertia: factor * drive.sprockets[1].inertia}) for drive in drives]
-        for drive in drives:
-            packed = pack_for([drive], [Schedule(drive.run.step, 1, 0, 1, 0)], "float64")
-            assert packed.drives["light"].tolist() == [light]
 
 
 ALONE = ways(

@@ -112,10 +112,15 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers
     np.testing.assert_array_equal(turned[0], turned[1])
 
 
-def test_the_shaft_of_light_stages_is_light_for_both_its_chains():
-    packed = ensemble(light_stages(), "float64")
-    assert packed.drives["light"].tolist() == [1, 1, 1, 1]
-    assert not ensemble(stages_of_two_chains(), "float64").drives["light"].any()
+def test_the_shaft_of_light_stages_answers_for_both_its_chains():
+    """Over a roller's mass by 2 sum(n (R + b)^2) / J, of n rollers on each of its two sprockets."""
+    drive = light_stages()[0]
+    packed, squares = ensemble([drive], "float64"), 0.0
+    for part, assembly, s in zip(rings_of(drive), packed.assemblies, (1, 0), strict=True):
+        reach = part.drive.pitch_radius(s) + part.drive.engagement(s)
+        squares += (assembly.seat_sprocket == s).sum() * reach**2
+    found = packed.sprockets["law"]["answer"][1:3] / packed.chains["mass"]
+    assert found == pytest.approx([2.0 * squares / 2e-3] * 2, rel=1e-12)
 
 
 @pytest.mark.long

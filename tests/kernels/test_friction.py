@@ -20,7 +20,7 @@ def slide(law: KINDS.Friction, pull: wp.float64, speed: wp.float64, h: wp.float6
     work = wp.float64(0.0)
     for i in range(out.shape[0]):
         most = coefficient(wp.abs(v), law) * wp.float64(10.0)
-        drag, held = held_back(most, v, held, wp.float64(1.0) / h, wp.float64(1.0))
+        drag, held = held_back(most, v, held, wp.float64(SPRING) / h, wp.float64(DAMPER) / h, wp.float64(1.0))
         before = v
         v += h * (pull - drag)
         x += h * v

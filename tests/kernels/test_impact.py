@@ -138,11 +138,12 @@ def squeeze(law: KINDS.ContactLaw, mass: wp.float64, depth: wp.float64, begin: w
             out: wp.array[wp.float64]):  # fmt: skip
     """Places of a mass between two contacts, which press on it from both sides: the second sees the first."""
     x = begin
-    v = wp.float64(0.0)
+    none = wp.float64(0.0)
+    v = none
     for i in range(out.shape[0]):
         out[i] = x
-        first = contact_force(law.stiffness * (depth - x), -v, wp.float64(0.0), law.speed_floor, law)
-        second = contact_force(law.stiffness * (depth + x), v, first / mass, law.speed_floor, law)
+        first = contact_force(law.stiffness * (depth - x), -v, none, law.speed_floor, none, law)
+        second = contact_force(law.stiffness * (depth + x), v, first / mass, law.speed_floor, none, law)
         v += h * (first - second) / mass
         x += h * v
 

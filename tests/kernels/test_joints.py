@@ -8,6 +8,7 @@ from raw import chain, polygon, run, state
 from warpchain.engine.fill import JOINT_INERTIA
 from warpchain.kernels.cpu.joints import joint_passes
 from warpchain.kernels.cpu.rollers import ROWS, passes
+from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.structs import types
 
 PITCH, MASS, STIFFNESS, WORN_IN = 0.1, 2.0, 5e6, 4 / np.pi
@@ -57,7 +58,8 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     per_cycle = round(10 / (frequency * np.sqrt(MASS / STIFFNESS)))
     h = 1 / (frequency * per_cycle)
     law.pin_radius, law.joint_arm = radius, WORN_IN * radius
-    law.joint.inertia = JOINT_INERTIA * MASS * PITCH**2 / (6 * h)
+    inertia = JOINT_INERTIA * MASS * PITCH**2 / (6 * h)
+    law.joint.inertia, law.joint.spring, law.joint.damper = inertia, SPRING * inertia, DAMPER * inertia
     law.joint.mu_dynamic = law.joint.mu_static = mu
     out = wp.zeros(round((cycles + 0.3) * per_cycle), dtype=real, device="cpu")
     scratch = wp.array(rows.ravel(), dtype=real, device="cpu")

@@ -470,7 +470,7 @@ def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: w
     for k in range(speed.shape[0]):
         if k % 32 == 0:
             sums = gathered_powers(sums)
-        sums = add_powers(sums, speed[k], moment[k], -moment[k], 1.0)
+        sums = add_powers(sums, speed[k], moment[k], -moment[k], 0.0, 1.0)
     sums = gathered_powers(sums)
     out[0, 0] = whole(sums.moment.sum)
     out[0, 1] = whole(sums.contact_work.sum)

@@ -151,8 +151,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, light=0, tied=0, crowded=0)
-        parts = replace(parts, oil=0, fed=0, valves=0, rings=1)
+        parts = replace(kind.parts, prescribed=1, tabulated=1, tied=0, crowded=0, oil=0, fed=0, valves=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
@@ -195,7 +194,6 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "prescribed": np.maximum(np.add.reduceat(packed.motions["prescribed"], drives["first_body"]), 1),
         "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
-        "light": drives["light"] * (drives["integrator"] == 0),
         "tied": drives["tied"],
         "hubs": drives["hubs"] + drives["jointed"],
         "crowded": packed.crowded_arms,

@@ -23,7 +23,7 @@ from warpchain.drive.geared import joined
 from warpchain.drive.rings import loaded_rings, rings_of
 from warpchain.drive.trains import own_inertia
 from warpchain.drive.transmission import is_geared, shafts_given
-from warpchain.engine.light import braking, wanted
+from warpchain.engine.answers import share_answers
 from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
@@ -115,7 +115,7 @@ class Rows:
         geared = is_geared(self.variants[v])
         drive, rows = self.variants[v] if geared else shafts_given(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
-        begin, end = int(rows["first_body"][a]), int(rows["first_body"][b - 1] + rows["bodies"][b - 1])
+        begin = int(rows["first_body"][a])
         _number_trains(packed, range(a, b), begin)
         members_of: list[tuple[Member, Any]] = []
         for r in range(a, b):
@@ -135,12 +135,8 @@ class Rows:
                 if not geared:
                     _tie(packed, members, begin)
                 _share_contacts(packed, members)
-        strength = []
         for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
-            strength += braking(packed, np.array([r]), ring.drive, packed.assemblies[r])[0].tolist()
-        trains = packed.motions["train"][begin:end]
-        rows["light"][a:b] = wanted(packed.motions["following"][begin:end], (trains[:, None] == trains) @ strength)
 
 
 Member = tuple[int, int, int]
@@ -184,13 +180,13 @@ def _tie(packed: Packed, members: Sequence[Member], begin: int) -> None:
 
 
 def _share_contacts(packed: Packed, members: Sequence[Member]) -> None:
-    """Makes what contacts expect of a body, and the mass that friction has to stop, go by all rollers of the train.
+    """Makes the answer of a train, and the mass that friction has to stop, go by the rollers of all its chains.
 
     As in `fill.tooth_effective_mass`, with 1/m_e = 1/m + sum of z times the mobility of a point.
     """
-    rows, bodies, sprockets = (np.array(of) for of in zip(*members, strict=True))
-    mass, alone = packed.chains["mass"][rows], packed.motions["following"][bodies]
-    yields = ((1.0 / alone - 1.0) / mass).sum()
-    together = 1.0 / (1.0 + mass * yields)
-    packed.motions["following"][bodies] = together.min()
-    packed.tooth_friction["inertia"][sprockets] *= together / alone
+    rows, _, sprockets = (np.array(of) for of in zip(*members, strict=True))
+    share_answers(packed, rows, sprockets)
+    mass, stopped = packed.chains["mass"][rows], packed.tooth_friction["inertia"]
+    rubs = stopped[sprockets] > 0.0
+    yields = (1.0 / stopped[sprockets][rubs] - 1.0 / mass[rubs]).sum()
+    stopped[sprockets[rubs]] = 1.0 / (1.0 / mass[rubs] + yields)

@@ -34,7 +34,7 @@ def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     if name == "relax":
         return relax.relax_kernel(*form, plain)
     led = bool((packed.mounts["moves"] == PRESCRIBED).any())
-    plain = plain and not led and not any(drives[what].any() for what in ("integrator", "light"))
+    plain = plain and not led and not drives["integrator"].any()
     if most_chains(packed) > 1:
         return chains.chains_kernel(*form, packed.frame, plain)
     return serial.advance_kernel(*form, packed.frame, plain)
@@ -62,7 +62,8 @@ class CpuEngine(Engine):
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
         self._chains = most_chains(packed)
-        shape = (self._chains, serial.SCRATCH_ROWS * self.capacity)
+        partners = int((packed.drives["sprockets"] + packed.drives["guides"]).max())
+        shape = (self._chains, (serial.SCRATCH_ROWS + partners) * self.capacity)
         for _ in range(workers):
             self._scratch.put(wp.zeros(shape, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")

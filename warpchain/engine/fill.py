@@ -41,6 +41,15 @@ FORMS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
 """Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
 
+AHEAD = 1.0 / 16.0
+"""Of a roller's radius, how far from a partner it may be that comes to touch it within a step."""
+
+PIN_STIFFNESS = 12.0
+"""Stiffness of a pin in its bush, of a link's: the pins at its two ends are taken to have half of its give."""
+
+TANGENTIAL = 0.8
+"""Stiffness of a contact along its surface, of that across it (Mindlin 1949; 0.82 for steel)."""
+
 DEEPEST_ENTRY = 0.5
 """A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
 
@@ -67,7 +76,7 @@ class RowList:
 
 
 def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
-    """Fills a `kernels.structs.ContactLaw` but for what hangs on the step, which `pack` does."""
+    """Fills a `kernels.structs.ContactLaw` but for what hangs on the step and on bodies, which `pack` does."""
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
@@ -80,9 +89,11 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    radius, band = drive.pitch_radius(s), drive.engagement(s)
+    radius = drive.pitch_radius(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
+    row["ahead"] = AHEAD * roller_radius
+    band = largest(drive.engagement(s), tooth.tip_radius + roller_radius + row["ahead"] - radius)
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
@@ -108,7 +119,6 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
     turned, led_by = turned_part(drive, s), leader_of(drive, s)
     row["sign"] = turning_sign(drive, s)
     row["start_angle"] = angle
-    row["following"] = tooth_effective_mass(drive, s) / drive.chain.mass if s < len(drive.sprockets) else 1.0
     if led_by is not None:
         leader, ratio = led_by
         motion = turned_on(drive, turned_part(drive, leader), turned_part(drive, leader).prescribed)
@@ -158,19 +168,20 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
 
 def fill_guide(row: Any, drive: Drive, g: int) -> None:
     """Fills what a guide has beside its face."""
+    row["ahead"] = AHEAD * drive.chain.roller_radius
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
-def fill_friction(row: Any, rubbing: Rubbing, effective_mass: float) -> None:
-    """Fills a `kernels.structs.Friction`, its `inertia` for a step of 1 s; it stays zero without friction.
+def fill_friction(row: Any, rubbing: Rubbing, effective_mass: float, stiffness: float) -> None:
+    """Fills a `kernels.structs.Friction` but for what hangs on the step; it stays zero without friction.
 
     `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
     (`tooth_effective_mass`).
     """
     if not rubbing.rubs:
         return
-    row["inertia"] = effective_mass
+    row["inertia"], row["stiffness"] = effective_mass, TANGENTIAL * stiffness
     row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
     row["stribeck_speed"] = rubbing.stribeck_speed
 
@@ -272,14 +283,13 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     but for what says so.
     """
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
-    plungers, rollers = drive.plunger_mass_on(s), sprocket.teeth * drive.chain.mass
+    plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
         row["moves"], row["home"] = CARRIED, joined(sprocket.center)
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
-    row["following"] = mass / (mass + rollers)
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)
@@ -326,4 +336,5 @@ def fill_chain(row: Any, drive: Drive) -> None:
         assert pin_radius is not None  # the chain's own rule
         row["pin_radius"], row["joint_arm"] = pin_radius, chain.joint.factor * pin_radius
         inertia = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
-        fill_friction(row["joint"], rubbing_of(chain.joint), inertia)
+        stiffness = PIN_STIFFNESS * chain.stiffness * power(pin_radius, 2)
+        fill_friction(row["joint"], rubbing_of(chain.joint), inertia, stiffness)

@@ -109,7 +109,6 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
     arm = drive.arms[a]
     row["pivot"] = body["center"] = joined(arm.pivot)
     motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
-    motion["following"] = arm_effective_mass(drive, a) / drive.chain.mass
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
     if arm.stops is not None:
@@ -146,7 +145,7 @@ def fill_places(row: Any, table: PlaceTable | None, tables: TableList) -> None:
 def fill_pivot(row: Any, drive: Drive, a: int, tables: TableList) -> None:
     """Fills the `kernels.structs.Mount` of arm a, whose pivot is led."""
     arm = drive.arms[a]
-    row["active"], row["moves"], row["following"], row["home"] = 1, PRESCRIBED, 1.0, joined(arm.pivot)
+    row["active"], row["moves"], row["home"] = 1, PRESCRIBED, joined(arm.pivot)
     fill_places(row, arm.pivot_table, tables)
     row["mass"] = sum(mass for mass, _ in drive.masses_on(a))
     row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)

@@ -53,6 +53,7 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
         begin, count = first[row.kind][variants], int(KINDS[row.kind].count(drives)[0])
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
         found[name] = values[begin] if row.kind == "variant" else _rows_from(values, begin, count)
+    _add_late_work(found, packed, drives[0])
     batches, parts = _batched(found, drives, int(BATCHES)), _batched(found, drives, PARTS)
     tension = found["tension_counts"], tension_edges(drives["tension_scale"])
     return found | {"batches": batches, "parts": parts, "tension": tension}
@@ -63,6 +64,22 @@ def _rows_from(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> 
     if (np.diff(begin) == count).all():
         return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
     return values[spread(begin, count)]
+
+
+def _add_late_work(found: dict[str, Any], packed: Packed, drive: Any) -> None:
+    """Takes from what contacts have taken what bodies had of it (`kernels.physics.body.late_power`).
+
+    Of an arm all goes to the first guide, else sprocket, that it carries; `drive` is one of the variants', all alike.
+    """
+    found["contact"] = found["contact"].copy()  # not the engine's own
+    taken, sprockets = found["contact"]["dissipated"], int(drive["sprockets"])
+    taken[:, :sprockets] -= found["sprocket"]["late_work"]
+    guides = packed.guides["body"][drive["first_guide"] :][: drive["guides"]]
+    hubs = packed.hubs["arm"][drive["first_sprocket"] :][:sprockets]
+    for a in range(int(drive["arms"])):
+        body = drive["bodies"] - drive["arms"] + a
+        partners = [*(sprockets + np.flatnonzero(guides == body)), *np.flatnonzero(hubs == body)]
+        taken[:, partners[0] if partners else 0] -= found["arm"]["late_work"][:, a]
 
 
 def _batched(

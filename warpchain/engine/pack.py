@@ -23,6 +23,7 @@ from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
+from warpchain.engine.answers import fill_answers
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
     RowList,
@@ -56,10 +57,10 @@ from warpchain.engine.fill_bodies import (
     piece_count,
     profiled,
 )
-from warpchain.engine.light import fill_light
 from warpchain.engine.packed import Packed, spread, state_rows, store
 from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.physics.mount import CARRIED
 from warpchain.kernels.physics.tensioner import DREGS
 from warpchain.results.schedule import Schedule, schedule_columns
@@ -95,14 +96,10 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
-        fill_light(packed, part.members, part.drive, assembly)
+        fill_answers(packed, part.members, part.drive, assembly)
     fill_steps(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
-    for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
-        steps = np.repeat(packed.drives["step"], packed.drives[counts])
-        friction["inertia"][: len(steps)] /= steps
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
-    packed.chains["joint"]["inertia"] /= packed.drives["step"]
     packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
@@ -110,23 +107,26 @@ def pack(
 
 
 def fill_steps(packed: Packed) -> None:
-    """Fills what of contact laws hangs on the steps of their drives, and with stages on how bodies give way."""
+    """Fills what of contact laws and friction hangs on the steps of their drives."""
+    for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
+        steps = np.repeat(packed.drives["step"], packed.drives[counts])
+        fill_bristles(friction[: len(steps)], steps)
+    fill_bristles(packed.chains["joint"], packed.drives["step"])
     for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
         owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
         row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
         staged = packed.drives["integrator"][owner] > 0
         row["lag"] = np.where(staged, 0.0, 0.5 * step)
         row["yielding"] = row["lag"] / mass
-        row["most_damping"] = np.where(staged, 2.0 * mass / step * _held(packed, counts, owner), 0.0)
+        row["most_damping"] = np.where(staged, 2.0 * mass / (step * (1.0 + row["answer"])), 0.0)
 
 
-def _held(packed: Packed, counts: str, owner: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Part of 2 m / h that dampers of contacts with sprockets or guides may have: of light drives 1 / (1 + g)."""
-    drives, place = packed.drives[owner], packed.guides["body"][: len(owner)]
-    if counts == "sprockets":
-        place = np.arange(len(owner)) - drives["first_sprocket"]
-    following = packed.motions["following"][drives["first_body"] + np.maximum(place, 0)]
-    return np.where((drives["light"] == 0) | (place == structs.GROUND), 1.0, following)
+def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64]) -> None:
+    """Fills what of friction hangs on the step: bristles as stiff as it can follow, and their dampers."""
+    inertia = friction["inertia"]
+    stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
+    friction["spring"] = stiffness * step
+    friction["damper"] = DAMPER * np.sqrt(stiffness * inertia / SPRING)
 
 
 @dataclass
@@ -220,7 +220,14 @@ def _pack_sprocket(
     """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
     _fill(packed.sprockets, mine, fill_sprocket, drive, s, gathered.seats)
-    _fill(packed.tooth_friction, mine, fill_friction, tooth_rubbing(drive), tooth_effective_mass(drive, s))
+    _fill(
+        packed.tooth_friction,
+        mine,
+        fill_friction,
+        tooth_rubbing(drive),
+        tooth_effective_mass(drive, s),
+        drive.sprocket_stiffness(s),
+    )
     _fill(packed.strands, mine, fill_strand, assembly, s, drive.chain.links)
     _fill(
         packed.motions, body, fill_motion, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables
@@ -242,7 +249,14 @@ def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64
                 else:
                     fill_bar(row, drive, g)
                 fill_guide(row, drive, g)
-            _fill(packed.guide_friction, mine, fill_friction, guide_rubbing(drive, g), effective_mass)
+            _fill(
+                packed.guide_friction,
+                mine,
+                fill_friction,
+                guide_rubbing(drive, g),
+                effective_mass,
+                drive.guide_stiffness(g),
+            )
 
 
 def extensions(packed: Packed) -> NDArray[np.float64]:

@@ -115,7 +115,6 @@ class Packed(Arrays):
 
     def without_lag(self) -> None:
         """Makes contacts take speeds as they are, where no step of the drives is taken."""
-        self.drives["light"] = 0
         for law in (self.sprockets["law"], self.guides["law"]):
             law["lag"] = law["yielding"] = law["most_damping"] = 0.0
 
