@@ -384,8 +384,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
         moment: Real,
         powers: vec2,
     ):
-        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `powers` are that
-        of what leads its pivot and `body.late_power` [W].
+        """One step of the thread's arm for the sums of the window; `moment` is the chain's on it [N m], `powers` those
+        of what leads its pivot and of `body.late_power` [W].
         """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
         power = arm_dissipation(as_its_spring(shared, mine, seen), ensemble.arms[at])
