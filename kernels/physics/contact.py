@@ -21,7 +21,7 @@ max(0, pen + v tau) over the step, tau from -h/2 to h/2, v the approach speed by
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
 and a contact begins up to half a step before it is reached, at v0 = v - a pen / v, a the closing acceleration: the
-speed where pen is 0. A scheme with stages has w = 0.
+speed where pen is 0, or v - a h / 2 where pen is more than w. A scheme with stages has w = 0.
 
 What a contact takes is the power of its whole force, which holds the energy that is lost in (a), less the change of
 its elastic energy.
@@ -34,7 +34,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import larger, multiply_add, products, quotient, reciprocal
+from ..native import larger, multiply_add, products, quotient, reciprocal, smaller
 from ..number import leading
 from .friction import coefficient, held_back
 from .impact import contact_force, elastic_force
@@ -96,7 +96,7 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: 
     part = larger(penetration + ahead, zero)
     mean = wp.where(penetration >= ahead, larger(penetration, zero), type(speed)(0.25) * part * part * inverse)
     begins = impact_speed <= zero
-    met = larger(multiply_add(-growth * penetration, law.lag * inverse, closing), law.speed_floor)
+    met = larger(multiply_add(-growth * smaller(penetration, ahead), law.lag * inverse, closing), law.speed_floor)
     first = wp.where(begins, met, impact_speed)
     elastic = elastic_force(mean, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, growth, first, wp.where(begins, zero, held), law)
