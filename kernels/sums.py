@@ -85,12 +85,13 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 
 @wp.func
-def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, start: bool):
+def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: wp.float64):
     """Adds forces of a partner's contacts, and powers that they and their friction take, in one step of `weight` [s].
 
-    What they take is dissipated but for the elastic energy that they have at the window's end more than at its start.
+    What they take is dissipated but for the elastic energy `stored` [J]: at the window's end that of then, at its
+    start the same below 0.
     """
-    sums.dissipated = sums.dissipated + weight * totals.dissipated + wp.where(start, totals.energy, -totals.energy)
+    sums.dissipated = sums.dissipated + weight * totals.dissipated - stored
     sums.friction = sums.friction + weight * totals.friction
     sums.impulse = sums.impulse + weight * totals.force
     sums.force_max = wp.max(sums.force_max, totals.force_max)

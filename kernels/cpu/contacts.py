@@ -181,8 +181,8 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def lose_one(w: wp.array[Real], i: int, memory: Memory):
-        """Power that roller i's contact takes but for friction."""
-        size = load_row(w, row.size + i)
+        """Power that roller i's contact takes but for friction; with stages that of its damper."""
+        size = wp.where(memory.lag > Real(0.0), load_row(w, row.size + i), load_row(w, memory.damper + i))
         x = size * load_row(w, row.normal_x + i)
         y = size * load_row(w, row.normal_y + i)
         store_row(w, row.damped + i, power_of(w, i, x, y, memory))

@@ -272,7 +272,9 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         first = drive.first_sprocket + drive.first_guide
         for i in range(first, first + drive.sprockets + drive.guides):
             of = state.totals[i]
-            sums.contact[i] = add_contact(sums.contact[i], of, now.weight, now.step == drive.window_start)
+            stored = wp.where(drive.integrator == 0, of.energy, wp.float64(0.0))
+            stored = wp.where(now.step == drive.window_start, -stored, stored)
+            sums.contact[i] = add_contact(sums.contact[i], of, now.weight, stored)
             missed = wp.where(now.step == drive.window_start, of.missing, of.missed)
             add_touches(sums.contact, i, of.impacts, of.contacts, missed)
 

@@ -98,6 +98,14 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             return Real(0.5) * row.step_of(mine)
 
     @wp.func
+    def taking(force: vec2, damper: Real, normal: vec2):
+        """The force whose power is taken from motion: a contact's, with stages the part of it that damps [N]."""
+        if wp.static(staged):
+            return damper * normal
+        else:
+            return force
+
+    @wp.func
     def powers(mine: Mine, force: vec2, drag: vec2, relative: vec2, more: vec2):
         """Powers [W] that a closed contact's force and friction take; `more` is `gaining` with all forces [m/s^2]."""
         return dissipated(force, relative, more, lag(mine)), dissipated(drag, relative, more, lag(mine))
@@ -139,7 +147,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def measure_energy(tallies: Tallies, now: Now, at: int, energy: Real):
         """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
-        if wp.static(kind.measuring) and now.flags & ENDS != 0:
+        if wp.static(kind.measuring and not staged) and now.flags & ENDS != 0:
             add_to(tallies.dissipated, at, in_full(wp.where(now.flags & START != 0, energy, -energy)))
 
     @wp.func
@@ -184,9 +192,9 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             row.set_force(shared, j, row.force_on(shared, j) + force)
             keep(state, now, at, before, first)
             remember(state, now, at, law.answer, damper)
-            if now.measured != 0:
+            if wp.static(kind.measuring) and now.measured != 0:
                 after = more - chain_at(shared, j).inverse_mass * force
-                taken, rubbed = powers(mine, pushes, drag, relative, after)
+                taken, rubbed = powers(mine, taking(pushes, damper, normal), drag, relative, after)
                 measure_powers(tallies, now, at, taken, rubbed)
                 measure_energy(tallies, now, at, energy)
                 measure_force(tallies, now, at, before, size, p < wp.static(sprockets))

@@ -108,7 +108,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     row, wrenches, sums, gaps = roller_rows(kind), wrench_parts(kind), contact_sums(kind), tooth_gaps(kind)
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
     pass_on, remember = wrenches.pass_on, sums.remember
-    drag_of, press, powers, keep = sums.drag_of, sums.press, sums.powers, sums.keep
+    drag_of, press, powers, keep, taking = sums.drag_of, sums.press, sums.powers, sums.keep, sums.taking
     gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
     Touch, in_gap_of, in_straight_flank_gap = sums.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
@@ -188,7 +188,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
                 remember(state, now, at, teeth.law.answer, damper)
             if wp.static(kind.measuring) and now.measured != 0:
                 after = more - chain_at(shared, j).inverse_mass * force
-                taken, rubbed = powers(mine, pushes, drag, relative, after)
+                taken, rubbed = powers(mine, taking(pushes, damper, normal), drag, relative, after)
                 if closed:
                     measure_powers(tallies, now, at, taken, rubbed)
                     measure_force(tallies, now, at, before, size, True)

@@ -60,7 +60,8 @@ def test_a_pendulum_swings_about_atan_of_a_over_g(integrator):
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
 def test_the_work_of_what_leads_a_pivot_closes_the_energy(integrator, precision):
     # weight, swing and translation are the pendulum's only; the chain is at rest
-    drive = led(shaken(), damping=0.05, stiffness=2.0).with_values({"run.integrator": integrator})
+    # links' dampers count at speeds half a step late: 2e-4 of the work at 20 us, a quarter of that at 10
+    drive = led(shaken(), damping=0.05, stiffness=2.0).with_values({"run.integrator": integrator, "run.step": 1e-5})
     row = simulate(drive, duration=0.19, window=(0.03, 0.18), precision=precision).metrics.to_pylist()[0]
     assert abs(row["pendulum.pivot_work"]) > 0.05 and row["pendulum.damping_loss"] > 1e-4
     assert abs(row["energy_residual"]) < (1e-4 if precision == "float64" else 1e-3) * row["pendulum.pivot_work"]
@@ -117,10 +118,11 @@ def newton_euler(drive, time, state):
 def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, precision):
     """Against two bodies by Newton and Euler (scipy): angles, the pivot's force frame by frame, its work; and energy.
 
-    Leapfrog has 4e-5 of the work in h^2 at this step, of one arm, too; runge-kutta 3e-6. The force is that of second
+    Leapfrog has 5e-5 of the work in h^2 at this step, by links' dampers; runge-kutta 3e-6. The force is that of second
     differences of recorded angles, 0.2 ms apart.
     """
-    drive, exact = two_arms().with_values({"run.integrator": integrator}), precision == "float64"
+    drive = two_arms().with_values({"run.integrator": integrator, "run.step": 1e-5})
+    exact = precision == "float64"
     record = Record(rate=5000.0, channels=NAMES)
     run = simulate(drive, duration=0.18, window=(0.03, 0.18), precision=precision, record=record)
     row, time = run.metrics.to_pylist()[0], np.asarray(run[0].time)

@@ -80,7 +80,7 @@ def gathering(sums: wp.array[BLOCKS.SprocketSums]):
 
 def test_recent_terms_of_sums_are_gathered():
     recent = [name for name, var in BLOCKS.SprocketSums.vars.items() if var.type is RecentSum]
-    assert recent == ["moment", "contact_work", "load_work"]
+    assert recent == ["moment", "contact_work", "load_work", "late_work"]
     assert BLOCKS.SprocketSums.vars["speed"].type is Pair
     rows = np.zeros(2, dtype=BLOCKS.SprocketSums.numpy_dtype())
     for k, name in enumerate(recent, start=1):
@@ -90,7 +90,7 @@ def test_recent_terms_of_sums_are_gathered():
     assert not any(sums.numpy()[name]["recent"][1] for name in recent)
     found = as_float64(sums.numpy(), np.dtype(SprocketSums.numpy_dtype()))
     for row in found:
-        assert [row[name] for name in recent] == [1.0, 2.0, 3.0]
+        assert [row[name] for name in recent] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():

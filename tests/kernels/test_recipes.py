@@ -45,7 +45,9 @@ pressed = np.maximum(np.abs(one.tension), np.abs(np.roll(one.tension, 1, axis=1)
 moment = 0.1 * 4 / np.pi * 0.0075 * pressed + 0.5
 power = one.joint_friction_power
 # whatever the bristle holds, its damper slides from twice the moment on; it is never more
-slides = 0.5 * 0.6 * 1.0 * 0.05**2 / 6 * rate / run.info.step > 2.0 * moment
+inertia = 0.6 * 1.0 * 0.05**2 / 6
+stiffness = min(0.8 * 12.0 * drive.chain.stiffness * 0.0075**2, 0.2 * inertia / run.info.step**2)
+slides = 0.5 * np.sqrt(stiffness * inertia / 0.2) * rate > 2.0 * moment
 assert slides.any() and not slides.all()
 # rk4 has positions, velocities and forces of the frame's instant: round-off of differences of positions
 np.testing.assert_allclose(power[slides], (moment * rate)[slides], rtol=1e-8, atol=1e-9)
