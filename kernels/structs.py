@@ -416,6 +416,7 @@ class ContactLaw:
     speed_floor: wp.float64  # v_min [m/s]
     lag: wp.float64  # h / 2, by which leapfrog's speeds are behind the forces [s]; 0 with stages
     yielding: wp.float64  # the same over a roller's mass [s/kg]
+    ahead: wp.float64  # how far from its partner a roller may be that comes to touch it within a step [m]
     answer: wp.float64  # G: twice that of the partner's body to all its seated rollers (`impact`)
     most_damping: wp.float64  # with stages 2 m / h, which bounds the damper [N s/m]; 0 with leapfrog
 
@@ -466,8 +467,7 @@ class Sprocket:
     tip_reach: wp.float64  # R_tip + Rr [m]
     law: ContactLaw
     near_square: wp.float64  # (R - b)^2, not below 0, and
-    far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr + `ahead` - R)
-    ahead: wp.float64  # how far from the teeth a roller may be that comes to touch them within a step [m]
+    far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr + `law.ahead` - R)
     exact_radius: wp.float64  # R, beside rows of float32 too [m]
 
 
@@ -489,7 +489,6 @@ class Guide:
     length: wp.float64  # |b - a| [m]
     end_radius: wp.float64  # Rg [m]
     roller_radius: wp.float64  # Rr, or how far from the face a roller's center is that touches it [m]
-    ahead: wp.float64  # how far from the face a roller may be that comes to touch it within a step [m]
     slack: wp.float64  # what float32 alone may be off by in telling which rollers are near [m]; 0 at float64
     deepest_entry: wp.float64  # a roller first seen deeper than this has not come through the face [m]
     law: ContactLaw

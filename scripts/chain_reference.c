@@ -50,7 +50,7 @@ static void touch_teeth(const Sprocket *s, const Motion *at, const Vector *restr
             continue;
         }
         Gap gap = tooth_gap(s, &m, seats, place, &seat[i]);
-        if (gap.penetration > -s->ahead) touch(i, gap);
+        if (gap.penetration > -s->law.ahead) touch(i, gap);
         else first[i] = 0.0;
     }
 }
@@ -62,7 +62,7 @@ static void touch_bar(const Guide *g, const Motion *at, double *restrict first) 
     for (int i = 0; i < n; i++) {
         Vector place = {x[i], y[i]};
         Gap gap = bar_gap(g, start, direction, place, &first[i]);
-        if (gap.penetration > -g->ahead) touch(i, gap);
+        if (gap.penetration > -g->law.ahead) touch(i, gap);
     }
 }
 
@@ -72,7 +72,7 @@ static void touch_profile(const Guide *g, const Piece *piece, const Motion *at, 
     for (int i = 0; i < n; i++) {
         Vector place = {x[i], y[i]};
         Gap gap = profile_gap(g, piece, &m, place, &kept[i], &first[i]);
-        if (gap.penetration > -g->ahead) touch(i, gap);
+        if (gap.penetration > -g->law.ahead) touch(i, gap);
     }
 }
 

@@ -107,7 +107,7 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
     if (now >= 0) {
         const Sprocket &s = d.sprocket[now];
         const Gap gap = tooth_gap(&s, &motion[now], seats + now * most_teeth, place, &q.seat);
-        if (gap.penetration > -s.ahead) {
+        if (gap.penetration > -s.law.ahead) {
             const Push push = contact_push(&s.law, rubs ? &s.sliding : &smooth, &motion[now], &q.roller, gap, &q.first, &q.hold,
                                            &q.damped);
             add(push, inverse_mass, now, q.roller, moment);
@@ -128,7 +128,7 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
             }
             gap = bar_gap(&g, start, direction, place, &q.guide_first[k]);
         }
-        if (gap.penetration > -g.ahead) {
+        if (gap.penetration > -g.law.ahead) {
             const Push push = contact_push(&g.law, rubs ? &g.sliding : &smooth, &motion[b], &q.roller, gap, &q.guide_first[k],
                                            &q.guide_hold[k], &q.guide_damped[k]);
             add(push, inverse_mass, b, q.roller, moment);

@@ -19,7 +19,7 @@
 typedef REAL Real;
 typedef struct { Real x, y; } Vector;
 typedef struct { double x, y; } Point;
-typedef struct { Real form, stiffness, exponent, damping, speed_floor, lag, yielding, answer; } Law;
+typedef struct { Real form, stiffness, exponent, damping, speed_floor, lag, yielding, answer, ahead; } Law;
 typedef struct { Real mu_dynamic, mu_static, stribeck_speed; } Friction;
 typedef struct { Real rubs, spring, damper; Friction law; } Sliding;
 typedef struct { double order, amplitude, phase; } Harmonic;
@@ -29,10 +29,10 @@ typedef struct {
     Harmonic harmonic[8];
     double x, y, angle, omega, angular;
 } Body;
-typedef struct { Real teeth, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip, ahead; Law law; Sliding sliding; } Sprocket;
+typedef struct { Real teeth, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip; Law law; Sliding sliding; } Sprocket;
 typedef struct {
     Vector start, direction;
-    Real length, end_radius, roller_radius, ahead, deepest_entry, body, pieces, first_piece;
+    Real length, end_radius, roller_radius, deepest_entry, body, pieces, first_piece;
     Vector low, high;
     Law law;
     Sliding sliding;
@@ -97,12 +97,12 @@ SHARED Push contact_push(const Law *law, const Sliding *sliding, const Motion *m
     Real pen = gap.penetration, nx = gap.normal.x, ny = gap.normal.y, ax = r->place.x - m->center.x, ay = r->place.y - m->center.y;
     Real ux = -m->omega * ay - r->velocity.x, uy = m->omega * ax - r->velocity.y;
     Real gain_x = -m->angular * ay - r->acceleration.x, gain_y = m->angular * ax - r->acceleration.y;
-    Real growth = gain_x * nx + gain_y * ny, closing = ux * nx + uy * ny + law->lag * growth, ahead = fabs(closing) * law->lag;
+    Real growth = gain_x * nx + gain_y * ny, closing = ux * nx + uy * ny + law->lag * growth, ahead = MIN(fabs(closing) * law->lag, law->ahead);
     Push push = {0, 0, 0};
     if (pen <= -ahead) return *first = 0, push;
     Real mean = pen >= ahead ? pen : (pen + ahead) * (pen + ahead) / (4 * ahead);
     if (*first <= 0) {
-        Real met = closing == 0 ? 0 : closing - growth * pen / fabs(closing);
+        Real met = ahead > 0 ? closing - growth * MIN(pen, ahead) * law->lag / ahead : closing;
         *first = MAX(met, law->speed_floor), *hold = *damped = 0;
     }
     Real elastic = law->stiffness * (law->exponent == 1 ? mean : power(mean, law->exponent));
@@ -152,7 +152,7 @@ SHARED Gap tooth_gap(const Sprocket *s, const Motion *m, const Vector *seats, Ve
         gap.penetration = eta * s->sin_half - xi * s->cos_half - s->clearance;
         gap.normal.x = s->cos_half, gap.normal.y = lateral >= 0 ? -s->sin_half : s->sin_half;
     }
-    if (gap.penetration > -s->ahead) {
+    if (gap.penetration > -s->law.ahead) {
         Real square = radial * radial + lateral * lateral, most = MAX(s->tip - gap.penetration, 0);
         if (square > most * most) {
             Real inverse, d = root(square, &inverse);
@@ -165,8 +165,8 @@ SHARED Gap tooth_gap(const Sprocket *s, const Motion *m, const Vector *seats, Ve
 
 // A roller that is deep in a guide without having come through its face touches nothing until it has left.
 SHARED Real through_face(Real pen, const Guide *g, Real *first) {
-    int missed = pen > -g->ahead && (*first < 0 || (*first == 0 && pen > g->deepest_entry));
-    if (missed || pen <= -g->ahead) *first = missed ? -1 : 0;
+    int missed = pen > -g->law.ahead && (*first < 0 || (*first == 0 && pen > g->deepest_entry));
+    if (missed || pen <= -g->law.ahead) *first = missed ? -1 : 0;
     return missed ? AWAY : pen;
 }
 
@@ -175,8 +175,8 @@ SHARED Gap bar_gap(const Guide *g, Vector start, Vector t, Vector place, Real *f
     Real reach = g->end_radius + g->roller_radius, qx = place.x - start.x, qy = place.y - start.y;
     Real along = qx * t.x + qy * t.y, across = qy * t.x - qx * t.y;
     Gap gap = {AWAY, {0, 1}};
-    if (along > -reach - g->ahead && along < g->length + reach + g->ahead && across > -g->end_radius
-        && across < g->roller_radius + g->ahead) {
+    if (along > -reach - g->law.ahead && along < g->length + reach + g->law.ahead && across > -g->end_radius
+        && across < g->roller_radius + g->law.ahead) {
         Real beyond = (along < 0 ? along : 0) + (along > g->length ? along - g->length : 0);
         gap.penetration = g->roller_radius - across;
         if (beyond != 0) {
@@ -237,7 +237,7 @@ SHARED Gap profile_gap(const Guide *g, const Piece *piece, const Motion *m, Vect
     Real height = over(&piece[k], q, &normal), pen = g->roller_radius - height;
     if (height <= -g->end_radius || past(&piece[k + 1], q) || !past(&piece[k], q)) pen = AWAY;
     Gap gap = {through_face(pen, g, first), normal};
-    if (gap.penetration > -g->ahead) gap.normal = turned(normal, m->heading);
+    if (gap.penetration > -g->law.ahead) gap.normal = turned(normal, m->heading);
     return gap;
 }
 

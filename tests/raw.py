@@ -93,7 +93,7 @@ def chain(
         sprocket["half_pitch_tangent"], sprocket["clearance"] = np.tan(np.pi / teeth), values.get("clearance", 0.0)
         sprocket["cos_half_seat"], sprocket["sin_half_seat"] = np.cos(half), np.sin(half)
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
-        sprocket["tip_reach"], sprocket["ahead"] = radius + pitch / 2, pitch / 20
+        sprocket["tip_reach"], sprocket["law"]["ahead"] = radius + pitch / 2, pitch / 20
         law = sprocket["law"]
         put_friction(packed.tooth_friction[s], values.get("friction", 0.0), values.get("effective_mass", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
@@ -126,7 +126,7 @@ def chain(
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
-        bar["deepest_entry"], bar["ahead"] = 0.5 * values["roller_radius"], values["roller_radius"] / 16
+        bar["deepest_entry"], bar["law"]["ahead"] = 0.5 * values["roller_radius"], values["roller_radius"] / 16
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
         law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01

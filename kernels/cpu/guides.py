@@ -29,7 +29,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def find_over_bar(w: wp.array[Real], first: int, last: int, bar: Guide):
         """Which rollers from `first` on, before `last`, are at a guide-bar's face or ends; only those touch it."""
-        reach = wp.float64(bar.end_radius + bar.roller_radius + bar.ahead)
+        reach = wp.float64(bar.end_radius + bar.roller_radius + bar.law.ahead)
         end = wp.float64(bar.length) + reach
         i = first
         while i < last:
@@ -54,7 +54,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     def came_in(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
         """Penetration of roller i in a guide, away if it did not come in through the face; notes which is so."""
         kept = Real(UNTOUCHED)
-        if penetration > -guide.ahead and misses(penetration, load_row(w, row.before + i), guide):
+        if penetration > -guide.law.ahead and misses(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
             penetration = Real(AWAY)
         store_row(w, row.open + i, kept)

@@ -95,7 +95,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         closed = bool(False)
         kept = Real(UNTOUCHED)
-        if penetration > -bar.ahead:
+        if penetration > -bar.law.ahead:
             if misses(penetration, before, bar):
                 kept = Real(MISSED)
                 if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):

@@ -139,7 +139,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         at = memory_of(shared, mine, j, s)
         closer, arm = in_gap_of(ensemble, state, shared, at, j, touch)
         closed = bool(False)
-        if closer.penetration > -shared.teeth[s].ahead:
+        if closer.penetration > -shared.teeth[s].law.ahead:
             closer.gaining = gaining(shared, shared.poses[s], arm, j)
             closed, force = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
             if closed:

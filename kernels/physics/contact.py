@@ -91,7 +91,7 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: 
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
-    ahead = wp.abs(closing) * law.lag
+    ahead = smaller(wp.abs(closing) * law.lag, law.ahead)
     inverse = wp.where(ahead > zero, reciprocal(ahead), zero)
     part = larger(penetration + ahead, zero)
     mean = wp.where(penetration >= ahead, larger(penetration, zero), type(speed)(0.25) * part * part * inverse)

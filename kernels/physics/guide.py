@@ -23,7 +23,7 @@ from .contact import AWAY, turned
 @wp.func
 def at_face(across: Any, bar: Any):
     """Whether `across` = q . n [m] is where a roller may touch a guide-bar."""
-    return across > -bar.end_radius and across < bar.roller_radius + bar.ahead
+    return across > -bar.end_radius and across < bar.roller_radius + bar.law.ahead
 
 
 @wp.func
@@ -95,8 +95,8 @@ def near_coordinates(p: wp.vec2f, bar: Any):
 def near_bar(p: Any, bar: Any):
     """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
     along, across = near_coordinates(p, bar)
-    reach = bar.end_radius + bar.roller_radius + bar.ahead + bar.slack
-    near = inside(across, -bar.end_radius - bar.slack, bar.roller_radius + bar.ahead + bar.slack)
+    reach = bar.end_radius + bar.roller_radius + bar.law.ahead + bar.slack
+    near = inside(across, -bar.end_radius - bar.slack, bar.roller_radius + bar.law.ahead + bar.slack)
     return near & inside(along, -reach, bar.length + reach)
 
 

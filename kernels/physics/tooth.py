@@ -123,7 +123,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
     radial = gap.pitch_radius + xi
     limit = larger(gap.tip_reach - penetration, zero)
     farther = products(radial, radial, lateral, lateral) > limit * limit
-    applies = wp.where(farther, int(penetration <= -gap.ahead), 1)
+    applies = wp.where(farther, int(penetration <= -gap.law.ahead), 1)
     applies = wp.where(in_arc, applies, applies * int(gap.flank_curvature <= zero))
     return penetration, along, across, applies
 
@@ -131,7 +131,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 @wp.func
 def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
     """Whether a roller, `penetration` deep in a gap without tips or about to touch it, is less deep in the tip."""
-    if penetration > -gap.ahead:
+    if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
         return products(radial, radial, lateral, lateral) > limit * limit

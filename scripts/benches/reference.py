@@ -15,15 +15,15 @@ from benches.probe import packed_of, schedule
 from warpchain import Drive
 from warpchain.engine.packed import Packed
 
-LAW = "form stiffness exponent damping speed_floor lag yielding answer"
+LAW = "form stiffness exponent damping speed_floor lag yielding answer ahead"
 FRICTION = "spring damper mu_dynamic mu_static stribeck_speed"
 BODY = "prescribed sign inverse_inertia speed ramp_time start_angle load load_ramp_time"
 PLACED = "center angle speed angular"
 TEETH = """
-    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach ahead
+    teeth pitch_radius near_square far_square half_pitch_tangent clearance cos_half_seat sin_half_seat tip_reach
 """
 GUIDE = """
-    start direction length end_radius roller_radius ahead deepest_entry body pieces first_piece low high
+    start direction length end_radius roller_radius deepest_entry body pieces first_piece low high
 """
 PIECE = "start direction curvature"
 ARM = "stiffness free_angle damping low high stop_stiffness stop_damping mass_moment gravity"

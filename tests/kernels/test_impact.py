@@ -88,7 +88,7 @@ def test_contact_never_pulls():
 
 def leaps(law, mass, pull, begin, h, steps):
     """Penetrations and speeds (steps, 2) of a mass on a contact, by leapfrog."""
-    law.lag, law.yielding = 0.5 * h, 0.5 * h / mass
+    law.lag, law.yielding, law.ahead = 0.5 * h, 0.5 * h / mass, 1.0
     out = wp.zeros(steps, dtype=wp.vec2d, device="cpu")
     wp.launch(leap, dim=1, inputs=[law, mass, pull, wp.vec2d(*begin), h, out], device="cpu")
     return out.numpy()

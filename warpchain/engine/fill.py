@@ -92,8 +92,8 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     radius = drive.pitch_radius(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
-    row["ahead"] = AHEAD * roller_radius
-    band = largest(drive.engagement(s), tooth.tip_radius + roller_radius + row["ahead"] - radius)
+    row["law"]["ahead"] = AHEAD * roller_radius
+    band = largest(drive.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
@@ -168,7 +168,7 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
 
 def fill_guide(row: Any, drive: Drive, g: int) -> None:
     """Fills what a guide has beside its face."""
-    row["ahead"] = AHEAD * drive.chain.roller_radius
+    row["law"]["ahead"] = AHEAD * drive.chain.roller_radius
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
