@@ -2,9 +2,11 @@
 
 import argparse
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from common.cases import ROOT, Line, case, option
@@ -12,7 +14,8 @@ from common.cases import ROOT, Line, case, option
 from benches.drives import named
 from benches.guard import checkout, rates
 from warpchain import Record, simulate
-from warpchain.assembly.timestep import step_limit
+from warpchain.assembly.timestep import automatic_step, step_limit
+from warpchain.drive.paths import changed
 
 EXAMPLES = ("industrial", "engine", "motorcycle", "car", "marine")
 SHORT = {"industrial": 0.4, "marine": 0.6}
@@ -97,3 +100,61 @@ def shares(asked: argparse.Namespace) -> Iterator[Line]:
             residual = np.abs(run.metrics["energy_residual_relative"].to_pylist()).max()
             if share > FINE:
                 yield (name, f"{share:g}", *changes, f"{residual:.1e}")
+
+
+WINDOWS = {
+    "industrial": (0.4, 0.8), "conveyor": (0.3, 0.6), "engine": (0.1, 0.3), "car": (0.1, 0.2), "motorcycle": (0.1, 0.2),
+    "marine": (0.5, 1.0), "marine_lever": (0.3, 0.6), "swing_idler": (0.3, 0.6), "derailleur": (0.3, 0.6),
+    "motorcycle_drivetrain": (0.1, 0.2), "v6": (0.05, 0.12), "balance_shafts": (0.05, 0.12),
+}  # fmt: skip
+"""Windows of examples [s] in which single contacts are held against shorter steps."""
+OF_CONTACTS = {"force_max": "largest force", "dissipated": "dissipated", "impacts": "impacts"}
+
+
+def _changes(coarse: list[dict[str, Any]], fine: list[dict[str, Any]], metric: str) -> tuple[float, float]:
+    """Change of a metric's mean over copies, and its scatter over them at the fine step, over the mean [%]."""
+    a, b = (np.array([float(row[metric]) for row in rows]) for rows in (coarse, fine))
+    scatter = 100.0 * b.std(ddof=1) / abs(b.mean()) if len(b) > 1 else 0.0
+    return 100.0 * (a.mean() / b.mean() - 1.0), scatter
+
+
+@case(
+    option("--drives", nargs="+", metavar="NAME", choices=WINDOWS, default=list(WINDOWS), help="examples"),
+    option("--copies", type=int, default=4, help="1e-9 pitches apart"),
+    option("--finer", type=int, default=8, help="the part of the automatic step that it is held against"),
+)
+def contacts(asked: argparse.Namespace) -> Iterator[Line]:
+    """Single contacts of examples at the automatic step, held against an eighth of it.
+
+    python scripts/bench.py contacts
+
+    Of the partners, sprockets and guides, the one whose metric changes most stands there; in brackets what copies
+    scatter by. Partners that take less than a hundredth of the dissipated energy, or of the impacts, are left out.
+    """
+    warnings.simplefilter("ignore")
+    yield ("drive", *(f"{change} [%]" for change in CHANGES), *(f"{words} [%]" for words in OF_CONTACTS.values()))
+    for name in asked.drives:
+        begin, end = WINDOWS[name]
+        drive = changed(named(name), {"run.duration": end})
+        coarse, fine = (
+            simulate(drive, step=automatic_step(drive) / part, window=(begin, end), replicates=asked.copies,
+                     replicate_by="perturbation", device="cpu", record=Record("none")).metrics.to_pylist()
+            for part in (1, asked.finer)
+        )  # fmt: skip
+        for rows in (coarse, fine):
+            for row in rows:
+                row["losses"] = sum(
+                    v for k, v in row.items() if k.endswith((".dissipated", ".friction", "_loss")) and v
+                )
+        found = []
+        for change in CHANGES:
+            of_chains = [f"{chain.name}.{change}" for chain in drive.chains if change != "losses"] or [change]
+            found.append(f"{max((_changes(coarse, fine, key)[0] for key in of_chains), key=abs):+.1f}")
+        for metric in OF_CONTACTS:
+            partners = [key for key in fine[0] if key.endswith(f".{metric}") and not key.startswith("links.")]
+            least = 0.01 * sum(float(fine[0][key] or 0.0) for key in partners)
+            counted = [key for key in partners if float(fine[0][key] or 0.0) > least]
+            changes = {key: _changes(coarse, fine, key) for key in counted}
+            key = max(changes, key=lambda of: abs(changes[of][0]))
+            found.append(f"{changes[key][0]:+.1f} ({changes[key][1]:.1f}), {key.rpartition('.')[0]}")
+        yield (name, *found)
