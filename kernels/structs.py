@@ -845,7 +845,7 @@ class State:
     seat: wp.array[wp.int32]  # (contact memories,): seat, or piece of a profile, that a roller is near, else -1
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
-    contact_damper: wp.array[wp.float64]  # the same: what the damper did in the step before [N] (`impact`)
+    damper_speed: wp.array[wp.float64]  # the same: speed at which the damper acted in the step before [m/s] (`impact`)
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
     hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
@@ -863,7 +863,7 @@ class Memory:
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
     hold: wp.array[wp.float64]  # `State.contact_hold`
-    damper: wp.int32  # row of what dampers did in the step before (`contacts.damper_row`)
+    dampers: wp.int32  # row of the speeds at which dampers acted in the step before (`contacts.damper_row`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)

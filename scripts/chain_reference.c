@@ -21,14 +21,14 @@ static Vector gravity;
 
 // Forces of all that touch the partner at hand; the moment of all on its body.
 static double press(const Motion *at, const Law *law, const Sliding *sliding, double *restrict first, double *restrict hold,
-                    double *restrict damped) {
+                    double *restrict damper_speed) {
     const Motion m = *at;
     double sum = 0.0;
     for (const Touch *q = touches; q < touches + touching; q++) {
         int i = q->roller;
         Roller r = {{x[i], y[i]}, {vx[i], vy[i]}, {inverse_mass * (lx[i + 1] - lx[i] + fx[i]) + gravity.x,
                                                    inverse_mass * (ly[i + 1] - ly[i] + fy[i]) + gravity.y}};
-        Push push = contact_push(law, sliding, &m, &r, q->gap, &first[i], &hold[i], &damped[i]);
+        Push push = contact_push(law, sliding, &m, &r, q->gap, &first[i], &hold[i], &damper_speed[i]);
         fx[i] += push.x, fy[i] += push.y;
         sum += push.moment;
     }
@@ -130,7 +130,7 @@ static Piece *piece;
 static Arm *arm;
 static Tensioner *tensioner;
 static Vector *seats[64];
-static double *first, *hold, *damped;
+static double *first, *hold, *damper_speed;
 static int *seat;
 static size_t row;
 
@@ -146,7 +146,7 @@ static void contact_pass(const Motion *motion, double *on) {
         size_t r = s * row;
         touching = 0;
         touch_teeth(&sprocket[s], &motion[s], seats[s], seat + r, first + r);
-        on[s] += press(&motion[s], &sprocket[s].law, &sprocket[s].sliding, first + r, hold + r, damped + r);
+        on[s] += press(&motion[s], &sprocket[s].law, &sprocket[s].sliding, first + r, hold + r, damper_speed + r);
     }
     for (int g = 0; g < (int)head.guides; g++) {
         const Guide *q = &guide[g];
@@ -155,7 +155,7 @@ static void contact_pass(const Motion *motion, double *on) {
         touching = 0;
         if (q->pieces > 0.0) touch_profile(q, piece + (int)q->first_piece, &motion[b], seat + r, first + r);
         else touch_bar(q, &motion[b], first + r);
-        on[b] += press(&motion[b], &q->law, &q->sliding, first + r, hold + r, damped + r);
+        on[b] += press(&motion[b], &q->law, &q->sliding, first + r, hold + r, damper_speed + r);
     }
 }
 
@@ -206,7 +206,7 @@ int main(int argc, char **argv) {
     double *work = calloc((size_t)(14 + 3 * P) * row, sizeof(double)), **rows[] = {&x, &y, &vx, &vy, &fx, &fy, &lx, &ly, &tension,
         &turn, &bend_x, &bend_y, &moment, &joint_hold};
     for (int r = 0; r < 14; r++) *rows[r] = work + r * row;
-    touches = malloc(n * sizeof *touches), first = work + 14 * row, hold = first + P * row, damped = hold + P * row;
+    touches = malloc(n * sizeof *touches), first = work + 14 * row, hold = first + P * row, damper_speed = hold + P * row;
     seat = malloc(P * row * sizeof(int));
     inverse_mass = 1.0 / head.mass, gravity = head.gravity;
     double *held = read_all(in, sizeof(double), (4 + P) * n);

@@ -34,7 +34,7 @@ struct Drive {
 struct State {
     Roller roller;
     int at, seat, piece[G + 1];
-    Real joint_hold, first, hold, damped, guide_first[G + 1], guide_hold[G + 1], guide_damped[G + 1];
+    Real joint_hold, first, hold, damper_speed, guide_first[G + 1], guide_hold[G + 1], guide_speed[G + 1];
 };
 
 // A thread's place in the ring of rollers. Warps exchange the values at their ends in shared memory, across a barrier.
@@ -109,7 +109,7 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
         const Gap gap = tooth_gap(&s, &motion[now], seats + now * most_teeth, place, &q.seat);
         if (gap.penetration > -s.law.ahead) {
             const Push push = contact_push(&s.law, rubs ? &s.sliding : &smooth, &motion[now], &q.roller, gap, &q.first, &q.hold,
-                                           &q.damped);
+                                           &q.damper_speed);
             add(push, inverse_mass, now, q.roller, moment);
         } else q.first = 0;
     }
@@ -130,7 +130,7 @@ __device__ void contacts(const Drive &d, const Motion *motion, const Vector *sea
         }
         if (gap.penetration > -g.law.ahead) {
             const Push push = contact_push(&g.law, rubs ? &g.sliding : &smooth, &motion[b], &q.roller, gap, &q.guide_first[k],
-                                           &q.guide_hold[k], &q.guide_damped[k]);
+                                           &q.guide_hold[k], &q.guide_speed[k]);
             add(push, inverse_mass, b, q.roller, moment);
         }
     }

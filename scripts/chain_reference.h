@@ -91,9 +91,9 @@ SHARED Real held_back(Real most, Real speed, Real *held, Real spring, Real dampe
 }
 
 // Push of a contact that is near, in the mean over the step. It keeps *first, its impact speed, 0 while it is open; *hold, what
-// its friction's bristle holds; *damped, the damping part of its force.
+// its friction's bristle holds; *damper_speed, at which its damper acts.
 SHARED Push contact_push(const Law *law, const Sliding *sliding, const Motion *m, const Roller *r, Gap gap, Real *first, Real *hold,
-                         Real *damped) {
+                         Real *damper_speed) {
     Real pen = gap.penetration, nx = gap.normal.x, ny = gap.normal.y, ax = r->place.x - m->center.x, ay = r->place.y - m->center.y;
     Real ux = -m->omega * ay - r->velocity.x, uy = m->omega * ax - r->velocity.y;
     Real gain_x = -m->angular * ay - r->acceleration.x, gain_y = m->angular * ax - r->acceleration.y;
@@ -103,13 +103,15 @@ SHARED Push contact_push(const Law *law, const Sliding *sliding, const Motion *m
     Real mean = pen >= ahead ? pen : (pen + ahead) * (pen + ahead) / (4 * ahead);
     if (*first <= 0) {
         Real met = ahead > 0 ? closing - growth * MIN(pen, ahead) * law->lag / ahead : closing;
-        *first = MAX(met, law->speed_floor), *hold = *damped = 0;
+        *first = MAX(met, law->speed_floor), *hold = *damper_speed = 0;
     }
     Real elastic = law->stiffness * (law->exponent == 1 ? mean : power(mean, law->exponent));
     Real damper = law->form == 0 ? elastic * law->damping / *first : law->damping, fastest = law->form == 0 ? *first : (Real)1e30;
-    Real now = (closing - law->yielding * (elastic - law->answer * *damped)) / (1 + law->yielding * damper * (1 + law->answer));
-    Real force = elastic + damper * MIN(now, fastest), size = MAX(force, 0);
-    *damped = size - elastic, push.x = size * nx, push.y = size * ny;
+    Real give = law->yielding * damper, answer = law->answer;
+    Real now = (closing - law->yielding * elastic + give * answer * *damper_speed) / (1 + give * (1 + answer));
+    *damper_speed = MIN(now, fastest);
+    Real force = elastic + damper * *damper_speed, size = MAX(force, 0);
+    push.x = size * nx, push.y = size * ny;
     if (sliding->rubs != 0) {
         Real along = uy * nx - ux * ny, most = size > 0 ? coefficient(fabs(along), &sliding->law) * size : 0;
         Real drag = held_back(most, along, hold, sliding->spring, sliding->damper);

@@ -3,7 +3,7 @@
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.kernels.physics.contact import respond
+from warpchain.kernels.physics.contact import respond, stored
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -29,14 +29,14 @@ def bounce(
     open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
-        f0, p0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, none, law)
+        f0, p0, k0, s0, m0, u0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, none, law)
         half_v = v - wp.float64(0.5) * h * s0 / mass
         half_pen = penetration + wp.float64(0.5) * h * v
-        f1, p1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, none, law)
+        f1, p1, k1, s1, m1, u1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, none, law)
         v = v - h * s1 / mass
         penetration = penetration + h * half_v
-        dissipated = dissipated + h * d1 * half_v
-        peak = wp.max(peak, e1)
+        dissipated = dissipated + h * (s1 - k1) * half_v
+        peak = wp.max(peak, stored(p1, k1, law))
         if penetration <= wp.float64(0.0):
             open = int(1)
     out[0] = -v
@@ -60,11 +60,13 @@ def leap(
     penetration = begin[0]
     v = begin[1]
     impact_speed = wp.float64(0.0)
-    held = wp.float64(0.0)
+    speed_before = wp.float64(0.0)
     normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     more = wp.vec2d(pull / mass, wp.float64(0.0))
     for i in range(out.shape[0]):
-        force, mean, size, first, held, energy = respond(penetration, normal, v * normal, more, impact_speed, held, law)
+        force, mean, elastic, size, first, speed_before = respond(
+            penetration, normal, v * normal, more, impact_speed, speed_before, law
+        )
         impact_speed = wp.where(mean > wp.float64(0.0), first, wp.float64(0.0))
         v = v + h * (pull - size) / mass
         penetration = penetration + h * v
@@ -81,9 +83,9 @@ def response(
 ):
     """A contact at a speed along its normal; out = length of the force, its size, damper's part."""
     normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-    force, mean, size, first, damper, energy = respond(
+    force, mean, elastic, size, first, damper_speed = respond(
         penetration, normal, speed * normal, wp.vec2d(), impact_speed, wp.float64(0.0), law
     )
     out[0] = wp.length(force)
     out[1] = size
-    out[2] = damper
+    out[2] = size - elastic

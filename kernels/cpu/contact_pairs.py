@@ -317,7 +317,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
                 rub_rollers(w, group, friction, memory)
             force.add_forces(w, group)
             if measured:
-                force.lose(w, group, friction, memory)
+                force.lose(w, group, law, friction, memory)
         if measured:
             sums.add_measured(w, group, law, friction, memory.wanted, totals, slot)
             if began != 0:
@@ -385,7 +385,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             runs = neighbors.count(w, drive, p)
             if run == 0:
                 state.totals[slot] = Totals()
-                memory.damper = contact.damper_row(p)
+                memory.dampers = contact.damper_row(p)
             if run < runs:
                 evaluate_run(ensemble, state, drive, w, p, run, memory)
                 run += 1

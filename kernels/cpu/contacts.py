@@ -65,16 +65,16 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def damper_row(p: int):
-        """First index of the row that holds what the dampers of contacts with partner p did in the step before [N]."""
+        """First index of the row of speeds at which dampers of contacts with partner p acted in the step before."""
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
 
     @wp.func
     def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
-        """Brings the rows of dampers from the state, as a launch begins."""
+        """Brings these rows from the state, as a launch begins."""
         for p in range(drive.sprockets + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
-                store_row(w, first + i, load_row(state.contact_damper, at + i))
+                store_row(w, first + i, load_row(state.damper_speed, at + i))
 
     @wp.func
     def put_dampers_back(state: State, drive: Drive, w: wp.array[Real]):
@@ -82,7 +82,7 @@ def contact_rows(Real: type, capacity: int) -> SimpleNamespace:
         for p in range(drive.sprockets + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
-                store_row(state.contact_damper, at + i, load_row(w, first + i))
+                store_row(state.damper_speed, at + i, load_row(w, first + i))
 
     @wp.func
     def begins(w: wp.array[Real], i: int):
@@ -135,15 +135,15 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         more = gaining(w, i, memory)
         growth = more[0] * normal_x + more[1] * normal_y
         before = load_row(w, row.before + i)
-        held = load_row(w, memory.damper + i)
-        mean, size, first, damper, energy = pressed(penetration, speed, growth, before, held, law)
+        speed_before = load_row(w, memory.dampers + i)
+        mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, before, speed_before, law)
         kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
         store_row(w, row.penetration + i, mean)
         store_row(w, row.press_x + i, where_touching(w, i, size * normal_x))
         store_row(w, row.press_y + i, where_touching(w, i, size * normal_y))
         store_row(w, row.size + i, size)
         store_row(w, row.kept + i, kept)
-        store_row(w, memory.damper + i, damper)
+        store_row(w, memory.dampers + i, damper_speed)
         return wp.where(kept == before, 0, 1)
 
     @wp.func
@@ -180,9 +180,12 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
 
     @wp.func
-    def lose_one(w: wp.array[Real], i: int, memory: Memory):
+    def lose_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
         """Power that roller i's contact takes but for friction; with stages that of its damper."""
-        size = wp.where(memory.lag > Real(0.0), load_row(w, row.size + i), load_row(w, memory.damper + i))
+        size = load_row(w, row.size + i)
+        if memory.lag == Real(0.0):
+            elastic = elastic_force(load_row(w, row.penetration + i), law.stiffness, law.exponent)
+            size = size - elastic
         x = size * load_row(w, row.normal_x + i)
         y = size * load_row(w, row.normal_y + i)
         store_row(w, row.damped + i, power_of(w, i, x, y, memory))
@@ -201,7 +204,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             changed = changed | press_one(w, i, law, memory)
             add_force(w, i)
             if measured:
-                lose_one(w, i, memory)
+                lose_one(w, i, law, memory)
                 began = began | begins(w, i)
             i = i + 1
         return changed, began
@@ -215,11 +218,11 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def lose(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
+    def lose(w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory):
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
-            lose_one(w, i, memory)
+            lose_one(w, i, law, memory)
             i = i + 1
         if friction.inertia > Real(0.0):
             i = group.low

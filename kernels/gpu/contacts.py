@@ -8,7 +8,7 @@ import warp as wp
 
 from ..native import accessors
 from ..number import difference, leading
-from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly
+from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly, stored
 from ..structs import GROUND, Tallies
 from .kind import BY_SPEED, ENDS, EXTRA, START, WARP, BlockKind, Mine
 from .near import near_mask
@@ -38,7 +38,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         direction: Direction  # of the seat at angle zero
         before: Real  # v0 [m/s], or whether it touched
         held: Real  # friction that the contact has held until now, of kernels with friction [N]
-        damper: Real  # the damping part of its force in the step before [N]
+        damper_speed: Real  # speed at which its damper acted in the step before [m/s]
         penetration: Real  # [m], negative where they do not touch yet
         normal: vec2
         relative: vec2  # velocity [m/s]
@@ -64,7 +64,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     def remembering(state: State, touch: Touch, at: int):
         """`touch` with what the contact at `at` has kept; loaded at once, as each load is waited for."""
         touch.before = load_row(state.impact_speed, at)
-        touch.damper = load_row(state.contact_damper, at)
+        touch.damper_speed = load_row(state.damper_speed, at)
         if wp.static(sliding):
             touch.held = load_row(state.contact_hold, at)
         return touch
@@ -151,10 +151,10 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
             add_to(tallies.dissipated, at, in_full(wp.where(now.flags & START != 0, energy, -energy)))
 
     @wp.func
-    def remember(state: State, now: Now, at: int, answer: Real, damper: Real):
-        """Stores the damping part of a closed contact's force [N], where its body's `answer` wants that."""
+    def remember(state: State, now: Now, at: int, answer: Real, damper_speed: Real):
+        """Stores the speed at which a closed contact's damper acts [m/s], where its body's `answer` wants that."""
         if answer > Real(0.0) and now.stage == 0:
-            store_row(state.contact_damper, at, damper)
+            store_row(state.damper_speed, at, damper_speed)
 
     @wp.func
     def press(
@@ -170,15 +170,16 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         """Adds the force of roller j's contact at hand to the roller's; returns whether it is closed, and that [N]."""
         p, before, normal, relative, more = touch.partner, touch.before, touch.normal, touch.relative, touch.gaining
         at = memory_of(shared, mine, j, p)
-        pushes, mean, size, first, damper, energy = respond(
-            touch.penetration, normal, relative, more, before, touch.damper, as_known(law)
+        known = as_known(law)
+        pushes, mean, elastic, size, first, damper_speed = respond(
+            touch.penetration, normal, relative, more, before, touch.damper_speed, known
         )
         force = pushes
         closed = mean > Real(0.0)
         if closed:
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
-                state.extra[extra].energy = state.extra[extra].energy + energy
+                state.extra[extra].energy = state.extra[extra].energy + stored(mean, elastic, known)
                 if p < wp.static(sprockets):
                     state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
                 else:
@@ -191,12 +192,12 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
                     store_row(state.contact_hold, at, holds)
             row.set_force(shared, j, row.force_on(shared, j) + force)
             keep(state, now, at, before, first)
-            remember(state, now, at, law.answer, damper)
+            remember(state, now, at, law.answer, damper_speed)
             if wp.static(kind.measuring) and now.measured != 0:
                 after = more - chain_at(shared, j).inverse_mass * force
-                taken, rubbed = powers(mine, taking(pushes, damper, normal), drag, relative, after)
+                taken, rubbed = powers(mine, taking(pushes, size - elastic, normal), drag, relative, after)
                 measure_powers(tallies, now, at, taken, rubbed)
-                measure_energy(tallies, now, at, energy)
+                measure_energy(tallies, now, at, stored(mean, elastic, known))
                 measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
         return closed, force
 

@@ -165,7 +165,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         more = gaining(shared, shared.poses[s], arm, j)
         growth = products(more[0], normal[0], more[1], normal[1])
         law = as_known(teeth.law)
-        mean, size, first, damper, energy = pressed(penetration, speed, growth, before, touch.damper, law)
+        mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, before, touch.damper_speed, law)
         pushes = sized(normal, size)
         force = pushes
         closed = mean > Real(0.0)
@@ -185,10 +185,10 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
             keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
             if closed:
-                remember(state, now, at, teeth.law.answer, damper)
+                remember(state, now, at, teeth.law.answer, damper_speed)
             if wp.static(kind.measuring) and now.measured != 0:
                 after = more - chain_at(shared, j).inverse_mass * force
-                taken, rubbed = powers(mine, taking(pushes, damper, normal), drag, relative, after)
+                taken, rubbed = powers(mine, taking(pushes, size - elastic, normal), drag, relative, after)
                 if closed:
                     measure_powers(tallies, now, at, taken, rubbed)
                     measure_force(tallies, now, at, before, size, True)

@@ -9,7 +9,8 @@ its opposite on the partner's body at the same point, which conserves angular mo
 product). Penetration and normal are those of `tooth.in_teeth`, `guide.on_guide` or `guide.on_profile`.
 
     misses      whether it is in a bar without having come through its face
-    respond     the contact's force vector, v0, the part of it that damps, and energy
+    respond     the contact's force vector and its elastic part, v0, the speed at which it damps
+    stored      its elastic energy
     rub         the friction on the roller
     dissipated  the power of damping and friction
     reaction    the moment of the force on the partner's body
@@ -53,7 +54,7 @@ def sized(direction: Any, size: Any):
 
 
 @wp.func
-def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_speed: Any, held: Any, law: Any):
+def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_speed: Any, speed_before: Any, law: Any):
     """The force of a contact, eq. (15)-(19), as `pressed`, from vectors.
 
     Args:
@@ -62,19 +63,19 @@ def respond(penetration: Any, normal: Any, relative: Any, gaining: Any, impact_s
         relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
             penetration grows.
         gaining: acceleration of that velocity, by all but this contact [m/s^2].
-        impact_speed, held, law: as in `pressed`.
+        impact_speed, speed_before, law: as in `pressed`.
 
     Returns:
         Force on the roller (vector), and what `pressed` does.
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     growth = products(gaining[0], normal[0], gaining[1], normal[1])
-    mean, size, first, damper, energy = pressed(penetration, speed, growth, impact_speed, held, law)
-    return sized(normal, size), mean, size, first, damper, energy
+    mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, impact_speed, speed_before, law)
+    return sized(normal, size), mean, elastic, size, first, damper_speed
 
 
 @wp.func
-def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: Any, law: Any):
+def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """The force of a contact along its normal: its impulse over a leapfrog step, over the step (a).
 
     Args:
@@ -82,12 +83,12 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: 
         speed: at which it grows [m/s], half a step before with leapfrog.
         growth: acceleration of that speed, by all but this contact [m/s^2].
         impact_speed: v0 of this contact, not positive if it was open until now [m/s].
-        held: the damping part of its force in the step before [N].
+        speed_before: the speed at which its damper acted in the step before [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
 
     Returns:
-        Mean penetration over the step [m], 0 where the contact is open, and nothing else then counts; the force [N],
-        v0 [m/s], the damping part of the force [N], elastic energy [J].
+        Mean penetration over the step [m], 0 where the contact is open, and nothing else then counts; the elastic part
+        of the force and the force [N], v0 and the speed at which the damper acts [m/s].
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -99,9 +100,9 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, held: 
     met = larger(multiply_add(-growth * smaller(penetration, ahead), law.lag * inverse, closing), law.speed_floor)
     first = wp.where(begins, met, impact_speed)
     elastic = elastic_force(mean, law.stiffness, law.exponent)
-    size = contact_force(elastic, speed, growth, first, wp.where(begins, zero, held), law)
+    size, damper_speed = contact_force(elastic, speed, growth, first, wp.where(begins, zero, speed_before), law)
     size = wp.where(mean > zero, size, zero)
-    return mean, size, first, size - elastic, stored(mean, elastic, law)
+    return mean, elastic, size, first, damper_speed
 
 
 @wp.func

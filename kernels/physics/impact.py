@@ -16,15 +16,16 @@ forces' instant is that which solves v' = v + (h / 2) (a - F / m),
     v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
 
 The partner's body has in a its acceleration of the step before, alpha_0. A light body would answer all its contacts'
-dampers at once and gain energy, so each remembers the force P_0 that its damper had then. With P for the part that
-damps, D = h c / (2 m) and G twice the body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body
-of inertia J that turns (with the ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carry it,
+dampers at once and gain energy, so each remembers the speed u_0 at which its damper acted then. With D = h c / (2 m)
+and G twice the body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body of inertia J that turns
+(with the ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carry it,
 
-    P (1 + D (1 + G)) = c (v + (h / 2) (a - E / m)) + D G P_0,    F = max(0, E + min(P, c v0)).               (a)
+    u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)).                   (a)
 
 At rest and in blows, where D is small, that is the same. It is of second order in h, and turns no speed around however
 strong the damper and however light the body: a seated roller under a load N has d N / v0, whatever its speed. The
-damper lags behind by a step at most.
+damper lags behind by a step at most. To remember its force c u in place of u gains energy in blows: c grows with the
+penetration and falls with it, and what it was would outlast what it is.
 
 A scheme with stages has the speed of the forces' instant; its damper is bounded where its
 step could not follow, by an error of fourth order:
@@ -91,7 +92,7 @@ def damper_of(elastic: Any, impact_speed: Any, law: Any):
 
 
 @wp.func
-def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, held: Any, law: Any):
+def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """Force [N] of a contact law, never adhesive.
 
     Args:
@@ -99,11 +100,16 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, held
         speed: approach speed v [m/s], positive while the penetration grows.
         growth: a, of that speed by all but this contact [m/s^2].
         impact_speed: v0 [m/s].
-        held: P_0, the damper's force in the step before [N].
+        speed_before: u_0, the speed at which the damper acted in the step before [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
+
+    Returns:
+        The force [N], and the speed u at which the damper acts [m/s].
     """
     damper, slowest, fastest = damper_of(elastic, impact_speed, law)
     one = type(elastic)(1.0)
-    led = multiply_add(-law.yielding, multiply_add(-law.answer, held, elastic), multiply_add(law.lag, growth, speed))
-    now = quotient(led, multiply_add(law.yielding * damper, one + law.answer, one))
-    return larger(multiply_add(damper, smaller(larger(now, slowest), fastest), elastic), type(elastic)(0.0))
+    led = multiply_add(-law.yielding, elastic, multiply_add(law.lag, growth, speed))
+    give = law.yielding * damper
+    now = quotient(multiply_add(give * law.answer, speed_before, led), multiply_add(give, one + law.answer, one))
+    now = smaller(larger(now, slowest), fastest)
+    return larger(multiply_add(damper, now, elastic), type(elastic)(0.0)), now

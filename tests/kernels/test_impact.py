@@ -142,8 +142,8 @@ def squeeze(law: KINDS.ContactLaw, mass: wp.float64, depth: wp.float64, begin: w
     v = none
     for i in range(out.shape[0]):
         out[i] = x
-        first = contact_force(law.stiffness * (depth - x), -v, none, law.speed_floor, none, law)
-        second = contact_force(law.stiffness * (depth + x), v, first / mass, law.speed_floor, none, law)
+        first, acts = contact_force(law.stiffness * (depth - x), -v, none, law.speed_floor, none, law)
+        second, acts = contact_force(law.stiffness * (depth + x), v, first / mass, law.speed_floor, none, law)
         v += h * (first - second) / mass
         x += h * v
 

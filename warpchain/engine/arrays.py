@@ -152,7 +152,7 @@ TABLE = {
         "seat": Array("contact", packed="seat", kept=True),
         "impact_speed": Array("contact", kept=True),
         "contact_hold": Array("contact", kept=True),
-        "contact_damper": Array("contact", kept=True),
+        "damper_speed": Array("contact", kept=True),
         "joint_hold": Array("roller", kept=True),
         "hub_hold": Array("sprocket", kept=True),
         "totals": Array("partner", kept=True),
