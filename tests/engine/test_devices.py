@@ -17,6 +17,7 @@ from warpchain.engine.buckets import (
     FEW,
     FULL_AT_FLOAT32,
     FULL_OF_OIL,
+    FULL_WITH_METRICS,
     ROOMS,
     VARIANTS_PER_BLOCK,
     Bucket,
@@ -128,7 +129,7 @@ def test_oil_has_a_warp_where_a_multiprocessor_gets_more_variants_than_it_holds_
 
     full, at_float32 = FULL_OF_OIL, FULL_AT_FLOAT32
     assert abreast(wp.float64, 8) == abreast(wp.float32, 8) == [0, 0, 0]  # each has more registers so
-    assert abreast(wp.float64, 9) == [full, full, 0]
+    assert abreast(wp.float64, 9) == [full, FULL_WITH_METRICS, 0]
     assert abreast(wp.float32, 9) == [0, full, 0]
     assert abreast(wp.float32, 13) == [at_float32, full, 0]
     assert abreast(wp.float64, 100, oil=0) == [0, 0, 0]  # springs
