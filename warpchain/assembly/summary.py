@@ -373,7 +373,7 @@ def _step_lines(values: dict[str, Any]) -> list[str]:
     double = "not stable" if 2.0 * step >= limit else f"{2.0 * step / largest:.2f} of the largest, and stable"
     return [
         f'step: {step:.4g} s; the largest that keeps 1 % in means and losses is {largest:.4g} s ("auto")',
-        "  with it the largest forces on single rollers, and what single contacts dissipate, keep some 5 %",
+        "  with it the largest forces on single rollers, and what single contacts dissipate, keep 5 to 8 %",
         f"  half of that, {0.5 * largest:.4g} s, keeps 1 % in the largest tension, too, and takes twice as long",
         f"  double the step is {double}: no step from {limit:.4g} s on is, because of {values['stiffest_part']}",
     ]
