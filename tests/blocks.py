@@ -303,10 +303,11 @@ def swung_light():
 
 def segments():
     """A blade of two segments, and one whose upper pivot is led and whose lower segment leans on a stop."""
-    drive = Drive(**jointed_blade()).with_values({"run.step": 1.6e-6})
+    # so that no roller of the start is at the hair's breadth from a guide at which float32 decides by rounding
+    drive = Drive(**jointed_blade()).with_values({"run.step": 1.6e-6, "run.phase": 0.2})
     # no knot at a step, where float32 may take the cell before it: accelerations jump there
     led = {"time": [0.0, 2.003e-4, 4.007e-4], "x": [0.0, 1e-5, -1e-5], "y": [0.0, -2e-5, 1e-5]}
-    return [drive, drive.with_values({"arms.upper.pivot_table": led, "arms.lower.stops": [-5.0, -0.12]})]
+    return [drive, drive.with_values({"arms.upper.pivot_table": led, "arms.lower.stops": [-5.0, -0.1]})]
 
 
 def segments_rk4():
