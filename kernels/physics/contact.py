@@ -101,8 +101,8 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_
     first = wp.where(begins, met, impact_speed)
     elastic = elastic_force(mean, law.stiffness, law.exponent)
     size, damper_speed = contact_force(elastic, speed, growth, first, wp.where(begins, zero, speed_before), law)
-    size = wp.where(mean > zero, size, zero)
-    return mean, elastic, size, first, damper_speed
+    closed = mean > zero
+    return mean, elastic, wp.where(closed, size, zero), first, wp.where(closed, damper_speed, zero)
 
 
 @wp.func

@@ -54,9 +54,9 @@ def seats_passed(trajectory, center, teeth, pitch=0.05):
     return (ends[1] - ends[0]) * teeth / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize(("span", "slips"), [(19.9, 0), (19.3, 1)])
+@pytest.mark.parametrize(("span", "slips"), [(19.9, 0), (19.2, 1)])
 def test_a_slack_chain_under_load_jumps_teeth(span, slips):
-    """A load that comes on while the chain is 7 % of a span too long pulls it over a tooth; a fitting chain holds.
+    """A load that comes on while the chain is 8 % of a span too long pulls it over a tooth; a fitting chain holds.
 
     What is counted is what the recorded rollers did: a whole number of seats, to a twentieth.
     """
