@@ -135,7 +135,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         more = gaining(w, i, memory)
         growth = more[0] * normal_x + more[1] * normal_y
         before = load_row(w, row.before + i)
-        speed_before = load_row(w, memory.dampers + i)
+        speed_before = load_row(w, row.damper_speed + i)
         mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, before, speed_before, law)
         kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
         store_row(w, row.penetration + i, mean)
@@ -143,7 +143,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.press_y + i, where_touching(w, i, size * normal_y))
         store_row(w, row.size + i, size)
         store_row(w, row.kept + i, kept)
-        store_row(w, memory.dampers + i, damper_speed)
+        store_row(w, row.damper_speed + i, damper_speed)
         return wp.where(kept == before, 0, 1)
 
     @wp.func
@@ -154,6 +154,22 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.fx + i, load_row(w, row.fx + i) + force[0])
         store_row(w, row.fy + i, load_row(w, row.fy + i) + force[1])
         store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
+
+    @wp.func
+    def recall_dampers(w: wp.array[Real], group: Group, memory: Memory):
+        """Puts the speeds at which dampers acted into a row whose place the compiler knows, so that loops vectorize."""
+        i = group.low
+        while i < group.high:
+            store_row(w, row.damper_speed + i, load_row(w, memory.dampers + i))
+            i = i + 1
+
+    @wp.func
+    def keep_dampers(w: wp.array[Real], group: Group, memory: Memory):
+        """Keeps the speeds at which they act."""
+        i = group.low
+        while i < group.high:
+            store_row(w, memory.dampers + i, load_row(w, row.damper_speed + i))
+            i = i + 1
 
     @wp.func
     def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):

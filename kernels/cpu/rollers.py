@@ -73,6 +73,7 @@ class Rows:
     relative_y: int
     open: int  # v0 kept if there is no contact [m/s]
     kept: int  # v0 kept [m/s]
+    damper_speed: int  # at which the damper acted in the step before, then acts [m/s]
     press_x: int  # force on the roller [N]
     press_y: int
     size: int  # of the normal force [N]
