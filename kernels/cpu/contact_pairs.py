@@ -306,7 +306,8 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         measured = memory.wanted.measures != 0
         changed = int(0)
         began = int(1)
-        force.recall_dampers(w, group, memory)
+        if law.answer > Real(0.0):
+            force.recall_dampers(w, group, memory)
         if law.exponent == Real(1.0) and friction.inertia == Real(0.0):
             if measured:
                 changed, began = force.press_smoothly(w, group, law, memory, True)
@@ -319,7 +320,8 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             force.add_forces(w, group)
             if measured:
                 force.lose(w, group, law, friction, memory)
-        force.keep_dampers(w, group, memory)
+        if law.answer > Real(0.0):
+            force.keep_dampers(w, group, memory)
         if measured:
             sums.add_measured(w, group, law, friction, memory.wanted, totals, slot)
             if began != 0:

@@ -198,10 +198,8 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def lose_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
         """Power that roller i's contact takes but for friction; with stages that of its damper."""
-        size = load_row(w, row.size + i)
-        if memory.lag == Real(0.0):
-            elastic = elastic_force(load_row(w, row.penetration + i), law.stiffness, law.exponent)
-            size = size - elastic
+        elastic = elastic_force(load_row(w, row.penetration + i), law.stiffness, law.exponent)
+        size = load_row(w, row.size + i) - wp.where(memory.lag > Real(0.0), Real(0.0), elastic)
         x = size * load_row(w, row.normal_x + i)
         y = size * load_row(w, row.normal_y + i)
         store_row(w, row.damped + i, power_of(w, i, x, y, memory))
@@ -235,8 +233,13 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def lose(w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory):
-        """Powers that dampers and friction take."""
+        """Powers that contacts and friction take; of a linear law in a loop of its own, which vectorizes."""
         i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            while i < group.high:
+                lose_one(w, i, law, memory)
+                i = i + 1
         while i < group.high:
             lose_one(w, i, law, memory)
             i = i + 1

@@ -207,10 +207,10 @@ STIFF = {"shafts.motor.inertia": 0.002186, "sprockets.driven.inertia": 13.0, "co
 STIFF |= {"chain.stiffness": 9.929e7, "chain.play": 3.535e-6, "chain.damping_ratio": 8.167e-4}
 
 
-@pytest.mark.parametrize(("values", "tensions"), [(LIGHT_MOTOR, (485.0, 580.0)), (STIFF, (599.0, 548.0))])
+@pytest.mark.parametrize(("values", "tensions"), [(LIGHT_MOTOR, (485.0, 580.0)), (STIFF, (625.0, 594.0))])
 def test_a_start_whose_slack_strand_hangs_on_the_step_is_suspect(values, tensions):
     """Starts of a conveyor whose joints give way by as much as swings of the pulling strand: the 99.9 % tension of the
-    slack one is 16 % below and 9 % above that at an eighth of the step (`scripts/bench.py starts`). Joints of 0.12 I
+    slack one is 16 % below and 5 % above that at an eighth of the step (`scripts/bench.py starts`). Joints of 0.12 I
     / h^2 turn by mu kappa r_p T over it, which a half sine of amplitude a passes on to links k as pi^2 k a phi / 16.
     Tensions are within 2 %, what copies 1e-9 pitches apart scatter by.
     """
