@@ -172,11 +172,11 @@ rounds = 1
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory):
-    """A calibration's file, what it found, and the run that stands for its rig, of 8 N m."""
+    """A calibration's file, what it found, and the run that stands for its rig, of 6 N m."""
     folder = tmp_path_factory.mktemp("calibrate")
     path = write_study(folder, text=CALIBRATION.replace("{value}", "1.0"))
     true = load_drive(folder / "tiny.toml").with_values(
-        {"sprockets.s1.load.torque": 8.0, "run.duration": 0.02, "run.step": 1e-5, "run.sample_rate": 20000.0}
+        {"sprockets.s1.load.torque": 6.0, "run.duration": 0.02, "run.step": 1e-5, "run.sample_rate": 20000.0}
     )
     rig = simulate([true], record=Record([0]), window=(0.01, 0.02))
     signal = source(rig[0], "s1->s0.tension")
@@ -192,7 +192,7 @@ def test_a_run_that_stands_for_the_rig_gives_its_torque_back(calibrated, capsys)
     """The tight strand carries torque / radius; what has no effect keeps its prior, and a second call runs nothing."""
     path, found, rig = calibrated
     torque, gap = (found.values[name] for name in ("torque", "gap"))
-    assert abs(torque.mean() - 8.0) < 3.0 * torque.std()
+    assert abs(torque.mean() - 6.0) < 3.0 * torque.std()
     assert torque.std() < 0.2 * found.values_before["torque"].std()
     assert gap.std() == pytest.approx(1e-6, rel=0.2)
     assert found.directions[0].left == pytest.approx(1.0, abs=0.2) and found.directions[1].left < 0.2
