@@ -307,7 +307,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         changed = int(0)
         began = int(1)
         if law.answer > Real(0.0):
-            force.recall_dampers(w, group, memory)
+            force.copy_row(w, group, memory.dampers, row.damper_speed)
         if law.exponent == Real(1.0) and friction.inertia == Real(0.0):
             if measured:
                 changed, began = force.press_smoothly(w, group, law, memory, True)
@@ -321,7 +321,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             if measured:
                 force.lose(w, group, law, friction, memory)
         if law.answer > Real(0.0):
-            force.keep_dampers(w, group, memory)
+            force.copy_row(w, group, row.damper_speed, memory.dampers)
         if measured:
             sums.add_measured(w, group, law, friction, memory.wanted, totals, slot)
             if began != 0:

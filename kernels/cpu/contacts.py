@@ -156,19 +156,11 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
 
     @wp.func
-    def recall_dampers(w: wp.array[Real], group: Group, memory: Memory):
-        """Puts the speeds at which dampers acted into a row whose place the compiler knows, so that loops vectorize."""
+    def copy_row(w: wp.array[Real], group: Group, source: int, to: int):
+        """Copies the group's values of a row; in one whose place the compiler knows loops vectorize."""
         i = group.low
         while i < group.high:
-            store_row(w, row.damper_speed + i, load_row(w, memory.dampers + i))
-            i = i + 1
-
-    @wp.func
-    def keep_dampers(w: wp.array[Real], group: Group, memory: Memory):
-        """Keeps the speeds at which they act."""
-        i = group.low
-        while i < group.high:
-            store_row(w, memory.dampers + i, load_row(w, row.damper_speed + i))
+            store_row(w, to + i, load_row(w, source + i))
             i = i + 1
 
     @wp.func
@@ -181,10 +173,9 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             while i < group.high:
                 changed = changed | press_one(w, i, law, memory)
                 i = i + 1
-        else:
-            while i < group.high:
-                changed = changed | press_one(w, i, law, memory)
-                i = i + 1
+        while i < group.high:
+            changed = changed | press_one(w, i, law, memory)
+            i = i + 1
         return changed
 
     @wp.func

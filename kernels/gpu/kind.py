@@ -269,8 +269,7 @@ class BlockKind:
     @property
     def twice(self) -> bool:
         """Whether what steps without a frame do stands in the code a second time, so that nothing stands between its
-        parts that only frames want: on several warps the contacts, on one all of it. Not where it is long, or has its
-        contacts twice already.
+        parts that only frames want: on several warps the contacts, on one all of it. Not where it is long.
         """
         more = self.moving or self.parts.hubs or self.parts.tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)

@@ -12,7 +12,6 @@ none of its eigenvalues is above.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,13 +22,14 @@ from warpchain.drive import Drive
 from warpchain.drive.batch_math import power
 from warpchain.drive.mounts import moving_mass, on_springs
 from warpchain.drive.trains import is_free, seen_inertia, train_of
+from warpchain.engine.fill_bodies import lever_squares
 from warpchain.engine.packed import Packed
 
 
 def fill_answers(packed: Packed, rows: NDArray[np.integer], drive: Drive, assembly: Assembly) -> None:
     """Fills `ContactLaw.answer` of a stack's variants; `rows` are theirs in `Packed.drives`."""
     seated = [(assembly.seat_sprocket == s).sum(axis=-1) for s in range(len(drive.sprockets))]
-    arms = [_arm_answer(drive, a, seated) for a in range(len(drive.arms))]
+    arms = [lever_squares(drive, a, seated) / drive.arm_inertia(a) for a in range(len(drive.arms))]
     turning = [_turning(drive, s) * n for s, n in enumerate(seated)]
     double = 2.0 * drive.chain.mass
     for s, sprocket in enumerate(drive.sprockets):
@@ -57,11 +57,3 @@ def _turning(drive: Drive, s: int) -> Any:
     if not is_free(drive, s):
         return 0.0
     return power(drive.pitch_radius(s) + drive.engagement(s), 2) / seen_inertia(drive, s)
-
-
-def _arm_answer(drive: Drive, a: int, seated: Sequence[Any]) -> Any:
-    """sum n r^2 / I of arm a, for what there is room for on its faces and what is on its sprockets [1/kg]."""
-    rollers = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
-    square = rollers * power(drive.arm_lever(a), 2)
-    square = square + sum(seated[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
-    return square / drive.arm_inertia(a)

@@ -45,7 +45,7 @@ AHEAD = 1.0 / 16.0
 """Of a roller's radius, how far from a partner it may be that comes to touch it within a step."""
 
 PIN_STIFFNESS = 12.0
-"""Stiffness of a pin in its bush, of a link's: the pins at its two ends are taken to have half of its give."""
+"""Stiffness of a pin in its bush, of a link's: the pins at its two ends are taken to have a sixth of its give."""
 
 TANGENTIAL = 0.8
 """Stiffness of a contact along its surface, of that across it (Mindlin 1949; 0.82 for steel)."""

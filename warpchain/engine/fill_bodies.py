@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -98,10 +99,15 @@ def arm_effective_mass(drive: Drive, a: int) -> float:
     With the n rollers that there is room for on its faces, at its reach r, and the z on sprockets that it carries with
     their centers d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
-    rollers = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
-    square = rollers * power(drive.arm_lever(a), 2)
-    square = square + sum(drive.sprockets[s].teeth * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
+    square = lever_squares(drive, a, [sprocket.teeth for sprocket in drive.sprockets])
     return 1.0 / (1.0 / drive.chain.mass + square / drive.arm_inertia(a))
+
+
+def lever_squares(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
+    """n r^2 + sum z d^2 [m^2] of arm a, with so many rollers on each sprocket of the drive."""
+    on_faces = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
+    square = on_faces * power(drive.arm_lever(a), 2)
+    return square + sum(rollers[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
 
 
 def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:

@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -78,37 +79,41 @@ def read_here(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     return time, signal
 
 
-def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
-    from scipy.io import loadmat, whosmat
-
+@contextlib.contextmanager
+def _understood(path: str | Path, words: str) -> Iterator[None]:
+    """Says in one line what keeps a file from being read; `words` of one that is damaged."""
     try:
-        with open(open_regular(path), "rb") as file:
-            listed = whosmat(file)
-            twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
-            if twice:
-                raise SimulationError(
-                    f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two"
-                )
-            lengths = {
-                name: math.prod(shape)
-                for name, shape, kind in listed
-                if kind in _NUMBERS and math.prod(shape) == max(shape, default=0) > 1
-            }
-            names = [(name, name) for name in lengths]
-            at = column_index(path, names, columns.time, 0, "time")
-            of = column_index(path, names, columns.column, 1 if at == 0 else 0)
-            wanted = [names[at][0], names[of][0]]
-            for name in wanted:
-                _check_length(path, name, lengths[name])
-            file.seek(0)
-            held = loadmat(file, variable_names=wanted)
-            found = [np.asarray(held[name]).ravel() for name in wanted]
+        yield
     except SimulationError:
         raise
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not a MAT file of version 4 to 7.2 ({reason(error)})") from None
+        raise SimulationError(f"{path}: {words} ({reason(error)})") from None
+
+
+def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
+    from scipy.io import loadmat, whosmat
+
+    with _understood(path, "is not a MAT file of version 4 to 7.2"), open(open_regular(path), "rb") as file:
+        listed = whosmat(file)
+        twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
+        if twice:
+            raise SimulationError(f"{path}: variable {twice[0]!r} stands twice: must stand once; rename one of the two")
+        lengths = {
+            name: math.prod(shape)
+            for name, shape, kind in listed
+            if kind in _NUMBERS and math.prod(shape) == max(shape, default=0) > 1
+        }
+        names = [(name, name) for name in lengths]
+        at = column_index(path, names, columns.time, 0, "time")
+        of = column_index(path, names, columns.column, 1 if at == 0 else 0)
+        wanted = [names[at][0], names[of][0]]
+        for name in wanted:
+            _check_length(path, name, lengths[name])
+        file.seek(0)
+        held = loadmat(file, variable_names=wanted)
+        found = [np.asarray(held[name]).ravel() for name in wanted]
     for name, values in zip(wanted, found, strict=True):
         if values.dtype.kind not in "iuf":
             raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
@@ -128,7 +133,7 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     require_extra("mdf", "MDF4", SimulationError)
     import asammdf
 
-    try:
+    with _understood(path, "is not MDF4"):
         os.close(open_regular(path))
         with asammdf.MDF(path) as mdf:
             places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
@@ -136,12 +141,6 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[Column, Column]:
             name, group, channel = places[column_index(path, names, columns.column, 0)]
             _check_length(path, name, mdf.groups[group].channel_group.cycles_nr)
             signal = mdf.get(name, group, channel)
-    except SimulationError:
-        raise
-    except OSError as error:
-        raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: is not MDF4 ({reason(error)})") from None
     if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
         raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
     time = finite(path, "time", np.asarray(signal.timestamps, dtype=float))

@@ -1,18 +1,19 @@
 r"""Errors of the step in friction and ramps, of which a drive's limit of stability does not know.
 
-Friction that sticks is held by a bristle whose stiffness grows as steps get shorter (`kernels.physics.friction`): where
-it takes hold within a few steps, what it gives way by hangs on the step. With mu the larger coefficient, N the largest
-normal force of a partner, m a roller's mass, T the tension that 99.9 % of links and instants are below, z the fewest
-teeth and I = m p^2 / 6, friction moves
+Friction that sticks is held by a bristle that is no stiffer than the step can follow (`kernels.physics.friction`):
+where it takes hold within a few steps, what it gives way by hangs on the step. With mu the larger coefficient, N the
+largest normal force of a partner, m a roller's mass, T the tension that 99.9 % of links and instants are below, z the
+fewest teeth and I = m p^2 / 6, friction moves
 
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
 A motion that is ramped up takes its ramp's time.
 
-A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I) until its bristle holds it, T the mean tension of
-its strand. The n joints of a strand that swings by the amplitude a let its middle give by n^2 p phi / 8. That pays out
-pi^2 a / (2 n p) times as much of the chain, which n links of the stiffness k answer with the tension
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I) until its bristle holds it where the step bounds
+that, T the mean tension of its strand. The n joints of a strand that swings by the amplitude a let its middle give by
+n^2 p phi / 8. That pays out pi^2 a / (2 n p) times as much of the chain, which n links of the stiffness k answer with
+the tension
 
     (pi^2 / 16) k a phi,                                                                                      (c)
 
