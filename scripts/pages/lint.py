@@ -39,7 +39,7 @@ OF_PROSELINT = [
 
 
 def pages() -> list[Path]:
-    """README, CONTRIBUTING, the pages of docs/ and the tutorials; docs/notes are a log."""
+    """README, CONTRIBUTING, the pages of docs/ and the tutorials."""
     docs = ROOT / "docs"
     tutorials = [path for path in (docs / "tutorials").iterdir() if path.suffix in (".md", ".ipynb")]
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.glob("*.md")), *sorted(tutorials)]
@@ -148,7 +148,7 @@ def faults(path: Path) -> Iterator[str]:
                 yield f"{name}:{line + row}: {result.check_path}: {result.message}"
 
 
-@case(option("pages", nargs="*", type=Path, help="default: all but docs/notes"))
+@case(option("pages", nargs="*", type=Path, help="default: all"))
 def lint(asked: argparse.Namespace) -> Iterator[Line]:
     """Checks the prose of the documents: short sentences, plain words, headings that name things.
 

@@ -37,7 +37,7 @@ GROUPS = {
     "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
     "Model and limits": ("validation", "model", "devices", "performance", "reliability"),
     "Reference": ("metrics",),
-    "The project": ("contributing", "changelog"),
+    "The project": ("contributing", "kernels"),
 }
 """Pages by their place in the menu; those that are not named are of the model."""
 EXAMPLES = {"drives": "warpchain/drive/examples", "studies": "warpchain/study/examples"}
@@ -49,10 +49,10 @@ def sources(folder: Path) -> None:
     shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
     for kind in EXAMPLES:
         shutil.copytree(ROOT / EXAMPLES[kind], folder / kind, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
-    for name in ("README", "CONTRIBUTING", "CHANGELOG"):
+    for name in ("README", "CONTRIBUTING"):
         text = (ROOT / f"{name}.md").read_text()
         text = re.sub(r"(\]\(|src=\")docs/", r"\1", text).replace("](CONTRIBUTING.md)", "](contributing.md)")
-        text = text.replace("](CHANGELOG.md)", "](changelog.md)").replace("](README.md)", "](index.md)")
+        text = text.replace("](README.md)", "](index.md)")
         (folder / ("index.md" if name == "README" else f"{name.lower()}.md")).write_text(text)
     for path in folder.glob("*.md"):
         text = path.read_text()
@@ -167,9 +167,8 @@ def site(asked: argparse.Namespace) -> Iterator[Line]:
     python scripts/docs.py site [FOLDER]
 
     Any warning ends it: a link or a picture that leads nowhere, a name that is not there, a list that a paragraph takes
-    in. The pages are those of
-    docs/, README, CONTRIBUTING and CHANGELOG, notebooks as they were stored, and those of `pages/reference.py`. Those
-    of docs/notes/ are built, but no menu shows them.
+    in. The pages are those of docs/, README and CONTRIBUTING, notebooks as they were stored, and those of
+    `pages/reference.py`.
     """
     done = build(asked.folder)
     yield done.stdout + done.stderr + str(asked.folder / "index.html")

@@ -90,7 +90,7 @@ CALLS = [
 @pytest.mark.parametrize(("name", "precision"), CALLS)
 def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name, precision):
     # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
-    # and engine twice (docs/notes/gpu-parts.md)
+    # and engine twice (docs/kernels.md)
     packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
     columns = {field: int(values[0]) for field, values in kind_columns(packed).items()}
     kind = kernel_kind("measure", Bucket(kind_of(packed.real, columns, 8), np.zeros(1, int), None))

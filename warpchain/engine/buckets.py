@@ -86,7 +86,7 @@ def resident(kind: BlockKind) -> int:
     """Number of variants that the compiler is to make room for on a multiprocessor, which bounds a thread's registers.
 
     Taking metrics wants more of them, and of shared memory, and kernels of simple drives fewer. What is best was
-    measured on an H200 and an H100 (docs/notes/gpu-parts.md).
+    measured on an H200 and an H100 (docs/kernels.md).
     """
     shape, per = kind.shape, kind.shape.rollers_per_thread
     if shape.oil_warp:
