@@ -91,7 +91,7 @@ def __dir__() -> list[str]:
 
 def _notebook_html(thing: Any) -> str:
     """HTML of a drive, run or trajectory; loads what draws it when the first is shown."""
-    return str(import_module("warpchain.view.notebook").html(thing))
+    return str(import_module("warpchain.view.notebook").notebook_html(thing))
 
 
 show.register(_notebook_html)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from benches.drives import named, of_length
 from benches.probe import rate
-from warpchain.view.figures.style import grid
+from warpchain.view.figures.figure_style import panel_grid
 
 LENGTHS = (50, 100, 200, 500, 1000, 2000)
 VARIANTS = (1, 4, 16, 64, 256, 1024, 4096)
@@ -38,7 +38,7 @@ def fitted(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, flo
 
 def drawn(found: dict[str, tuple[Sequence[int], Sequence[float]]], rollers: int, where: str) -> Figure:
     """Nanoseconds a roller-step over either; a line that is flat is linear growth."""
-    figure, axes = grid(2, 2, 5.0, 3.6)
+    figure, axes = panel_grid(2, 2, 5.0, 3.6)
     for axis, (title, (sizes, seconds)) in zip(axes, found.items(), strict=True):
         sizes_all = np.asarray(sizes, float)
         per = sizes_all * (rollers if title == "variants" else 1)

@@ -24,10 +24,13 @@ def frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
     """The chain's rollers and colors through Rerun's own archetypes, logged one frame after the other."""
     import rerun as rr
 
-    from warpchain.view.rerun.streams import TIMELINE, flipped
+    from warpchain.view.rerun.streams import TIMELINE, flipped_points
 
     assert trajectory.position is not None
-    points, colors = flipped(trajectory.position), np.full((trajectory.drive.chain.links, 4), 255, dtype=np.uint8)
+    points, colors = (
+        flipped_points(trajectory.position),
+        np.full((trajectory.drive.chain.links, 4), 255, dtype=np.uint8),
+    )
     for time_now, x in zip(trajectory.time.tolist(), points, strict=True):
         stream.set_time(TIMELINE, duration=time_now)
         stream.log("reference/loop", rr.Points2D(x, colors=colors))
@@ -45,21 +48,21 @@ def playback(asked: argparse.Namespace) -> Iterator[Line]:
     """
     import rerun as rr
 
-    from warpchain.view.chosen import recorded
-    from warpchain.view.palette import scale_top, thing_colors
+    from warpchain.view.palette import curve_colors, tension_scale_top
+    from warpchain.view.recorded_variants import recorded_variant
     from warpchain.view.rerun.drive_scene import log_drive
     from warpchain.view.rerun.run_playback import log_recording, log_variant
-    from warpchain.view.rerun.series import log_curves, log_spectra, log_tension_image, spectra
+    from warpchain.view.rerun.signal_charts import log_curves, log_spectrum_charts, log_tension_image, spectrum_lines
 
-    one = recorded(simulate(pair(LONG), record=Record()), None)
+    one = recorded_variant(simulate(pair(LONG), record=Record()), None)
     trajectory, frames = one.trajectory, len(one.trajectory.time)
-    top, colors = scale_top([trajectory]), thing_colors(trajectory.drive)
+    top, colors = tension_scale_top([trajectory]), curve_colors(trajectory.drive)
     parts: dict[str, Callable[[Any], object]] = {
         "drive in motion": lambda stream: log_drive(stream, "a", trajectory, top),
         "curves": lambda stream: log_curves(stream, "a", trajectory, frames, colors, False),
         "tension image": lambda stream: log_tension_image(stream, "a", trajectory, trajectory, frames, top),
         "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
-        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, colors), [30]),
+        "spectra": lambda stream: log_spectrum_charts(stream, spectrum_lines(trajectory, colors), [30]),
         "whole recording with layout": lambda stream: log_recording(stream, [one], frames),
         "rollers frame by frame": lambda stream: frame_by_frame(stream, trajectory),
     }

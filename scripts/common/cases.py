@@ -82,7 +82,7 @@ def show(lines: Iterable[Line], folder: Path) -> None:
     first = True
     for line in lines:
         if isinstance(line, Mapping):
-            from warpchain.view.figures.style import save_figures
+            from warpchain.view.figures.figure_style import save_figures
 
             print(*save_figures(line, folder, "png"), sep="\n", flush=True)
         elif isinstance(line, str):

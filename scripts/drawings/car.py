@@ -16,7 +16,7 @@ from warpchain.results.rotation import order_amplitudes, turns_of
 from warpchain.results.scene import passing_link
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
-from warpchain.view.figures.style import grid
+from warpchain.view.figures.figure_style import panel_grid
 
 SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
 AT = (1500, 3000, 6000)
@@ -138,7 +138,7 @@ def published_table(run: Run, rows: Sequence[Metrics], light: Run, soft: Run) ->
 
 def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     """Friction power by group, tensions, phase error, stroke, force and pressure over speed."""
-    figure, (friction, share, tension, phase, stroke, pressure) = grid(6, 3, 4.0, 3.5)
+    figure, (friction, share, tension, phase, stroke, pressure) = panel_grid(6, 3, 4.0, 3.5)
     power = np.array([powers(row) for row in rows]).T
     friction.stackplot(SPEEDS, *power, labels=PARTS, colors=COLORS)
     friction.set(ylabel="friction [W]")
@@ -207,7 +207,7 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=channels)
     run = simulate(drives, record=record, progress=True)
     rows = run.metrics.to_pylist()
-    sweep, (over, panels) = rows[: len(SPEEDS)], grid(4, 4, 3.0, 3.6)
+    sweep, (over, panels) = rows[: len(SPEEDS)], panel_grid(4, 4, 3.0, 3.6)
     yield from sweep_table(run, sweep)
     yield ""
     yield from orders_table(run)

@@ -21,7 +21,7 @@ from warpchain.engine.rig import Shake, shake
 from warpchain.results.run import need
 from warpchain.results.scene import Pose, parts_at, strand_displacement, teeth_at, turned
 from warpchain.view.figures.drive_figure import draw_parts
-from warpchain.view.figures.rig_figures import loop_figure, sweep_figure
+from warpchain.view.figures.rig_figures import tensioner_loop_figure, tensioner_sweep_figure
 
 STRAND = 2  # camshaft -> crankshaft: the tight one, "segment number one" of the paper
 START, DURATION = 8.0, 14.0  # s
@@ -199,10 +199,10 @@ def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
     over = Figure(figsize=(12.0, 6.4), layout="constrained")
     yield from trends(drive, over)
     yield {
-        "tensioner-loops": loop_figure(
+        "tensioner-loops": tensioner_loop_figure(
             dict(zip(loops, done.samples, strict=True)), CYCLES, f"{SHAKEN}, 80 {SQUARE_MM}"
         ),
-        "tensioner-frequency": sweep_figure(rides, x, "frequency [Hz]", SHAKEN),
+        "tensioner-frequency": tensioner_sweep_figure(rides, x, "frequency [Hz]", SHAKEN),
         "tensioner-trends": over,
     }
 

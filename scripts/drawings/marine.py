@@ -15,7 +15,7 @@ from warpchain import Drive, Record, Run, Trajectory, simulate
 from warpchain.results.run import need
 from warpchain.results.scene import nearest_sprocket
 from warpchain.results.signals import last_round
-from warpchain.view.figures.chain_figures import telling_roller
+from warpchain.view.figures.chain_figures import hardest_pressed_roller
 
 CASES = ("with friction", "without friction")
 STEEL = {"contact.guide.partner": {"youngs_modulus": 210e9, "poissons_ratio": 0.3}}
@@ -84,7 +84,7 @@ def guided(drive: Drive, indentation: float) -> tuple[Trajectory, Forces]:
 
 def draw(axes: Any, trajectory: Trajectory, title: str) -> None:
     """Tension of a link, and contact forces on a roller, over a round."""
-    roller = telling_roller(trajectory)
+    roller = hardest_pressed_roller(trajectory)
     tension, teeth, bar = need(trajectory, "tension", "sprocket_force", "guide_force")
     near = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
     turned = np.linspace(0.0, 1.0, len(near))

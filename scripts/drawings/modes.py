@@ -20,7 +20,7 @@ from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_figures import campbell_figure, shapes_figure
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import seen_at
-from warpchain.view.figures.style import arrowed
+from warpchain.view.figures.figure_style import strand_label
 
 Array = NDArray[np.float64]
 CAR = ("intake cam->exhaust cam 1", "crank->intake cam 1", "intake cam 1", "arm 1")
@@ -226,7 +226,7 @@ def draw(axis: Any, run: RunUp, trajectory: Any, modes: Campbell, found: list[Se
         line = modes.frequency[:, modes.names.index(name)]
         axis.plot(run.duration * modes.speed / modes.speed[-1], line, "-", color=f"C{k}", lw=1.0)
         mine = [(one.time, one.peak) for one in found if one.mode == name]
-        circles: Any = {"color": f"C{k}", "ms": 5.0, "mew": 1.4, "mfc": "none", "label": arrowed(name)}
+        circles: Any = {"color": f"C{k}", "ms": 5.0, "mew": 1.4, "mfc": "none", "label": strand_label(name)}
         axis.plot(*np.reshape(mine, (-1, 2)).T, "o", **circles)
     axis.set_title(f"{run.name}, to {modes.speed[-1]:.3g} rad/s", fontsize=10)
     axis.set(ylim=(0.0, run.top), xlabel="time [s]")

@@ -19,12 +19,12 @@ from warpchain import Record, simulate
 from warpchain.results.engineering_report import handed_in
 from warpchain.results.scene import contact_arrows, parts_at, pose_at_frame, teeth_at
 from warpchain.results.signals import forward, largest_contacts, strand_tension
-from warpchain.view.chosen import part_of
-from warpchain.view.figures.load import guide_load_figure
-from warpchain.view.figures.shafts import hub_figure
-from warpchain.view.figures.style import arrowed
-from warpchain.view.figures.sweep import cuts_figure, run_up_cuts
-from warpchain.view.palette import scale_top, tension_colormap, thing_colors
+from warpchain.view.figures.figure_style import strand_label
+from warpchain.view.figures.part_figures import guide_load_figure
+from warpchain.view.figures.shaft_figures import hub_force_figure
+from warpchain.view.figures.sweep import order_cuts_figure, run_up_cuts
+from warpchain.view.palette import curve_colors, tension_colormap, tension_scale_top
+from warpchain.view.recorded_variants import part_of
 
 FRAMES, TEETH = 48, 6
 """Frames of the picture, and teeth of the driver that pass in them: its end then has the drive of its beginning."""
@@ -56,7 +56,7 @@ def draw(axis: Any, trajectory: Any, f: int, reach: float) -> None:
         axis.plot(*part.points.T, color="#be783c" if part.kind == "guide" else "0.5", lw=2.0)
     links = LineCollection(list(np.stack([x, np.roll(x, -1, axis=0)], axis=1)), cmap=tension_colormap(), lw=2.6)
     links.set_array(trajectory.tension[f])
-    links.set_clim(0.0, scale_top([trajectory]))
+    links.set_clim(0.0, tension_scale_top([trajectory]))
     axis.add_collection(links)
     for force, color in zip(contact_arrows(part_of(trajectory, slice(f, f + 1))), ("white", "#ff5050"), strict=True):
         on = force[0].any(axis=1)
@@ -74,13 +74,13 @@ def frame_figure(trajectory: Any, curves: dict[str, dict[str, np.ndarray]], f: i
     halves: Any = made.subfigures(1, 2, width_ratios=[0.36, 0.64])
     left, right = halves
     draw(left.subplots(), trajectory, f, reach)
-    time, colors = trajectory.time, thing_colors(trajectory.drive)
+    time, colors = trajectory.time, curve_colors(trajectory.drive)
     last = time >= time[-1] - 2.2 * (time[-1] - time[shown_frames(trajectory)[0]])
     panels = right.subplots(len(curves), 1, sharex=True)
     for panel, (label, lines) in zip(panels, curves.items(), strict=True):
         for name, values in lines.items():
             color = tuple(part / 255 for part in colors[name])
-            panel.plot(time[last], values[last], color=color, lw=0.9, label=arrowed(name))
+            panel.plot(time[last], values[last], color=color, lw=0.9, label=strand_label(name))
         panel.axvline(time[f], lw=0.8)
         panel.set_ylabel(label)
         panel.margins(x=0.0)
@@ -186,9 +186,9 @@ def report(asked: argparse.Namespace) -> Iterator[Line]:
     found = handed_in(simulate(drive, record=Record(rate=20_000.0), window=(0.0, 1.0)))
     cuts = run_up_cuts(found)["force on the hub"]
     figures = {
-        "report-hubs": hub_figure(found),
+        "report-hubs": hub_force_figure(found),
         "report-guide": guide_load_figure(found, 0),
-        "report-orders": cuts_figure(drive, "force on the hub", *cuts),
+        "report-orders": order_cuts_figure(drive, "force on the hub", *cuts),
     }
     yield ("metric", "value")
     yield from found.metrics().items()

@@ -15,7 +15,7 @@ from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.tooth_shape import half_gap_outline
 from warpchain.results.scene import nearest_sprocket, sprocket_normals, tooth_outline, turned
 from warpchain.results.signals import order_spectrum, strand_tension
-from warpchain.view.figures.style import grid, panels
+from warpchain.view.figures.figure_style import panel_column, panel_grid
 
 TEETH, PITCH, ROLLER = 19, 25.4e-3, 7.94e-3
 ISO: Values = {"contact.sprocket.profile": "iso606", "contact.sprocket.clearance": None}
@@ -145,7 +145,7 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
     motion is chaotic: each profile runs ten times with loads a millionth apart, and means are given with the standard
     error that their scatter leaves.
     """
-    figure, (shape, force, approach, decay) = grid(4, 2, 5.5, 4.0)
+    figure, (shape, force, approach, decay) = panel_grid(4, 2, 5.5, 4.0)
     for name, color in zip(PROFILES, COLORS, strict=True):
         one = drive(name)
         yield (f"{name}, pressure angle", f"{math.degrees(one.tooth(0).pressure_angle(TEETH)):.1f} deg")
@@ -215,7 +215,7 @@ def wear(asked: argparse.Namespace) -> Iterator[Line]:
     drives.append(drive(SHOWN, {"chain.worn_links": [{"link": LINK, "elongation": 0.03}]}))
     run = simulate(drives, record=Record(rate=2e3), window=(BEGIN, END))
     rows = run.metrics.to_pylist()
-    figure, (place, climb, picture, single) = grid(4, 2, 5.5, 4.25)
+    figure, (place, climb, picture, single) = panel_grid(4, 2, 5.5, 4.25)
     yield ("profile", "elongation [%]", "climb, outer / inner link follows [%]", "tension [N]", "losses [W]", "status")
     heights = np.empty((len(cases), 2))
     for v, (name, e) in enumerate(cases):
@@ -269,7 +269,7 @@ def wear_spectrum(asked: argparse.Namespace) -> Iterator[Line]:
     rubs = {"chain.joint": JOINT, "run.duration": 2.0}
     drives = [drive("iso606, minimum gap", rubs | values, longer, 3e-4) for longer, values in WORN.values()]
     run = simulate(drives, record=record)
-    figure, axes = panels(2, 7.0, "", None)
+    figure, axes = panel_column(2, 7.0, "", None)
     orders = [f"{what}, order {order}" for what in ("tight strand [N]", "driven speed [%]") for order in ("1/2", "1")]
     yield ("chain", *orders, "status")
     for v, (name, color) in enumerate(zip(WORN, ("0.55", *COLORS), strict=False)):

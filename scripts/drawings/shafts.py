@@ -10,7 +10,7 @@ from common.drives import example
 
 from warpchain import Limits, Record, simulate
 from warpchain.results.losses import losses
-from warpchain.view.figures.style import panels
+from warpchain.view.figures.figure_style import panel_column
 
 
 @case()
@@ -25,7 +25,7 @@ def starting(asked: argparse.Namespace) -> Iterator[Line]:
     run = simulate(drive, record=Record(rate=2000.0), window=(1.2, 2.0), limits=Limits())
     part, (row,) = run[0], run.metrics.to_pylist()
     time, most = part.time, np.asarray(part.tension, float).max(axis=1)
-    figure, axes = panels(3, 7.0, "A conveyor started by its motor", None)
+    figure, axes = panel_column(3, 7.0, "A conveyor started by its motor", None)
     motor, _, drum = np.abs(np.asarray(part.shaft_speed, float)).T
     driven = np.abs(np.asarray(part.sprocket_speed, float))[:, 1]
     axes[0].plot(time, motor / motor[-1], label="motor")
@@ -86,7 +86,7 @@ def gear_change(asked: argparse.Namespace) -> Iterator[Line]:
         share = f"{1.0 - sum(lost.values()) / works[0]:.3f}" if phase.endswith("gear") else ""
         yield (phase, "{:g} to {:g}".format(*window), *(f"{energy:.1f}" for energy in energies), share)
     part = run[0]
-    figure, axes = panels(4, 9.5, "A gear change: 60 km/h, second to third", None)
+    figure, axes = panel_column(4, 9.5, "A gear change: 60 km/h, second to third", None)
     speed = np.abs(np.asarray(part.shaft_speed, float)).T
     for h, shaft in enumerate(drive.shafts):
         if shaft.name in ("basket", "mainshaft", "countershaft"):

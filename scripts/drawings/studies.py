@@ -19,7 +19,7 @@ from warpchain.study.analysis.pareto import Goals, goals_of, non_dominated
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.results import Results, read_results
 from warpchain.study.spec import Study, load_study
-from warpchain.view.figures.style import arrowed, panels
+from warpchain.view.figures.figure_style import panel_column, strand_label
 
 BLUE, RED, GREEN, GRAY, ORANGE = "#1f77b4", "#d1495b", "#2e8b57", "#b4bcc4", "#e08a00"
 STRAND, GUIDE = "camshaft->crankshaft", "tight strand"
@@ -32,7 +32,7 @@ def guide_indentation(results: Results) -> Figure:
     seconds = results.values("window_end") - results.values("window_start")
     load, force = 1e-3 * results.values(f"{GUIDE}.impulse") / seconds, 1e-3 * results.values(f"{GUIDE}.force_max")
     free = float(mean[0])  # the bar stands farthest back
-    figure, axes = panels(3, 7.5, "Tight strand of the marine drive against its guide-bar", None)
+    figure, axes = panel_column(3, 7.5, "Tight strand of the marine drive against its guide-bar", None)
     above, middle, below = axes
     above.fill_between(x, low, high, color=BLUE, alpha=0.15, lw=0, label="least to largest")
     above.fill_between(x, mean - std, mean + std, color=BLUE, alpha=0.35, lw=0, label="mean and standard deviation")
@@ -58,7 +58,7 @@ def speed_sweep(results: Results) -> Figure:
     travel = turns * drive.sprockets[0].teeth * drive.chain.pitch
     mass = drive.chain.mass / drive.chain.pitch
     title = "dashed: the sixth order of the crankshaft has the frequency of mode n"
-    figure, axes = panels(len(drive.strand_names), 7.5, title, None)
+    figure, axes = panel_column(len(drive.strand_names), 7.5, title, None)
     for k, (axis, name) in enumerate(zip(axes, drive.strand_names, strict=True)):
         axis.plot(speed, 1e3 * results.values(f"{name}.displacement_std"), "o-", ms=3, color=BLUE)
         length = float(np.hypot(*(path.strand_end[k] - path.strand_start[k])))
@@ -70,7 +70,7 @@ def speed_sweep(results: Results) -> Figure:
                 axis.axvline(at, color=RED, lw=0.9, ls="--")
                 axis.text(at, 0.96, f"{n}", transform=axis.get_xaxis_transform(), color=RED, va="top", ha="right")
         axis.set(ylabel="vibration [mm]", ylim=(0.0, None))
-        axis.set_title(arrowed(name), loc="left", fontsize=10)
+        axis.set_title(strand_label(name), loc="left", fontsize=10)
     axes[-1].set_xlabel("crankshaft speed [rad/s]")
     return figure
 
@@ -80,7 +80,7 @@ def pitch_elongation(results: Results) -> Figure:
     ok = results.ok
     x, torque = 100.0 * results.values("elongation")[ok], 1e-3 * results.values("torque")[ok]
     title = f"Marine drive, tightener set to 48 kN at assembly; {int(ok.sum())} of {len(ok)} variants can be set"
-    figure, axes = panels(3, 7.5, title, None)
+    figure, axes = panel_column(3, 7.5, title, None)
     group = np.clip(np.digitize(x, np.quantile(x, np.linspace(0.0, 1.0, 9))) - 1, 0, 7)
     columns = {
         "mean tension [kN]": 1e-3 * results.values("tension_mean"),
@@ -101,7 +101,7 @@ def pitch_elongation(results: Results) -> Figure:
 def cold_to_hot(results: Results) -> Figure:
     """Plunger, tensions, tensioner's force and forces on the guides over the temperature."""
     x = results.values("temperature")
-    figure, axes = panels(4, 9.0, "Timing drive of a car at 3000 rpm from cold to hot", None)
+    figure, axes = panel_column(4, 9.0, "Timing drive of a car at 3000 rpm from cold to hot", None)
     plunger, tension, push, guides = axes
     low, mean, high = (1e3 * results.values(f"tensioner.extension_{of}") for of in ("min", "mean", "max"))
     plunger.fill_between(x, low, high, color=BLUE, alpha=0.3, lw=0, label="least to largest")

@@ -137,13 +137,13 @@ def test_a_pipe_is_refused_at_once(tmp_path, ending):
 
 
 def test_every_source_has_a_view_and_its_unit():
-    from warpchain.view.rerun.series import GROUPS
+    from warpchain.view.rerun.signal_charts import CURVE_GROUPS
 
     for drive in (two_sprockets(duration=0.001), *map(example, ("v6", "balance_shafts"))):
         run = simulate(drive.with_values({"run.duration": 1e-3, "run.sample_rate": 1e4}))[0]
         assert {name: of.unit for name, of in sources(run).items()} == signal_units(drive)
         for name, of in sources(run).items():
-            assert of.group in GROUPS
+            assert of.group in CURVE_GROUPS
             assert of.values().shape == run.time.shape, name
     assert {"rotor.speed", "tongue.torque", "tongue.twist"} <= set(signal_units(drive))
     assert {"left arm.angle", "left tensioner.pressure"} <= set(signal_units(example("v6")))

@@ -20,7 +20,7 @@ from warpchain.study.report.panels import surrogate
 from warpchain.study.results import export_table, read_results
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.surrogate import best_surrogate
-from warpchain.view.html import fixed, number, table
+from warpchain.view.html import column_number, engineering_number, table_html
 
 FACTORS = ("load.torque", "center.x", "law")
 
@@ -201,9 +201,9 @@ def test_telling_metrics_come_first_and_constants_not_at_all():
 def test_numbers_are_plain():
     written = {0.0: "0", 123456.0: "123456", 0.0041234567: "0.0041235", 1234567.0: "1.2346e+06", 3e-7: "3e-07"}
     written[2.5] = "2.5"
-    assert {value: number(value) for value in written} == written
-    assert number(float("nan")) == "\N{EN DASH}"
-    assert '<td class="n">\N{EN DASH}</td>' in table(("a",), [(None,), (1.0,)])
+    assert {value: engineering_number(value) for value in written} == written
+    assert engineering_number(float("nan")) == "\N{EN DASH}"
+    assert '<td class="n">\N{EN DASH}</td>' in table_html(("a",), [(None,), (1.0,)])
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_numbers_are_plain():
 def test_digits_are_those_of_the_range(values, digits, words):
     """Four digits of the range, of the value where all are alike, and two of each small value."""
     assert decimals(values) == digits
-    assert [fixed(value, digits) for value in values] == words
+    assert [column_number(value, digits) for value in values] == words
 
 
 def test_command_writes_page_and_table(tmp_path, capsys):

@@ -20,7 +20,7 @@ from warpchain.results.objectives import from_trajectory
 from warpchain.results.signals import strand_tension
 from warpchain.view.figures.plot import plot_figures
 from warpchain.view.report import report
-from warpchain.view.report.run_sections import bodies, every_metric
+from warpchain.view.report.run_report import body_parts, metric_parts
 from warpchain.view.rerun.run_playback import view
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
@@ -82,8 +82,8 @@ def test_a_page_shows_the_motion_of_a_shaft_once(stages, alike, moving):
     row, headings, rows = run.metrics.to_pylist()[0], [], []
     for name, trajectory in chain_trajectories(run[0]).items():
         found, own = HandedIn(trajectory, alike=alike), chain_row(row, name)
-        headings += re.findall(r"<h3>([^<,]+)</h3>", "".join(bodies(found, own)))
-        rows += re.findall(r"<td>([^<]+)\.speed_mean</td>", "".join(every_metric(found, own)))
+        headings += re.findall(r"<h3>([^<,]+)</h3>", "".join(body_parts(found, own)))
+        rows += re.findall(r"<td>([^<]+)\.speed_mean</td>", "".join(metric_parts(found, own)))
     assert sorted(headings) == moving
     turning = {"crank", "mid in", "mid out", "out"} | ({"mid", "pump", "wheel"} & set(moving))
     assert sorted(rows) == sorted(turning - alike.keys())

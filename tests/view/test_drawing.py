@@ -18,7 +18,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.drive.rings import rings_of
-from warpchain.view.figures.drive_figure import TRAVEL, drive_figure
+from warpchain.view.figures.drive_figure import TRAVEL_STYLE, drive_figure
 
 
 def words_of(figure):
@@ -54,7 +54,7 @@ def test_arms_are_drawn_on_their_stops():
     """The blade's end lies on the circle about the pivot, a stop's angle from where the drawing has it: exact."""
     drive = example("car")
     (axis,) = drive_figure(drive).axes
-    dashed = [line.get_xydata() for line in axis.lines if line.get_linewidth() == TRAVEL["lw"]]
+    dashed = [line.get_xydata() for line in axis.lines if line.get_linewidth() == TRAVEL_STYLE["lw"]]
     pivot, end = 1e3 * np.array(drive.arms[0].pivot), 1e3 * np.array(drive.profile(0).face[0].start)
     for stop in np.radians(drive.arms[0].stops):
         c, s = math.cos(stop), math.sin(stop)

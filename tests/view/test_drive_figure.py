@@ -14,9 +14,9 @@ from warpchain.drive.examples import example_names
 from warpchain.drive.rings import rings_of
 from warpchain.results.guide_load import on_face, on_guide_frame
 from warpchain.results.scene import chain_line, parts_at, pose_at_frame, pose_at_start, teeth_at
-from warpchain.view.figures.drive_figure import STYLES, drive_figure
-from warpchain.view.html import picture
-from warpchain.view.notebook import SIZE
+from warpchain.view.figures.drive_figure import PART_STYLES, drive_figure
+from warpchain.view.html import picture_html
+from warpchain.view.notebook import PICTURE_SIZE
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_the_figure_has_every_part_at_its_place(name):
     for part in parts:
         assert any(len(line) >= len(part.points) and np.allclose(line[: len(part.points)], scale * part.points)
                    for line in drawn), part.name  # fmt: skip
-    assert {part.kind for part in parts} <= set(STYLES)
+    assert {part.kind for part in parts} <= set(PART_STYLES)
     words = {text.get_text() for text in axis.texts}
     assert words >= {part.name for part in (*drive.sprockets, *drive.guides, *drive.tensioners)}
     low, high = np.array([axis.get_xlim(), axis.get_ylim()]).T
@@ -126,7 +126,7 @@ def test_notebooks_show_that_figure(moved):
     """Of a trajectory its last frame."""
     last = len(moved.time) - 1
     for of, frame in ((moved, last), (moved.drive, None)):
-        assert picture(drive_figure(of, frame, size=SIZE), "the drive", "png") in of._repr_html_()
+        assert picture_html(drive_figure(of, frame, size=PICTURE_SIZE), "the drive", "png") in of._repr_html_()
 
 
 def test_check_draws_the_drive(capsys, tmp_path):

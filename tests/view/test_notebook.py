@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from warpchain import Record, simulate
 from warpchain.study.results import read_results
 from warpchain.view.figures import draw_figures, draw_sweep
-from warpchain.view.notebook import html, value_text
+from warpchain.view.notebook import notebook_html, value_with_unit
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
@@ -35,7 +35,7 @@ def test_what_notebooks_show(run):
     alone = simulate(two_sprockets(duration=0.01))._repr_html_()
     assert "mean link tension" in alone and " kN" in alone
     with pytest.raises(TypeError, match="Drive, Run, Trajectory"):
-        html(3)
+        notebook_html(3)
 
 
 def test_names_are_escaped():
@@ -60,7 +60,7 @@ def test_a_study_shows_its_first_rows():
     [(42.2e3, "N", "42.2 kN"), (0.5, "1", "0.5"), (None, "N", "-"), (True, "1", "True"), (float("nan"), "N", "nan")],
 )
 def test_values_with_units(value, unit, text):
-    assert value_text(value, unit) == text
+    assert value_with_unit(value, unit) == text
 
 
 def test_figures_are_returned(run):

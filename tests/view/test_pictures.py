@@ -12,14 +12,14 @@ from PIL import Image
 from warpchain import Record, dumps_drive, loads_drive, simulate, write_archive
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.view.figures.chain_figures import angle_figure, displacement_figure, tension_figure
+from warpchain.view.figures.chain_figures import contact_angle_figure, link_tension_figure, strand_displacement_figure
 from warpchain.view.figures.drive_figure import drive_figure
+from warpchain.view.figures.figure_style import panel_column, panel_grid, save_figure
 from warpchain.view.figures.plot import plot_figures, plot_sweep
-from warpchain.view.figures.style import grid, panels, save_figure
-from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps
-from warpchain.view.html import picture
-from warpchain.view.rerun.drive_scene import shown_frames
-from warpchain.view.rerun.run_playback import FRAMES, view
+from warpchain.view.figures.sweep import SpeedSweep, campbell_figure, speed_sweeps
+from warpchain.view.html import picture_html
+from warpchain.view.rerun.drive_scene import thinned_trajectory
+from warpchain.view.rerun.run_playback import FRAME_BUDGET, view
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +32,9 @@ def test_names_of_parts_are_no_formulas(tmp_path):
     drive = loads_drive(dumps_drive(two_sprockets()).replace('"driven"', '"$x^{$"'))
     figure = drive_figure(drive)
     save_figure(figure, tmp_path / "drive.png")
-    assert (tmp_path / "drive.png").exists() and "svg" in picture(figure, "")
+    assert (tmp_path / "drive.png").exists() and "svg" in picture_html(figure, "")
     figure.savefig(tmp_path / "by-hand.png")  # as a user of the library does
-    others = panels(2, 3.0, "$x^{$", drive)[0], grid(2, 2, 2.0, 2.0)[0]
+    others = panel_column(2, 3.0, "$x^{$", drive)[0], panel_grid(2, 2, 2.0, 2.0)[0]
     for other in others:
         other.axes[0].set_yscale("log")
         other.axes[0].set_title("$x^{$")
@@ -105,8 +105,8 @@ def test_recording_is_whole_and_alone(run, tmp_path):
 
 def test_long_recordings_are_drawn_within_the_frame_budget(run):
     assert len(run[0].time) == 1001
-    shown = shown_frames(run[0], FRAMES)
-    assert len(shown.time) == FRAMES
+    shown = thinned_trajectory(run[0], FRAME_BUDGET)
+    assert len(shown.time) == FRAME_BUDGET
     assert (shown.time[0], shown.time[-1]) == (0.0, run[0].time[-1])
 
 
@@ -115,7 +115,7 @@ def test_a_sweep_over_speed_shows_the_tooth_passing_frequency(tmp_path):
     # chains settled on their sprockets run with the tooth-passing ripple of the polygon action
     drives = [two_sprockets(duration=0.2, speed=speed, span=19.5, links=59) for speed in (30.0, 20.0, 40.0)]
     run = simulate(drives, record=Record(rate=2000.0), limits=STARTING)
-    found = sweeps([run], "tension")
+    found = speed_sweeps([run], "tension")
     to = " \N{RIGHTWARDS ARROW} "
     assert [sweep.name for sweep in found] == [f"driver{to}driven", f"driven{to}driver"]
     assert found[0].speed == pytest.approx(np.array([20.0, 30.0, 40.0]) * 30 / np.pi)
@@ -134,7 +134,7 @@ def test_a_campbell_diagram_of_a_table_has_its_lines_where_they_are():
     speed = np.array([60.0, 120.0, 180.0])
     frequency = np.linspace(0.0, 100.0, 201)
     amplitude = [np.exp(-(((frequency - 10.0 * s / 60.0) / 0.6) ** 2)) + 1e-6 for s in speed]
-    figure = campbell_figure([Sweep("a", "x [mm]", speed, [frequency] * 3, amplitude, 10)])
+    figure = campbell_figure([SpeedSweep("a", "x [mm]", speed, [frequency] * 3, amplitude, 10)])
     axis = figure.axes[0]
     mesh = axis.collections[0]
     image = mesh.get_array().reshape(600, 3)
@@ -188,7 +188,7 @@ def test_the_drawing_holds_all_arrows_and_fills_its_page(name):
 
 
 def test_legends_stand_beside_the_data(run):
-    for figure in (displacement_figure(run[0]), tension_figure(run[0], 0), angle_figure(run[0])):
+    for figure in (strand_displacement_figure(run[0]), link_tension_figure(run[0], 0), contact_angle_figure(run[0])):
         FigureCanvasAgg(figure).draw()
         legends = [axis.get_legend() for axis in figure.axes if axis.get_legend()]
         assert legends
@@ -197,14 +197,14 @@ def test_legends_stand_beside_the_data(run):
 
 
 def test_curves_reach_from_edge_to_edge(run):
-    (axis,) = tension_figure(run[0], 0).axes
+    (axis,) = link_tension_figure(run[0], 0).axes
     assert axis.get_xlim() == (axis.lines[0].get_xdata()[0], axis.lines[0].get_xdata()[-1])
 
 
 def test_axes_are_in_units_that_fit(run):
     """300 N m on a radius of 0.16 m pull some 2 kN; at the ends of the strands that is thousandths of a newton less."""
-    assert tension_figure(run[0], 0).axes[0].get_ylabel() == "link tension [kN]"
+    assert link_tension_figure(run[0], 0).axes[0].get_ylabel() == "link tension [kN]"
     light = dataclasses.replace(run[0], tension=1e-2 * run[0].tension)
-    assert tension_figure(light, 0).axes[0].get_ylabel() == "link tension [N]"
+    assert link_tension_figure(light, 0).axes[0].get_ylabel() == "link tension [N]"
     bar = [axis for axis in drive_figure(light).axes if "tension" in axis.get_ylabel()]
     assert [axis.get_ylabel() for axis in bar] == ["link tension [N]"]

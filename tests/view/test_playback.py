@@ -16,13 +16,20 @@ from warpchain import Record, Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
 from warpchain.results.signals import peak_frames, peaks_over_time
 from warpchain.results.tension_colors import tension_color
-from warpchain.view.chosen import recorded, to_compare, varied_inputs
-from warpchain.view.palette import CURVES, packed_colors, scale_top, shades, tension_steps, thing_colors
-from warpchain.view.rerun.chart import BACKGROUND
+from warpchain.view.palette import (
+    CURVE_PALETTE,
+    curve_colors,
+    packed_tension_colors,
+    tension_color_steps,
+    tension_scale_top,
+    variant_shades,
+)
+from warpchain.view.recorded_variants import compared_variants, recorded_variant, varied_inputs
+from warpchain.view.rerun.chart import BACKGROUND_COLOR
 from warpchain.view.rerun.drive_scene import log_drive
-from warpchain.view.rerun.run_playback import log_recording, time_panel, watched
-from warpchain.view.rerun.series import axis_range, curves, log_curves, log_tension_image
-from warpchain.view.rerun.streams import rows, strips, vectors
+from warpchain.view.rerun.run_playback import log_recording, playback_seconds, time_panel
+from warpchain.view.rerun.signal_charts import curve_axis_range, log_curves, log_tension_image, recorded_curves
+from warpchain.view.rerun.streams import line_strip_array, list_array, vector_array
 
 
 class Spy:
@@ -79,21 +86,21 @@ def test_columns_are_those_of_rerun_itself():
     ]}  # fmt: skip
     packed = (colors.astype(np.uint32) << np.array([24, 16, 8, 0], np.uint32)).sum(axis=1, dtype=np.uint32)
     ours = {
-        "Points2D:positions": rows(vectors(points), 3, 4),
-        "Points2D:colors": rows(pa.array(packed), 3, 4),
-        "LineStrips2D:strips": rows(strips(points), 1, 4),
+        "Points2D:positions": list_array(vector_array(points), 3, 4),
+        "Points2D:colors": list_array(pa.array(packed), 3, 4),
+        "LineStrips2D:strips": list_array(line_strip_array(points), 1, 4),
     }
     assert ours.keys() == theirs.keys()
     for name, column in ours.items():
         assert column.type == theirs[name].type, name
         assert column.to_pylist() == theirs[name].to_pylist(), name
     lengths = np.array([0, 2, 1])
-    assert [len(row) for row in rows(pa.array([1, 2, 3]), lengths).to_pylist()] == [0, 2, 1]
+    assert [len(row) for row in list_array(pa.array([1, 2, 3]), lengths).to_pylist()] == [0, 2, 1]
 
 
 def test_color_steps_are_the_scale_of_the_archive():
     tension = np.array([-5.0, 0.0, 31.0, 62.5, 99.0, 1e9, np.nan])
-    shown = packed_colors(tension_steps(tension, 100.0)).astype(">u4").view(np.uint8).reshape(-1, 4)
+    shown = packed_tension_colors(tension_color_steps(tension, 100.0)).astype(">u4").view(np.uint8).reshape(-1, 4)
     # 256 steps over four spans of at most 195 counts a channel: half a step is 1.5 counts, rounded
     np.testing.assert_allclose(shown[:-1].astype(int), tension_color(tension[:-1], 100.0).astype(int), atol=2)
 
@@ -161,13 +168,13 @@ def test_arms_turn_and_plungers_come_out():
 
 
 def test_every_group_of_curves_has_a_view(run):
-    from warpchain.view.rerun.series import GROUPS
+    from warpchain.view.rerun.signal_charts import CURVE_GROUPS
 
     others = {"friction", "coupling", "twist", "valves", "arm", "push", "extension", "pressure"}
-    assert {group for group, _, _ in curves(run[0])} == set(GROUPS) - others
+    assert {group for group, _, _ in recorded_curves(run[0])} == set(CURVE_GROUPS) - others
     power = np.arange(1.0, 5.0) * np.ones((len(run[0].time), 4))
     rubbing = dataclasses.replace(run[0], joint_friction_power=power)
-    (total,) = (values for group, _, values in curves(rubbing) if group == "friction")
+    (total,) = (values for group, _, values in recorded_curves(rubbing) if group == "friction")
     np.testing.assert_array_equal(total, 10.0)
 
 
@@ -182,9 +189,9 @@ def test_variants_to_compare(run, tmp_path):
         (2, [str(other), f"{path}:0"], ["a 2", "b", "a 0"]),
         (0, [run], ["a 0", "run 2 0"]),
     ):
-        assert [one.label for one in to_compare(path, variant, others)] == labels
+        assert [one.label for one in compared_variants(path, variant, others)] == labels
     with pytest.raises(SimulationError, match="variant 1 was not recorded"):
-        to_compare(path, None, ["1"])
+        compared_variants(path, None, ["1"])
 
 
 def test_inputs_that_vary(run):
@@ -194,7 +201,7 @@ def test_inputs_that_vary(run):
 
 def test_comparison_and_ensemble_are_logged(run):
     spy = Spy()
-    shown = to_compare(run, None, ["2"])
+    shown = compared_variants(run, None, ["2"])
     log_recording(spy, shown)
     for label in ("variant\\ 0", "variant\\ 2"):
         assert f"/{label}/drive/rollers" in spy.columns
@@ -219,7 +226,7 @@ def test_refusals_in_one_line(run, tmp_path, capsys):
 
 
 def test_frames_are_thinned_out_as_told(run):
-    spy, one = Spy(), recorded(run, None)
+    spy, one = Spy(), recorded_variant(run, None)
     log_recording(spy, [one], frames=50)
     assert max(len(time) for time, _ in spy.columns.values()) <= 100  # a smallest and a largest value a frame
     for name in ("chain", "rollers", "sprockets/driver", "sprocket\\ forces"):
@@ -242,7 +249,7 @@ def spun(drive, seconds, turns, **channels):
 )
 def test_playback_runs_at_two_seconds_a_revolution_and_over_again(seconds, turns, played):
     trajectory = spun(two_sprockets(), seconds, turns)
-    assert watched(trajectory) == pytest.approx(played)
+    assert playback_seconds(trajectory) == pytest.approx(played)
     panel = time_panel([spun(two_sprockets(), 0.5 * seconds, 1.0), trajectory])
     # two digits of the speed are kept
     assert panel.playback_speed == pytest.approx(seconds / played, rel=0.05)
@@ -255,17 +262,17 @@ def test_neither_a_start_nor_an_impact_sets_the_scale_of_tension():
     tension[:90] = 90e3  # a ramp that is over before the latter half
     tension[150, 7] = 5e6  # an impact: one of 6060 values there, less than a thousandth
     recording = Trajectory(drive, np.linspace(0.0, 1.0, 201), tension=tension)
-    assert scale_top([recording]) == pytest.approx(1000.0)
+    assert tension_scale_top([recording]) == pytest.approx(1000.0)
     louder = dataclasses.replace(recording, tension=2.0 * tension)
-    assert scale_top([recording, louder]) == pytest.approx(2000.0)
-    assert scale_top([recording], 42e3) == 42e3
-    assert scale_top([recording], "42e3") == 42e3
+    assert tension_scale_top([recording, louder]) == pytest.approx(2000.0)
+    assert tension_scale_top([recording], 42e3) == 42e3
+    assert tension_scale_top([recording], "42e3") == 42e3
     engine = example("engine")
-    assert scale_top([dataclasses.replace(recording, drive=engine)], "breaking") == 8900.0  # 06B of ISO 606
+    assert tension_scale_top([dataclasses.replace(recording, drive=engine)], "breaking") == 8900.0  # 06B of ISO 606
     refused = {"breaking": "needs a chain by its size", "red": "allowed are a tension above 0", -1: "-1"}
     for wanted, text in refused.items():
         with pytest.raises(SimulationError, match=text):
-            scale_top([recording], wanted)
+            tension_scale_top([recording], wanted)
 
 
 def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
@@ -282,7 +289,7 @@ def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
     held = {"position": position, "sprocket_center": center, "sprocket_force": force, "guide_force": guide}
     held |= {"sprocket_angle": spun(drive, 1.0, 1.0).sprocket_angle[:2], "tension": np.ones((2, 162))}
     recording = Trajectory(drive, np.array([0.0, 1.0]), **held)
-    shown = {name: values.tolist() for group, name, values in curves(recording) if group == "contact"}
+    shown = {name: values.tolist() for group, name, values in recorded_curves(recording) if group == "contact"}
     assert shown == {
         "crankshaft": [100.0, 70.0],
         "tightener": [200.0, 140.0],
@@ -297,20 +304,20 @@ def test_a_ramp_does_not_set_the_axis_of_the_speed_ratio():
     speed[1, 1] = 15.0  # the driven sprocket springs back while the driver has hardly begun: 300 times its speed
     speed[100:, 1] *= 1.0 + 0.01 * np.cos(np.arange(101))
     recording = spun(drive, 1.0, 5.0, sprocket_speed=speed)
-    low, high = axis_range([recording], "ratio")
+    low, high = curve_axis_range([recording], "ratio")
     # the ripple of a hundredth and a tenth of its range beside it on each side
     assert (low, high) == pytest.approx((0.988, 1.012), abs=2e-4)
-    assert axis_range([recording], "tension") is None
+    assert curve_axis_range([recording], "tension") is None
 
 
 def test_one_color_a_thing_on_every_tab():
     drive = example("engine")
-    colors = thing_colors(drive)
+    colors = curve_colors(drive)
     names = [part.name for part in (*drive.sprockets, *drive.guides)] + list(drive.strand_names)
     assert len({colors[name] for name in names}) == len(names) == 11
     run = simulate(two_sprockets(duration=0.005))
     spy = Spy()
-    log_recording(spy, [recorded(run, None)])
+    log_recording(spy, [recorded_variant(run, None)])
     seen = {}
     for path, parts in spy.static.items():
         if "/curves/" in path:
@@ -334,18 +341,22 @@ def luminance(color):
 
 def test_curves_are_readable_on_dark_ground():
     """Contrast of at least 4.5 to 1, which WCAG asks of text; shades of one variant are told apart."""
-    ground = luminance(BACKGROUND) + 0.05
-    for color in CURVES:
-        for shade in shades(color):
+    ground = luminance(BACKGROUND_COLOR) + 0.05
+    for color in CURVE_PALETTE:
+        for shade in variant_shades(color):
             assert (luminance(shade) + 0.05) / ground > 4.5
-        apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(shades(color)) for b in shades(color)[:i]]
+        apart = [
+            np.linalg.norm(np.subtract(a, b))
+            for i, a in enumerate(variant_shades(color))
+            for b in variant_shades(color)[:i]
+        ]
         assert min(apart) > 15.0
-    apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(CURVES) for b in CURVES[:i]]
+    apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(CURVE_PALETTE) for b in CURVE_PALETTE[:i]]
     assert min(apart) > 40.0
 
 
 def test_no_thing_has_a_color_of_the_tension_scale():
     """Nor one that looks like it: farther than what `test_viewer.py` takes for it, 14 counts of a channel."""
     scale = tension_color(np.arange(256.0), 255.0)[:, :3].astype(int)
-    for color in CURVES:
+    for color in CURVE_PALETTE:
         assert np.abs(scale - np.array(color)).max(axis=1).min() > 20

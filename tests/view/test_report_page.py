@@ -18,9 +18,9 @@ from warpchain import Record, Wear, simulate
 from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import HandedIn
 from warpchain.results.losses import power_over_speed
-from warpchain.view.figures.sweep import run_up_cuts, telling_orders
-from warpchain.view.report import numbers, report_html
-from warpchain.view.report.run_sections import sections
+from warpchain.view.figures.sweep import run_up_cuts, run_up_orders
+from warpchain.view.report import report_tables, run_report_html
+from warpchain.view.report.run_report import run_sections
 
 CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}
 RUBBING = {
@@ -60,9 +60,9 @@ def test_a_cycle_of_turns_is_of_drives_where_something_repeats(run):
     """A drive without harmonics has none; where the load swings with the turns, the section and its link are there."""
     swinging = run.drives[0].with_values({"sprockets.driven.load.harmonics": [{"order": 1.0, "amplitude": 50.0}]})
     found = HandedIn(run[0], 0.1, 0.6)
-    names = [section.name for section in sections(found, {}, run)]
+    names = [section.name for section in run_sections(found, {}, run)]
     assert "cycle" not in names
-    again = [section.name for section in sections(HandedIn(replace(run[0], drive=swinging), 0.1, 0.6), {}, run)]
+    again = [section.name for section in run_sections(HandedIn(replace(run[0], drive=swinging), 0.1, 0.6), {}, run)]
     assert again == [*names[:4], "cycle", *names[4:]]
 
 
@@ -140,11 +140,11 @@ def test_what_was_not_recorded_is_said_in_its_place():
     drive = two_sprockets(duration=0.05)
     needed = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
     run = simulate(drive, device="cpu", record=Record(rate=5000.0, channels=needed))
-    page = report_html(run)
+    page = run_report_html(run)
     assert Page(page).ids[-1] == "metrics"
     assert "Nothing rubs in this drive." in page and "no pin radius" in page
     with pytest.raises(SimulationError, match="recorded without position"):
-        report_html(simulate(drive, device="cpu", record=Record(channels=["tension"])))
+        run_report_html(simulate(drive, device="cpu", record=Record(channels=["tension"])))
 
 
 @pytest.mark.long
@@ -159,7 +159,7 @@ def test_friction_over_the_speeds_of_variants(run):
     rows = swept.metrics.to_pylist()
     each = [rows[v]["joints.friction"] / (rows[v]["window_end"] - rows[v]["window_start"]) for v in (1, 2, 0)]
     np.testing.assert_allclose(groups["joints"], each, rtol=1e-12)
-    assert "All variants of the run" in report_html(swept)
+    assert "All variants of the run" in run_report_html(swept)
     assert power_over_speed(run) is None
     elsewhere = {"prescribed": base.sprockets[0].prescribed, "load": None}
     led = {f"sprockets.driven.{key}": value for key, value in elsewhere.items()}
@@ -176,7 +176,7 @@ def test_a_run_up_is_cut_by_orders():
             }
         }
     )
-    assert telling_orders(drive) == [0.5, 2.0, 4.0, 20.0]  # what is excited, two that are usual, tooth passing
+    assert run_up_orders(drive) == [0.5, 2.0, 4.0, 20.0]  # what is excited, two that are usual, tooth passing
     found = run_up_cuts(HandedIn(simulate(drive, device="cpu", record=Record(rate=5000.0))[0]))
     unit, speeds = found["speed of the shaft"]
     cuts = speeds["driver"]
@@ -203,14 +203,14 @@ def test_only_motions_cover_a_distance_and_each_value_has_its_own_prefix():
     time = np.linspace(0.0, 1.0, 101)
     swing = np.sin(20.0 * time)[:, None]
     found = SimpleNamespace(part=SimpleNamespace(time=time), whole=SimpleNamespace(time=time), start=0.0, end=1.0)
-    page = numbers.stroke_table(found, {"moment": ("N m", swing), "angle": ("rad", swing)}, 0)
+    page = report_tables.body_motion_table(found, {"moment": ("N m", swing), "angle": ("rad", swing)}, 0)
     moment, angle = (line for line in page.split("<tr>") if "moment" in line or "angle" in line)
     assert "\u2013" in moment and "\u2013" not in angle
     found.power = {"small": np.full(101, 1.049), "large": np.full(101, 2e3)}
-    page = numbers.friction_table(found, {})
+    page = report_tables.friction_power_table(found, {})
     assert "1.049 W" in page and "2 kW" in page
 
 
 def test_a_margin_is_at_most_the_whole_climb():
     """A roller that its contact lets sink below the seat still has all of the climb before it: 100 %, not 103 %."""
-    assert [numbers.climb_share(margin) for margin in (1.03, 0.4567, 0.0)] == ["100 %", "45.7 %", "0 %"]
+    assert [report_tables.climb_share_text(margin) for margin in (1.03, 0.4567, 0.0)] == ["100 %", "45.7 %", "0 %"]

@@ -352,14 +352,14 @@ def _status_lines(row: dict[str, Any]) -> list[str]:
 
 
 def view(arguments: argparse.Namespace) -> int:
-    from warpchain.view.rerun.run_playback import FRAMES, view
+    from warpchain.view.rerun.run_playback import FRAME_BUDGET, view
 
     view(
         arguments.archive,
         variant=arguments.variant,
         save=arguments.save,
         compare=arguments.compare,
-        frames=FRAMES if arguments.frames is None else arguments.frames,
+        frames=FRAME_BUDGET if arguments.frames is None else arguments.frames,
         web=arguments.web,
         bind=arguments.bind,
         tab=arguments.tab,

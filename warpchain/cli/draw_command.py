@@ -24,7 +24,7 @@ def draw_to(drive: Drive, path: Path) -> None:
         WarpchainError: another ending than .png or .svg, a chain without a path, or a file that cannot be written.
     """
     from warpchain.view.figures.drive_figure import drive_figure
-    from warpchain.view.figures.style import save_figure
+    from warpchain.view.figures.figure_style import save_figure
 
     check_ending(path)
     save_figure(drive_figure(drive), path)
@@ -32,10 +32,10 @@ def draw_to(drive: Drive, path: Path) -> None:
 
 def check_ending(path: Path) -> None:
     """Refuses a picture's name that ends in neither .png nor .svg."""
-    from warpchain.view.figures.style import KINDS
+    from warpchain.view.figures.figure_style import FIGURE_KINDS
 
-    if path.suffix[1:] not in KINDS:
-        raise WarpchainError(f"-o {path}: must end in {', '.join(f'.{kind}' for kind in KINDS)}")
+    if path.suffix[1:] not in FIGURE_KINDS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(f'.{kind}' for kind in FIGURE_KINDS)}")
 
 
 def drawn_lines(drive: Drive, path: Path) -> list[str]:

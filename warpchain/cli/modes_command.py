@@ -65,7 +65,7 @@ def _write(path: Path, result: Modes, found: Campbell | None) -> None:
     from warpchain.errors import ArchiveError
     from warpchain.files import refusals, whole_file, write_text
     from warpchain.modal import mode_figures
-    from warpchain.view.figures.style import save_figure
+    from warpchain.view.figures.figure_style import save_figure
 
     if path.suffix == ".html":
         from warpchain.modal.mode_page import page

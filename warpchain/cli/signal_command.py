@@ -20,13 +20,13 @@ def compare(arguments: argparse.Namespace) -> list[str]:
     from warpchain.results.measured import compared, source
     from warpchain.results.measured_columns import Columns
     from warpchain.results.measured_file import read_signal
-    from warpchain.view.chosen import recorded
+    from warpchain.view.recorded_variants import recorded_variant
 
     for path in arguments.output:
         if path.suffix not in ENDINGS:
             raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(ENDINGS)}")
     offset = _offset(arguments.offset)
-    one = recorded(arguments.archive, arguments.variant)
+    one = recorded_variant(arguments.archive, arguments.variant)
     unit = source(one.trajectory, arguments.name, "--as ").unit
     columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
@@ -77,8 +77,8 @@ def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Compariso
 
         write_text(path, json.dumps(_values(found), indent=2) + "\n")
     else:
+        from warpchain.view.figures.figure_style import save_figures
         from warpchain.view.figures.rig_figures import measured_figure
-        from warpchain.view.figures.style import save_figures
 
         save_figures({path.stem: measured_figure(one.trajectory, found)}, path.parent, path.suffix[1:])
 

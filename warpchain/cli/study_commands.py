@@ -347,13 +347,13 @@ def _wanted(source: Path) -> Any:
     """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
     from warpchain.study.spec.noise import Noise
-    from warpchain.view.chosen import NEEDED
+    from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
     study = _study_in(source)
     if study is None:
         return None
     most = study.optimize.recommend if study.optimize is not None else Wanted.most
-    played = set(NEEDED) <= set(study.record.channels)
+    played = set(DRIVE_CHANNELS) <= set(study.record.channels)
     keep = (study.noise or Noise()).keep
     return Wanted(study.objectives, study.bounds, str(source), most, played, keep)
 

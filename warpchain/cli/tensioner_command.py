@@ -54,12 +54,12 @@ def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
         export_table(done.samples[0], path, ArchiveError)
     else:
-        from warpchain.view.figures.rig_figures import loop_figure
-        from warpchain.view.figures.style import save_figure
+        from warpchain.view.figures.figure_style import save_figure
+        from warpchain.view.figures.rig_figures import tensioner_loop_figure
 
         labels = [_label(row, shakes) for row in done.rides.to_pylist()]
         title = f"{_title(arguments)}{_only(done.rides)}"
-        save_figure(loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title), path)
+        save_figure(tensioner_loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title), path)
     return [*said, str(path)]
 
 
@@ -93,13 +93,13 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
             _with_temperature(done.rides, x, len(parts)) if over_temperature else done.rides, path, ArchiveError
         )
     else:
-        from warpchain.view.figures.rig_figures import sweep_figure
-        from warpchain.view.figures.style import save_figure
+        from warpchain.view.figures.figure_style import save_figure
+        from warpchain.view.figures.rig_figures import tensioner_sweep_figure
 
         title = _title(arguments)
         if len(parts) == 1:
             title += f", {next(iter(parts))}" if over_temperature or arguments.viscosity else ""
-        save_figure(sweep_figure(parts, x, axis, title), path)
+        save_figure(tensioner_sweep_figure(parts, x, axis, title), path)
     return [*said, str(path)]
 
 

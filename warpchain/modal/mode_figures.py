@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.scene import Part, Pose, parts_at
-from warpchain.view.figures.style import LINES, arrowed, rpm
+from warpchain.view.figures.figure_style import LINE_COLORS, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,7 +78,7 @@ def shapes_figure(modes: Modes) -> Figure:
             _draw_shape(axis, modes, k)
         axis.set_aspect("equal")
         axis.axis("off")
-    state = "at rest" if modes.speed == 0.0 else f"driver at {rpm(modes.speed):.4g} rpm"
+    state = "at rest" if modes.speed == 0.0 else f"driver at {rpm_of_speed(modes.speed):.4g} rpm"
     figure.suptitle(
         f"Modes, {state}: the chain at both ends of its swing, spokes as far as sprockets turn", fontsize=11
     )
@@ -91,7 +91,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
         for line in still_lines(own.drive):
             axis.plot(*line.T, color="peru", lw=1.2)
         axis.plot(*closed(own.position).T, color="0.75", lw=0.8)
-    for phase, color in ((np.pi, LINES[0]), (0.0, LINES[1])):
+    for phase, color in ((np.pi, LINE_COLORS[0]), (0.0, LINE_COLORS[1])):
         for own, rollers, bodies in swing(modes, k, phase):
             axis.plot(*closed(rollers).T, color=color, lw=1.1)
             for s in range(len(own.drive.sprockets)):
@@ -103,7 +103,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
             for line in moved_lines(own.drive, bodies):
                 axis.plot(*line.T, color=color, lw=0.8)
     ratio = 100.0 * modes.damping_ratio[k]
-    axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{arrowed(modes.names[k])}", fontsize=8)
+    axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{strand_label(modes.names[k])}", fontsize=8)
 
 
 def campbell_figure(found: Campbell) -> Figure:
@@ -112,14 +112,14 @@ def campbell_figure(found: Campbell) -> Figure:
 
     figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
     axis = figure.subplots()
-    speed = rpm(1.0) * found.speed
+    speed = rpm_of_speed(1.0) * found.speed
     top = 1.08 * float(np.nanmax(found.frequency))
     ends = []
     for k in range(len(found.names)):
-        axis.plot(speed, found.frequency[:, k], color=LINES[k % len(LINES)], lw=1.4)
+        axis.plot(speed, found.frequency[:, k], color=LINE_COLORS[k % len(LINE_COLORS)], lw=1.4)
         ends.append(found.frequency[np.flatnonzero(np.isfinite(found.frequency[:, k]))[-1], k])
     for k, place in enumerate(_apart(np.array(ends), 0.022 * top)):
-        words, color = f"{k + 1}  {arrowed(found.names[k])}", LINES[k % len(LINES)]
+        words, color = f"{k + 1}  {strand_label(found.names[k])}", LINE_COLORS[k % len(LINE_COLORS)]
         axis.annotate(words, (speed[-1], place), (4, 0), textcoords="offset points", fontsize=7, va="center",
                       color=color, annotation_clip=False)  # fmt: skip
     last = np.array([order.value * speed[-1] / 60.0 for order in found.orders])  # where their lines end, if within
@@ -127,9 +127,9 @@ def campbell_figure(found: Campbell) -> Figure:
     for order, place in zip(found.orders, places, strict=True):
         _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top, float(place))
     for crossing in found.crossings():
-        axis.plot(rpm(crossing.speed), crossing.frequency, "o", ms=3.0, color="black")
+        axis.plot(rpm_of_speed(crossing.speed), crossing.frequency, "o", ms=3.0, color="black")
     for tongue in found.tongues():
-        axis.plot(rpm(tongue.speed), tongue.frequency, "D", ms=4.0, mfc="white", mec="tab:red", zorder=4)
+        axis.plot(rpm_of_speed(tongue.speed), tongue.frequency, "D", ms=4.0, mfc="white", mec="tab:red", zorder=4)
     axis.plot([], [], "o", ms=3.0, color="black", label="an order meets a mode")
     axis.plot([], [], "D", ms=4.0, mfc="white", mec="tab:red", label="tooth frequency is twice the mode's")
     axis.set_xlim(speed[0], speed[-1])

@@ -9,7 +9,7 @@ import numpy as np
 from warpchain.drive.rings import rings_of
 from warpchain.modal.mode_figures import campbell_figure, shapes_figure
 from warpchain.view import html
-from warpchain.view.figures.style import rpm
+from warpchain.view.figures.figure_style import rpm_of_speed
 
 if TYPE_CHECKING:
     from warpchain.modal.campbell import Campbell
@@ -102,30 +102,34 @@ def campbell_lines(found: Campbell) -> list[str]:
 def page(modes: Modes, found: Campbell | None = None) -> str:
     """The page's text."""
     drive = modes.drive
-    where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm(modes.speed):.4g} rpm"
+    where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
     rings = [ring.drive for ring in rings_of(drive)]
     links = " and ".join(f"{own.chain.links} links of {1e3 * own.chain.pitch:g} mm" for own in rings)
     tension = f"link tension {modes.tension.min():.4g} to {modes.tension.max():.4g} N"
     shares = "Shares are of the mode's kinetic energy; across is what of the rollers' is transverse to the chain."
     sections = [
-        html.section("modes", "Frequencies", html.text(f"{links}; {tension}. {shares}"), _modes_table(modes)),
-        html.section("shapes", "Shapes", html.picture(shapes_figure(modes), "mode shapes")),
-        html.section("state", "State and damping", html.bullets(remarks(modes))),
+        html.page_section(
+            "modes", "Frequencies", html.paragraph_html(f"{links}; {tension}. {shares}"), _modes_table(modes)
+        ),
+        html.page_section("shapes", "Shapes", html.picture_html(shapes_figure(modes), "mode shapes")),
+        html.page_section("state", "State and damping", html.bullets_html(remarks(modes))),
     ]
     if found is not None:
         swings = "A strand whose tension swings by the share e at the tooth frequency swings ever more there, once e"
         swings += " exceeds 4 zeta."
         sections += [
-            html.section("campbell", "Campbell diagram", html.picture(campbell_figure(found), "Campbell diagram")),
-            html.section("crossings", "Where orders meet modes", _crossings_table(found)),
-            html.section(
+            html.page_section(
+                "campbell", "Campbell diagram", html.picture_html(campbell_figure(found), "Campbell diagram")
+            ),
+            html.page_section("crossings", "Where orders meet modes", _crossings_table(found)),
+            html.page_section(
                 "tongues",
                 "Where the tooth frequency is twice that of a mode",
-                html.text(swings),
+                html.paragraph_html(swings),
                 _tongues_table(found),
             ),
         ]
-    return html.page(f"Modes {where}", sections)
+    return html.page_html(f"Modes {where}", sections)
 
 
 def _modes_table(modes: Modes) -> str:
@@ -140,21 +144,21 @@ def _modes_table(modes: Modes) -> str:
         first = [f"{k + 1}: {name}", f"{modes.frequency[k]:.4g}", f"{100.0 * modes.damping_ratio[k]:.2g} %"]
         held = ["; ".join(pushed(modes, k))] if tensioned else []
         rows.append([*first, f"{modes.across[k]:.0%}", *share, *held])
-    return html.table(head, rows)
+    return html.table_html(head, rows)
 
 
 def _crossings_table(found: Campbell) -> str:
     rows = [
-        [c.mode, f"{rpm(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}", f"{100.0 * c.damping_ratio:.2g} %",
-         f"{c.order.value:.4g}", c.order.cause]
+        [c.mode, f"{rpm_of_speed(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}",
+         f"{100.0 * c.damping_ratio:.2g} %", f"{c.order.value:.4g}", c.order.cause]
         for c in found.crossings()
     ]  # fmt: skip
-    return html.table(["mode", "rpm", "rad/s", "Hz", "damping", "order", "cause"], rows)
+    return html.table_html(["mode", "rpm", "rad/s", "Hz", "damping", "order", "cause"], rows)
 
 
 def _tongues_table(found: Campbell) -> str:
     rows = [
-        [t.mode, f"{rpm(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
+        [t.mode, f"{rpm_of_speed(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
         for t in found.tongues()
     ]
-    return html.table(["mode", "rpm", "rad/s", "Hz of the mode", "e = 4 zeta"], rows)
+    return html.table_html(["mode", "rpm", "rad/s", "Hz of the mode", "e = 4 zeta"], rows)

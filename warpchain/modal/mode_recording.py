@@ -12,7 +12,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import refusals, whole_file
 from warpchain.modal.eigenmodes import Modes
 from warpchain.modal.mode_figures import closed, moved_lines, still_lines, swing
-from warpchain.view.rerun.streams import flipped
+from warpchain.view.rerun.streams import flipped_points
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -59,7 +59,7 @@ def blueprint(modes: Modes) -> rrb.Blueprint:
     """A tab for each mode."""
     import rerun.blueprint as rrb
 
-    low, high = flipped(modes.position).min(axis=0), flipped(modes.position).max(axis=0)
+    low, high = flipped_points(modes.position).min(axis=0), flipped_points(modes.position).max(axis=0)
     margin = 0.12 * float((high - low).max())
     bounds = rrb.VisualBounds2D(
         x_range=[float(low[0]) - margin, float(high[0]) + margin],
@@ -85,9 +85,9 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
     chains = modes.of_chains()
     width = 0.08 * min(own.drive.chain.pitch for own in chains)
-    rest = rr.LineStrips2D([flipped(closed(own.position)) for own in chains], colors=[REST], radii=[0.5 * width])
+    rest = rr.LineStrips2D([flipped_points(closed(own.position)) for own in chains], colors=[REST], radii=[0.5 * width])
     stream.log("drive/chain", rest, static=True)
-    still = [flipped(line) for own in chains for line in still_lines(own.drive)]
+    still = [flipped_points(line) for own in chains for line in still_lines(own.drive)]
     if still:
         stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
     for frame in range(CYCLES * FRAMES + 1):
@@ -97,8 +97,8 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
             colors, radii = [], []
             for own, rollers, bodies in swing(modes, k, 2.0 * np.pi * frame / FRAMES):
                 steel = _rims(own, bodies)
-                carried = [flipped(line) for line in moved_lines(own.drive, bodies)]
-                strips += [flipped(closed(rollers)), *steel, *carried]
+                carried = [flipped_points(line) for line in moved_lines(own.drive, bodies)]
+                strips += [flipped_points(closed(rollers)), *steel, *carried]
                 colors += [CHAIN] + [STEEL] * len(steel) + [RUBBER] * len(carried)
                 radii += [width] + [0.6 * width] * (len(steel) + len(carried))
             stream.log(entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))
@@ -112,5 +112,5 @@ def _rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
         radius = 0.82 * modes.drive.pitch_radius(s)
         turned = ring * np.exp(1j * (angle - modes.placed[s, 2]))
         rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
-        strips += [flipped(rim), flipped(np.array([[x, y], rim[0]]))]
+        strips += [flipped_points(rim), flipped_points(np.array([[x, y], rim[0]]))]
     return strips

@@ -75,17 +75,21 @@ class Results:
 
     def _repr_html_(self) -> str:
         """A table for notebooks: how the rows ended, and factors and metrics of the first ones."""
-        from warpchain.view.notebook import ROWS, status_html, table_html, value_text
+        from warpchain.view.notebook import SHOWN_ROWS, notebook_table, status_html, value_with_unit
 
         words = self.status
         counts = ", ".join(f"{words.count(word)} {word}" for word in STATUSES if word in words)
         names = [*self.factors, *self.metrics[:SHOWN]]
         rows = [
-            [str(self.variants[k]), status_html(words[k]), *(value_text(row[name], self.unit(name)) for name in names)]
-            for k, row in enumerate(self.table.slice(0, ROWS).to_pylist())
+            [
+                str(self.variants[k]),
+                status_html(words[k]),
+                *(value_with_unit(row[name], self.unit(name)) for name in names),
+            ]
+            for k, row in enumerate(self.table.slice(0, SHOWN_ROWS).to_pylist())
         ]
         caption = f"{len(words)} rows: {counts}; {len(self.factors)} factors, {len(self.metrics)} metrics"
-        return table_html(("variant", "status", *names), rows, caption)
+        return notebook_table(("variant", "status", *names), rows, caption)
 
     @property
     def variants(self) -> NDArray[np.int64]:

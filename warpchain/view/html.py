@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLE = """
+PAGE_STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, "DejaVu Sans", Arial, sans-serif; margin: 0; }
 body { color: #22303c; background: #f6f7f9; }
@@ -40,7 +40,7 @@ th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 """
 """Style that pages of a run and of a study share."""
-PLAIN = """
+PRINT_STYLE = """
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
@@ -48,52 +48,52 @@ img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 """Of a page without a script of its own."""
 
 
-class Section(NamedTuple):
+class PageSection(NamedTuple):
     """A part of the page with an anchor."""
 
     name: str
     title: str
     parts: tuple[str, ...]
 
-    def html(self) -> str:
+    def section_html(self) -> str:
         """The section as HTML."""
         inside = "\n".join(part for part in self.parts if part)
         return f'<section id="{escape(self.name)}">\n<h2>{escape(self.title)}</h2>\n{inside}\n</section>'
 
 
-def page(title: str, sections: Sequence[Section], style: str = PLAIN, end: str = "") -> str:
+def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_STYLE, end: str = "") -> str:
     """A whole HTML document: heading, links to the sections, sections, and further elements at the body's `end`."""
     links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
-    body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.html() for s in sections)])
+    body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.section_html() for s in sections)])
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<style>{STYLE}{style}</style>\n</head>\n"
+        f"<style>{PAGE_STYLE}{style}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n{end}</body>\n</html>\n"
     )
 
 
-def section(name: str, title: str, *parts: str) -> Section:
+def page_section(name: str, title: str, *parts: str) -> PageSection:
     """A section of these parts; empty ones are left out."""
-    return Section(name, title, parts)
+    return PageSection(name, title, parts)
 
 
-def heading(words: str) -> str:
+def heading_html(words: str) -> str:
     """A heading inside a section."""
     return f"<h3>{escape(words)}</h3>"
 
 
-def text(words: str, muted: bool = False) -> str:
+def paragraph_html(words: str, muted: bool = False) -> str:
     """A paragraph."""
     return f'<p class="muted">{escape(words)}</p>' if muted else f"<p>{escape(words)}</p>"
 
 
-def bullets(lines: Iterable[str]) -> str:
+def bullets_html(lines: Iterable[str]) -> str:
     """A list."""
     return "<ul>\n" + "\n".join(f"<li>{escape(line)}</li>" for line in lines) + "\n</ul>"
 
 
-def number(value: float, digits: int = 5) -> str:
+def engineering_number(value: float, digits: int = 5) -> str:
     """A number as engineers write it: plain from 0.001 to a million, with a power of ten beyond."""
     if value != value:
         return "\N{EN DASH}"
@@ -105,50 +105,54 @@ def number(value: float, digits: int = 5) -> str:
     return plain.rstrip("0").rstrip(".") if decimals else plain
 
 
-def fixed(value: float, decimals: int) -> str:
+def column_number(value: float, decimals: int) -> str:
     """A number of a column that has so many decimals (see `units.decimals`), small ones with two digits at least."""
-    return number(value, significant(value, decimals)) if math.isfinite(value) else number(value)
+    return (
+        engineering_number(value, significant_digits(value, decimals))
+        if math.isfinite(value)
+        else engineering_number(value)
+    )
 
 
-def significant(value: float, decimals: int) -> int:
+def significant_digits(value: float, decimals: int) -> int:
     """Digits that a finite number has with so many decimals; from 2 to 15."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
-def _cell(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     if value is None:
         return "\N{EN DASH}"
-    return number(value) if isinstance(value, float) else str(value)
+    return engineering_number(value) if isinstance(value, float) else str(value)
 
 
-_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
+_NUMBER_PATTERN = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
 
 
-def _is_number(value: Any) -> bool:
+def _is_number_cell(value: Any) -> bool:
     """Whether a cell is a number, written already or not, or there is none."""
-    return isinstance(value, int | float) or bool(_NUMBER.fullmatch(_cell(value)))
+    return isinstance(value, int | float) or bool(_NUMBER_PATTERN.fullmatch(_cell_text(value)))
 
 
-def _breakable(word: str) -> str:
+def _breakable_name(word: str) -> str:
     """A column's name that may be broken behind its dots and underscores."""
     return re.sub(r"([._])", r"\1<wbr>", escape(word))
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table; columns of numbers are set to the right."""
     rows = [list(row) for row in rows]
-    right = [bool(rows) and all(_is_number(row[k]) for row in rows) for k in range(len(heads))]
+    right = [bool(rows) and all(_is_number_cell(row[k]) for row in rows) for k in range(len(heads))]
     kinds = [' class="n"' if r else "" for r in right]
-    head = "".join(f"<th{kind}>{_breakable(word)}</th>" for word, kind in zip(heads, kinds, strict=True))
+    head = "".join(f"<th{kind}>{_breakable_name(word)}</th>" for word, kind in zip(heads, kinds, strict=True))
     lines = (
-        "<tr>" + "".join(f"<td{k}>{escape(_cell(v))}</td>" for v, k in zip(row, kinds, strict=True)) + "</tr>"
+        "<tr>" + "".join(f"<td{k}>{escape(_cell_text(v))}</td>" for v, k in zip(row, kinds, strict=True)) + "</tr>"
         for row in rows
     )
     top = f"<thead><tr>{head}</tr></thead>"  # which a table's every page has in print
     return f'<div class="wide"><table>\n{top}\n' + "\n".join(lines) + "\n</table></div>"
 
 
-def picture(figure: Figure, words: str, kind: str = "svg+xml") -> str:
+def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
     """A figure as data in the page, SVG or "png"; `words` is what it is called by those who cannot see it."""
     import matplotlib
 

@@ -16,35 +16,35 @@ from warpchain.results.metric_columns import title_of, unit_of
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.units import quantity
 from warpchain.view.figures.drive_figure import drive_figure
-from warpchain.view.html import picture
+from warpchain.view.html import picture_html
 
-SIZE = 4.0
+PICTURE_SIZE = 4.0
 """Longer side of a drive in a picture [in]."""
-ROWS = 20
+SHOWN_ROWS = 20
 """Most variants of a run, or rows of a table, that are shown."""
-COLORS = {OK: "#2e9e4f", SUSPECT: "#d08700", DIVERGED: "#d1394b"}
+STATUS_COLORS = {OK: "#2e9e4f", SUSPECT: "#d08700", DIVERGED: "#d1394b"}
 
 
 class Markup(str):
     """A text that is HTML already."""
 
 
-def html(thing: Any) -> str:
+def notebook_html(thing: Any) -> str:
     """A drive, run or trajectory as HTML.
 
     Raises:
         TypeError: anything else.
     """
     if isinstance(thing, Drive):
-        return _drive(thing)
+        return _drive_html(thing)
     if isinstance(thing, Run):
-        return _run(thing)
+        return _run_html(thing)
     if isinstance(thing, Trajectory):
-        return _trajectory(thing)
+        return _trajectory_html(thing)
     raise TypeError(f"{type(thing).__name__}: allowed are Drive, Run, Trajectory")
 
 
-def table_html(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
     """A table; cells are escaped, but for those that are `Markup`."""
 
     def line(cells: Sequence[str], tag: str) -> str:
@@ -60,10 +60,10 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str 
 
 def status_html(status: str) -> Markup:
     """A status in its color."""
-    return Markup(f'<b style="color:{COLORS.get(status, "inherit")}">{escape(status)}</b>')
+    return Markup(f'<b style="color:{STATUS_COLORS.get(status, "inherit")}">{escape(status)}</b>')
 
 
-def value_text(value: Any, unit: str) -> str:
+def value_with_unit(value: Any, unit: str) -> str:
     """A value with a unit that fits its size: 42.2 kN."""
     if value is None:
         return "-"
@@ -71,23 +71,23 @@ def value_text(value: Any, unit: str) -> str:
     return str(value) if bare else quantity(value, unit)
 
 
-def _beside(left: str, right: str) -> str:
+def _side_by_side_html(left: str, right: str) -> str:
     return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
 
 
-def _picture(of: Drive | Trajectory, frame: int | None = None) -> str:
+def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
     try:
-        return picture(drive_figure(of, frame, size=SIZE), "the drive", "png")
+        return picture_html(drive_figure(of, frame, size=PICTURE_SIZE), "the drive", "png")
     except WarpchainError as error:
         return f"<p>{escape(str(error))}</p>"
 
 
-def _drive(drive: Drive) -> str:
+def _drive_html(drive: Drive) -> str:
     if drive.chains:
-        return "".join(f"<p>{escape(ring.name)}</p>{_drive(ring.drive)}" for ring in rings_of(drive))
+        return "".join(f"<p>{escape(ring.name)}</p>{_drive_html(ring.drive)}" for ring in rings_of(drive))
     chain = drive.chain
     size = f"{chain.size}, " if chain.size else ""
-    about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_text(chain.mass, 'kg')} a roller)"
+    about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_with_unit(chain.mass, 'kg')} a roller)"
     rows = []
     for s, sprocket in enumerate(drive.sprockets):
         travel, load = sprocket.prescribed, sprocket.load
@@ -97,16 +97,16 @@ def _drive(drive: Drive) -> str:
         elif sprocket.shaft is not None:
             does = f"on shaft {sprocket.shaft}"
         elif load is not None:
-            does = f"load {value_text(load.torque, 'N m')}"
-        radius = value_text(drive.pitch_radius(s), "m")
+            does = f"load {value_with_unit(load.torque, 'N m')}"
+        radius = value_with_unit(drive.pitch_radius(s), "m")
         rows.append([sprocket.name, str(sprocket.teeth), radius, does])
     warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
     run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
-    right = table_html(("sprocket", "teeth", "pitch radius", ""), rows, about) + f"<p>{escape(run)}</p>"
-    return _beside(_picture(drive), right)
+    right = notebook_table(("sprocket", "teeth", "pitch radius", ""), rows, about) + f"<p>{escape(run)}</p>"
+    return _side_by_side_html(_drive_picture(drive), right)
 
 
-def _first_metrics(drive: Drive) -> list[str]:
+def _notebook_metrics(drive: Drive) -> list[str]:
     """The metrics to show first."""
     chains = [f"{chain.name}." for chain in drive.chains] or [""]
     names = [*(f"{chain}tension_{of}" for chain in chains for of in ("mean", "max")), "efficiency"]
@@ -116,41 +116,43 @@ def _first_metrics(drive: Drive) -> list[str]:
     return [*names, *(f"{strand}.displacement_rms" for strand in drive.strand_names), "energy_residual_relative"]
 
 
-def _run(run: Run) -> str:
+def _run_html(run: Run) -> str:
     rows, names = run.metrics.to_pylist(), run.metrics.column_names
     info = f"{len(rows)} variants" if len(rows) != 1 else "1 variant"
     about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
-    shown = [name for name in _first_metrics(run.drives[0]) if name in names]
+    shown = [name for name in _notebook_metrics(run.drives[0]) if name in names]
     if len(rows) == 1:
-        held = [[title_of(name), value_text(rows[0][name], unit_of(name))] for name in shown]
+        held = [[title_of(name), value_with_unit(rows[0][name], unit_of(name))] for name in shown]
         status = str(rows[0].get("status", ""))
         held.insert(0, ["status", status_html(status)])
         if rows[0].get("reason"):
             held.insert(1, ["why", str(rows[0]["reason"])])
-        right = table_html(("metric", "value"), held, about)
+        right = notebook_table(("metric", "value"), held, about)
     else:
         shown = shown[:6]
         held = [
             [
                 str(v),
                 status_html(str(row.get("status", ""))),
-                *(value_text(row[name], unit_of(name)) for name in shown),
+                *(value_with_unit(row[name], unit_of(name)) for name in shown),
             ]
-            for v, row in zip(run.numbers, rows[:ROWS], strict=False)
+            for v, row in zip(run.numbers, rows[:SHOWN_ROWS], strict=False)
         ]
-        right = table_html(("variant", "status", *shown), held, about)
-        if len(rows) > ROWS:
-            right += f"<p>and {len(rows) - ROWS} more: run.metrics has all {len(names)} columns</p>"
-    return _beside(_picture(run.drives[0]), right)
+        right = notebook_table(("variant", "status", *shown), held, about)
+        if len(rows) > SHOWN_ROWS:
+            right += f"<p>and {len(rows) - SHOWN_ROWS} more: run.metrics has all {len(names)} columns</p>"
+    return _side_by_side_html(_drive_picture(run.drives[0]), right)
 
 
-def _trajectory(trajectory: Trajectory) -> str:
+def _trajectory_html(trajectory: Trajectory) -> str:
     frames = len(trajectory.time)
     spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
     rows = [
         [name, CHANNEL[name].unit, " x ".join(map(str, values.shape)), str(values.dtype)]
         for name, values in trajectory.channels().items()
     ]
-    right = table_html(("channel", "unit", "shape", "type"), rows, f"{frames} frames, {spell}")
+    right = notebook_table(("channel", "unit", "shape", "type"), rows, f"{frames} frames, {spell}")
     moving = trajectory.position is not None and frames > 0
-    return _beside(_picture(trajectory, frames - 1) if moving else _picture(trajectory.drive), right)
+    return _side_by_side_html(
+        _drive_picture(trajectory, frames - 1) if moving else _drive_picture(trajectory.drive), right
+    )

@@ -21,34 +21,34 @@ if TYPE_CHECKING:
 
 Color = tuple[int, int, int]
 
-CURVES: tuple[Color, ...] = (
+CURVE_PALETTE: tuple[Color, ...] = (
     *((90, 170, 240), (250, 165, 100), (125, 210, 125), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
     *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
 """Colors of curves in Rerun, and of variants that are compared: distinct on its dark ground."""
-EXTREMES: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
+EXTREME_COLORS: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
 """Colors of curves that are of the whole chain."""
-SHOWN, RECORDED, BEST, OTHERS = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
+SHOWN_DOT, RECORDED_DOT, BEST_DOT, OTHER_DOT = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
 """Dots of variants in Rerun: played, recorded but not played, on the Pareto front, all others."""
-BREAKING = "breaking"
+BREAKING_LOAD = "breaking"
 """Word for the chain's breaking load."""
-SAMPLES = 500
+QUANTILE_FRAMES = 500
 """Frames that the quantile is taken of, about."""
-Scale = float | str | None
-"""A tension [N], `BREAKING`, or None for the quantile."""
+ScaleTop = float | str | None
+"""A tension [N], `BREAKING_LOAD`, or None for the quantile."""
 
 
-def shades(color: Color) -> tuple[Color, ...]:
+def variant_shades(color: Color) -> tuple[Color, ...]:
     """A variant's color, lighter ones for further curves of it, and a darker one that a dark ground still shows."""
-    return (color, _mixed(color, 0.38, 255), _mixed(color, 0.66, 255), _mixed(color, 0.15, 0))
+    return (color, _mixed_color(color, 0.38, 255), _mixed_color(color, 0.66, 255), _mixed_color(color, 0.15, 0))
 
 
-def _mixed(color: Color, share: float, gray: int) -> Color:
+def _mixed_color(color: Color, share: float, gray: int) -> Color:
     red, green, blue = (round(part + share * (gray - part)) for part in color)
     return red, green, blue
 
 
-def thing_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
+def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
     """The color of everything that curves are of, by name: one a part and strand wherever it is shown.
 
     Args:
@@ -58,22 +58,22 @@ def thing_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]
     others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
     if variant is None:
         names = [*bodies, *drive.strand_names, *others]
-        return EXTREMES | {name: CURVES[k % len(CURVES)] for k, name in enumerate(names)}
-    own = shades(variant)
+        return EXTREME_COLORS | {name: CURVE_PALETTE[k % len(CURVE_PALETTE)] for k, name in enumerate(names)}
+    own = variant_shades(variant)
     return {
         name: own[k % len(own)]
-        for names in (EXTREMES, bodies, drive.strand_names, others)
+        for names in (EXTREME_COLORS, bodies, drive.strand_names, others)
         for k, name in enumerate(names)
     }
 
 
 @lru_cache(maxsize=1)
-def tension_scale() -> NDArray[np.uint8]:
+def tension_color_table() -> NDArray[np.uint8]:
     """The color scale of tension in 256 steps (256, 4)."""
     return tension_color(np.arange(256.0), 255.0)
 
 
-def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
+def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
     """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
     share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
     share += np.float32(0.5)
@@ -81,24 +81,24 @@ def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8
     return np.nan_to_num(share, copy=False).astype(np.uint8)
 
 
-def packed_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
+def packed_tension_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
     """Colors of steps of the scale, as Rerun packs them."""
-    return _packed_scale()[steps]
+    return _packed_color_table()[steps]
 
 
 @lru_cache(maxsize=1)
-def _packed_scale() -> NDArray[np.uint32]:
-    return tension_scale().view(">u4")[:, 0].astype(np.uint32)
+def _packed_color_table() -> NDArray[np.uint32]:
+    return tension_color_table().view(">u4")[:, 0].astype(np.uint32)
 
 
 def tension_colormap() -> ListedColormap:
     """The scale for matplotlib."""
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(tension_scale() / 255.0)
+    return ListedColormap(tension_color_table() / 255.0)
 
 
-def scale_top(trajectories: Iterable[Trajectory], wanted: Scale = None) -> float:
+def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = None) -> float:
     """Tension at the red end of the scale that some recordings share [N].
 
     By itself it is `tension_colors.PERCENTILE` of all links' tensions in the latter half of a recording, the largest
@@ -108,13 +108,13 @@ def scale_top(trajectories: Iterable[Trajectory], wanted: Scale = None) -> float
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.
     """
     if wanted is None:
-        return max(_quantile(trajectory) for trajectory in trajectories)
-    if wanted == BREAKING:
+        return max(_tension_quantile(trajectory) for trajectory in trajectories)
+    if wanted == BREAKING_LOAD:
         loads = [trajectory.drive.chain.breaking_load for trajectory in trajectories]
         known = [load for load in loads if load is not None]
         if len(known) < len(loads):
             raise SimulationError(
-                f"scale = {BREAKING}: needs a chain by its size (chain.size), which has a breaking load"
+                f"scale = {BREAKING_LOAD}: needs a chain by its size (chain.size), which has a breaking load"
             )
         return max(known)
     try:
@@ -122,11 +122,11 @@ def scale_top(trajectories: Iterable[Trajectory], wanted: Scale = None) -> float
     except ValueError:
         limit = np.nan
     if not 0.0 < limit < np.inf:
-        raise SimulationError(f"scale = {wanted}: allowed are a tension above 0 in newton, or {BREAKING}")
+        raise SimulationError(f"scale = {wanted}: allowed are a tension above 0 in newton, or {BREAKING_LOAD}")
     return limit
 
 
-def _quantile(trajectory: Trajectory) -> float:
+def _tension_quantile(trajectory: Trajectory) -> float:
     (tension,) = need(trajectory, "tension")
     part = tension[latter_half(trajectory)]
-    return full_scale(part[:: max(len(part) // SAMPLES, 1)])
+    return full_scale(part[:: max(len(part) // QUANTILE_FRAMES, 1)])

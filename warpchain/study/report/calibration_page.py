@@ -108,31 +108,33 @@ def _trust_lines(found: Calibrated) -> list[str]:
     return lines
 
 
-def _summary(found: Calibrated) -> html.Section:
+def _summary(found: Calibrated) -> html.PageSection:
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
         'noise factor of distribution "empirical" may name.'
     )
-    return html.section("summary", "In short", html.text(f"{first}."), html.bullets(lines), html.text(files))
+    return html.page_section(
+        "summary", "In short", html.paragraph_html(f"{first}."), html.bullets_html(lines), html.paragraph_html(files)
+    )
 
 
-def _unknowns(found: Calibrated) -> html.Section:
+def _unknowns(found: Calibrated) -> html.PageSection:
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
         word, factor = shown_unit(_unit(found, name), float(np.abs(before).max()))
         ends = [factor * np.percentile(values, (5, 95)) for values in (before, after)]
         digits = decimals(ends)
-        cells = [f"{html.fixed(low, digits)} to {html.fixed(high, digits)}" for low, high in ends]
-        mean, left = html.fixed(factor * float(after.mean()), digits), float(after.std() / before.std())
+        cells = [f"{html.column_number(low, digits)} to {html.column_number(high, digits)}" for low, high in ends]
+        mean, left = html.column_number(factor * float(after.mean()), digits), float(after.std() / before.std())
         rows.append((name, word, *cells, mean, f"{100.0 * left:.0f} %"))
         figures.append(_histogram(f"{name} [{word}]" if word else name, factor * before, factor * after, k == 0))
     heads = ("unknown", "unit", "90 % prior", "90 % posterior", "posterior mean", "standard deviation left")
-    return html.section(
+    return html.page_section(
         "unknowns",
         "The unknowns",
-        html.table(heads, rows),
+        html.table_html(heads, rows),
         chart(figures, "prior and posterior"),
     )
 
@@ -153,7 +155,7 @@ def _histogram(label: str, before: Array, after: Array, named: bool) -> Panel:
     return {"x": {"label": label}, "y": {"label": "density", "range": [0.0, top]}, "series": series}
 
 
-def _fit(found: Calibrated) -> html.Section:
+def _fit(found: Calibrated) -> html.PageSection:
     """Measured numbers beside the model's by prior and posterior, and a run of the calibrated drive."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
@@ -165,12 +167,12 @@ def _fit(found: Calibrated) -> html.Section:
         measured = quantity(of.value, of.unit, of.error)
         rows.append((of.name, measured, *cells, run, round(float(found.residuals[j]), 1) + 0.0, found.emulated.q2[j]))
     heads = ("number", "measured", "prior", "posterior", "calibrated run", "off [standard deviations]", "Q\u00b2")
-    return html.section(
+    return html.page_section(
         "fit", "Fit of the measured numbers",
-        html.text("\N{PLUS-MINUS SIGN} is one standard deviation; of the model it holds the scatter of runs. Off: "
-                  "measured less expected, in standard deviations of both.", muted=True),
+        html.paragraph_html("\N{PLUS-MINUS SIGN} is one standard deviation; of the model it holds the scatter of runs. "
+                  "Off: measured less expected, in standard deviations of both.", muted=True),
         chart(_fit_panel(found, spans), "numbers over what was measured"),
-        html.table(heads, rows),
+        html.table_html(heads, rows),
     )  # fmt: skip
 
 
@@ -195,7 +197,7 @@ def _fit_panel(found: Calibrated, spans: Sequence[tuple[Array, Array]]) -> list[
     return [{"x": {"label": "off the measured [%]"}, "y": {"words": words}, "series": series, **size}]
 
 
-def _signals(found: Calibrated) -> list[html.Section]:
+def _signals(found: Calibrated) -> list[html.PageSection]:
     """Traces and spectra of the measured signals beside those of the last round's runs."""
     if not found.signals:
         return []
@@ -213,10 +215,10 @@ def _signals(found: Calibrated) -> list[html.Section]:
         rig = (measured.time - measured.time[0], factor * measured.values)
         figures += _signal_panels(f"{name} [{word}]" if word else name, rig, of_runs)
     return [
-        html.section(
+        html.page_section(
             "signals", "The signals",
-            html.text("Blue: runs drawn from the posterior. Red: measured. Instants need not agree, as the rig's time "
-                      "has another origin and impacts are chaotic; levels and spectra should.", muted=True),
+            html.paragraph_html("Blue: runs drawn from the posterior. Red: measured. Instants need not agree, as the "
+                      "rig's time has another origin and impacts are chaotic; levels and spectra should.", muted=True),
             chart(figures, "measured signals and those of runs"),
         )
     ]  # fmt: skip
@@ -258,7 +260,7 @@ def _peaks(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
     return lines[starts], np.maximum.reduceat(size, starts) if len(lines) else size
 
 
-def _open(found: Calibrated) -> html.Section:
+def _open(found: Calibrated) -> html.PageSection:
     """Directions of the unknowns, the least identified first."""
     words = [_combination(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
@@ -267,12 +269,12 @@ def _open(found: Calibrated) -> html.Section:
     x = {"label": "standard deviation left [%]", "range": [0.0, max(100.0, 1.05 * max(left))]}
     figure = {"x": x, "y": {"words": words[::-1]}, "series": [bars], "width": 860, "height": 70 + 34 * len(words)}
     lines = _open_lines(found) or ["every direction is identified: half of its variance is gone, or more"]
-    return html.section(
+    return html.page_section(
         "open", "What the measurements cannot tell",
-        html.text("Combinations of unknowns, the least identified first. Near 100 % only the prior is left: another "
-                  "measurement is needed.", muted=True),
+        html.paragraph_html("Combinations of unknowns, the least identified first. Near 100 % only the prior is left: "
+                  "another measurement is needed.", muted=True),
         chart([figure, *_pair(found)], "directions of the unknowns"),
-        html.bullets(lines),
+        html.bullets_html(lines),
     )  # fmt: skip
 
 
@@ -295,7 +297,7 @@ def _pair(found: Calibrated) -> list[Panel]:
     return [{"x": {"label": axes[0][0]}, "y": {"label": axes[1][0]}, "series": series, "width": 400, "height": 320}]
 
 
-def _predicted(found: Calibrated) -> html.Section | None:
+def _predicted(found: Calibrated) -> html.PageSection | None:
     """Predictions of metrics by prior and posterior."""
     if not found.predictions:
         return None
@@ -312,24 +314,24 @@ def _predicted(found: Calibrated) -> html.Section | None:
             _histogram(f"{of.metric} [{word}]" if word else of.metric, factor * of.before, factor * of.after, k == 0)
         )
     heads = ("metric", "prior mean", "95 % of runs, prior", "posterior mean", "95 % of runs, posterior", "Q\u00b2")
-    return html.section(
+    return html.page_section(
         "predictions", "How predictions change",
-        html.text("What a run gives, scatter between runs in it.", muted=True),
-        chart(figures, "predictions by prior and posterior"), html.table(heads, rows),
+        html.paragraph_html("What a run gives, scatter between runs in it.", muted=True),
+        chart(figures, "predictions by prior and posterior"), html.table_html(heads, rows),
     )  # fmt: skip
 
 
-def _course(found: Calibrated) -> html.Section:
+def _course(found: Calibrated) -> html.PageSection:
     """The posterior round by round."""
     axes = _axes(found)
     rows = [
         (f"{k + 1}", *(f"{m:+.2f} \N{PLUS-MINUS SIGN} {s:.2f}" for m, s in zip(mean, deviation, strict=True)))
         for k, (mean, deviation) in enumerate(found.rounds)
     ]
-    return html.section(
+    return html.page_section(
         "course", "How it was found",
-        html.text("The posterior after each round, in prior standard deviations: where it still moves, raise "
+        html.paragraph_html("The posterior after each round, in prior standard deviations: where it still moves, raise "
                   "calibrate.rounds.", muted=True),
-        html.table(("round", *axes), rows),
-        html.bullets([*_trust_lines(found), f"{found.independent:.0f} independent samples of the posterior"]),
+        html.table_html(("round", *axes), rows),
+        html.bullets_html([*_trust_lines(found), f"{found.independent:.0f} independent samples of the posterior"]),
     )  # fmt: skip

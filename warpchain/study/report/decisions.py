@@ -113,10 +113,12 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
             whole = isinstance(value, int) and axes[name].factor == 1.0 if name in axes else True
             cells.append(value if value is None or whole else axes[name].text(float(value)))
         lines.append(cells)
-    return html.table(heads, lines).replace("<table>", '<table class="rows">', 1)  # each gets its command in the page
+    return html.table_html(heads, lines).replace(
+        "<table>", '<table class="rows">', 1
+    )  # each gets its command in the page
 
 
-def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | None, list[Recommended]]:
+def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection | None, list[Recommended]]:
     """The designs to build: why, their metrics, how to play them; none without objectives."""
     if not wanted.objectives:
         return None, []
@@ -124,16 +126,16 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | No
     try:
         found = recommend(results, goals, wanted.most)
     except StudyError as error:
-        return html.section("designs", "Recommended designs", html.text(str(error))), []
+        return html.page_section("designs", "Recommended designs", html.paragraph_html(str(error))), []
     asked = [f"{o.metric} {'low' if o.sense == 'min' else 'high'}" for o in wanted.objectives]
     kept = [_bound_words(results, bound) for bound in wanted.bounds]
     over = isinstance(results, Designs)
     parts = [
-        html.text(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
-        html.text(OVER_NOISE if over else SURROGATE, muted=True),
+        html.paragraph_html(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
+        html.paragraph_html(OVER_NOISE if over else SURROGATE, muted=True),
     ]
     if isinstance(results, Designs):
-        parts.append(html.text(noise_words(results, wanted.keep)))
+        parts.append(html.paragraph_html(noise_words(results, wanted.keep)))
     for k, one in enumerate(found):
         parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted))
     if isinstance(results, Designs):
@@ -141,7 +143,7 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.Section | No
             panels.chart(panels.over_noise(results, [one.row for one in found], LETTERS), "runs over the noise")
         )
     parts.append(rows_table(results, [one.row for one in found], results.factors, LETTERS[: len(found)]))
-    return html.section("designs", "Recommended designs", *parts), found
+    return html.page_section("designs", "Recommended designs", *parts), found
 
 
 def _bound_words(results: Results, bound: Bound) -> str:
@@ -180,16 +182,18 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
             words.append("" if is_set else quantity(one.measured[name], unit))
         lines.append((name, *words, "set" if is_set else ""))
     heads = ("simulated",) if one.spreads else ("model estimate", "simulated")
-    lines_table = html.table(("metric", *heads, ""), lines)
+    lines_table = html.table_html(("metric", *heads, ""), lines)
     if one.spreads:
-        lines_table += html.table(("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one))
+        lines_table += html.table_html(
+            ("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one)
+        )
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
     play = command and f"<p>Play {'its worst run' if one.spreads else 'it'}: <code>{command}</code></p>"
     if wanted.page is not None:
         play += f"<p>Drive file, beside this page: <code>{escape(f'{wanted.page}-{letter}.toml')}</code></p>"
     chosen = [factor_words(results, name, one.row) for name in results.factors] if one.spreads else []
-    head = html.heading(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
-    return f'<div class="design">{head}{html.bullets(one.reasons)}{lines_table}{play}</div>'
+    head = html.heading_html(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
+    return f'<div class="design">{head}{html.bullets_html(one.reasons)}{lines_table}{play}</div>'
 
 
 def factor_words(results: Results, name: str, row: int) -> str:
@@ -208,7 +212,7 @@ def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
     return [*lines, ("spread comes from", *(of.parts_words() for of in one.spreads))]
 
 
-def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.Section | None:
+def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
     """The Pareto front as a view that can be brushed, and as a table with units."""
     if len(objectives) < 2:
         return None
@@ -216,41 +220,43 @@ def front_section(results: Results, objectives: Mapping[str, str], by_default: b
     words = " and ".join(f"{metric} {'low' if sense == 'min' else 'high'}" for metric, sense in objectives.items())
     hint = " (taken for want of chosen objectives)" if by_default else ""
     columns = tuple(dict.fromkeys((*objectives, *results.factors)))
-    return html.section(
+    return html.page_section(
         "front",
         "Pareto front",
-        html.text(
+        html.paragraph_html(
             f"Wanted: {words}{hint}. No other variant beats those on the front in one without losing in another; "
             "the table has those of all variants, the picture those of the ones that are kept below."
         ),
         panels.place("front-view", f"Pareto front of {words}"),
         rows_table(results, front[:FRONT].tolist(), columns),
-        html.text(f"{len(front) - FRONT} further variants are on the front.") if len(front) > FRONT else "",
+        html.paragraph_html(f"{len(front) - FRONT} further variants are on the front.") if len(front) > FRONT else "",
     )
 
 
-def ends_section(results: Results, left_out: LeftOut) -> html.Section:
+def ends_section(results: Results, left_out: LeftOut) -> html.PageSection:
     """The section on how the variants ended, why, which ones are not to be trusted, and what is lost with them."""
     reasons = results.reasons()
     if not reasons:
-        return html.section("ends", "How the variants ended", html.text("Every variant is ok."))
+        return html.page_section("ends", "How the variants ended", html.paragraph_html("Every variant is ok."))
     status = results.status
     rank = {"suspect": 0, "diverged": 1}
     rows = sorted(np.flatnonzero(~results.ok).tolist(), key=lambda row: (rank.get(status[row], 2), row))
     listed = [(int(results.variants[row]), status[row], results.reason(row)) for row in rows[:LISTED]]
-    return html.section(
+    return html.page_section(
         "ends",
         "How the variants ended",
-        html.text(
+        html.paragraph_html(
             "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away; "
             "suspect ones are beyond a limit of the study. None of them takes part in what follows."
         ),
-        html.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
-        html.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
+        html.table_html(
+            ("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]
+        ),
+        html.paragraph_html(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
         *_lost_tables(left_out),
-        html.heading("Each of them"),
-        html.table(("variant", "status", "reason"), listed),
-        html.text(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
+        html.heading_html("Each of them"),
+        html.table_html(("variant", "status", "reason"), listed),
+        html.paragraph_html(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
     )
 
 
@@ -270,7 +276,10 @@ def _lost_tables(left_out: LeftOut) -> list[str]:
             for one in parts
         ]
         if lines:
-            found += [html.heading(f"Lost of each factor's range: variants {words}"), html.table(heads, lines)]
+            found += [
+                html.heading_html(f"Lost of each factor's range: variants {words}"),
+                html.table_html(heads, lines),
+            ]
     return found
 
 

@@ -37,14 +37,14 @@ DOTS = 300
 """Most variants drawn behind a curve."""
 
 
-def report_page(title: str, sections: Sequence[html.Section], rows: Mapping[str, Any] | None = None) -> str:
+def report_page(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
     """A whole HTML document: heading, links to the sections, sections, the rows and the script that shows them."""
     style, script = (read_text(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{data(rows)}</script>\n'
         f"<script>\n{script}</script>\n"
     )
-    return html.page(title, sections, style, end)
+    return html.page_html(title, sections, style, end)
 
 
 def data(values: Any) -> str:
@@ -105,11 +105,11 @@ class Axis:
         """SI values as they are shown, with all decimals, and five digits at least."""
         shown = np.asarray(values, dtype=float) * self.factor
         largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
-        return rounded(shown, max(5, html.significant(largest, self.decimals)))
+        return rounded(shown, max(5, html.significant_digits(largest, self.decimals)))
 
     def text(self, value: float) -> str:
         """An SI value as a table shows it, below a head that has the unit."""
-        return html.fixed(self.factor * value, self.decimals)
+        return html.column_number(self.factor * value, self.decimals)
 
     def words(self, label: str) -> str:
         """A group of values as `Effect.labels` has it, "8" or "8 to 10", as it is shown."""

@@ -130,7 +130,7 @@ def _shares_words(found: Risked) -> str:
     return "; ".join(f"{_failure_words(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _shares(found))
 
 
-def _summary(found: Risked) -> html.Section:
+def _summary(found: Risked) -> html.PageSection:
     joint, results = found.joint, found.results
     boxes = [("unknown", "probability of failure")]
     if not isinstance(joint, str):
@@ -152,14 +152,14 @@ def _summary(found: Risked) -> html.Section:
         (way, *((of, "", "", "") if isinstance(of, str) else _cells(of)))
         for way, of in (*_ways(found), ("stated", found.joint))
     ]
-    return html.section(
+    return html.page_section(
         "summary",
         "In short",
         f'<div class="counts">{cells}</div>',
-        html.bullets(lines),
-        html.table(("estimate", "P", "95 % from", "to", "runs"), rows),
+        html.bullets_html(lines),
+        html.table_html(("estimate", "P", "95 % from", "to", "runs"), rows),
         chart(_intervals(found), "95 % intervals of the probability of failure"),
-        html.text(
+        html.paragraph_html(
             f"{results.table.num_rows} runs look for failures. They are no sample of the noise, so that their shares, "
             "means and quantiles tell nothing about drives in the field; only the estimates above do.",
             muted=True,
@@ -187,23 +187,23 @@ def _intervals(found: Risked) -> list[Panel]:
     return [{"x": x, "y": {"words": [way for way, _ in known]}, "series": series, **size}]
 
 
-def _failures(found: Risked) -> html.Section:
+def _failures(found: Risked) -> html.PageSection:
     """Which limits failures break, and the design points."""
     rows = [(_failure_words(limit), f"{100.0 * share:.3g} %") for limit, share in _shares(found)]
-    parts = [html.table(("what fails", "of the failures"), rows)]
+    parts = [html.table_html(("what fails", "of the failures"), rows)]
     for k, point in enumerate(found.points, 1):
-        parts += [html.heading(f"Design point {k} of {len(found.points)}: variant {point.variant}")]
+        parts += [html.heading_html(f"Design point {k} of {len(found.points)}: variant {point.variant}")]
         parts += _point(found, point)
-    return html.section(
+    return html.page_section(
         "failures",
         "What fails, and how",
-        html.text(
+        html.paragraph_html(
             "Design points are the likeliest values that fail, in directions that differ. A deviation is where a value "
             "is among all of its factor, as standard deviations of a normal distribution.",
             muted=True,
         ),
         *parts,
-        html.text(f"Play the likeliest failure: warpchain view {found.archive} --variant {found.variant}"),
+        html.paragraph_html(f"Play the likeliest failure: warpchain view {found.archive} --variant {found.variant}"),
         chart(_plane(found), "failures over the two factors that deviate most"),
     )
 
@@ -222,9 +222,9 @@ def _point(found: Risked, point: DesignPoint) -> list[str]:
         for bound, words in zip(found.study.bounds, _limit_words(found), strict=True)
     ]
     return [
-        html.text(f"{point.distance:.3g} standard deviations from the medians; fails first: {first}."),
-        html.table(("noise", "value", "deviation"), values),
-        html.table(("metric", "there", "limit"), metrics),
+        html.paragraph_html(f"{point.distance:.3g} standard deviations from the medians; fails first: {first}."),
+        html.table_html(("noise", "value", "deviation"), values),
+        html.table_html(("metric", "there", "limit"), metrics),
     ]
 
 
@@ -255,7 +255,7 @@ def _plane(found: Risked) -> list[Panel]:
     return [{"x": {"label": x.name}, "y": {"label": y.name}, "series": series, "width": 620, "height": 420}]
 
 
-def _noise(found: Risked) -> html.Section:
+def _noise(found: Risked) -> html.PageSection:
     """Assumptions: distributions and correlations of the noise, values that are held, what counts as a failure."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
@@ -272,11 +272,11 @@ def _noise(found: Risked) -> html.Section:
         "A run that is not ok counts as a failure.",
         "P is as right as these distributions are in their tails, where the failures lie, and as the drive's model.",
     ]
-    return html.section(
+    return html.page_section(
         "noise",
         "What is assumed about the noise",
-        html.table(("noise", "of", "distribution"), rows),
-        html.bullets(lines),
+        html.table_html(("noise", "of", "distribution"), rows),
+        html.bullets_html(lines),
     )
 
 
@@ -302,7 +302,7 @@ def _distribution(factor: Factor, unit: str) -> str:
     return ", ".join(words)
 
 
-def _methods(found: Risked) -> html.Section:
+def _methods(found: Risked) -> html.PageSection:
     """The methods, and their runs."""
     sampled = 0 if isinstance(found.sampled, str) else found.sampled.evaluations
     rest = len(found.results.status) - found.subset.evaluations - sampled - found.search_runs
@@ -315,4 +315,4 @@ def _methods(found: Risked) -> html.Section:
         ),
         ("search for design points", "steps along the limit towards the medians", found.search_runs),
     ]
-    return html.section("methods", "How it was found", html.table(("step", "method", "runs"), rows))
+    return html.page_section("methods", "How it was found", html.table_html(("step", "method", "runs"), rows))

@@ -15,13 +15,21 @@ from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report.study_sections import telling_metrics
 from warpchain.study.results import Results
-from warpchain.view.chosen import NEEDED
-from warpchain.view.palette import BEST, OTHERS, SHOWN, scale_top, thing_colors
-from warpchain.view.rerun.chart import BACKGROUND, INPUTS, METRICS, Chart, Dots, Quantity, log_scatter
-from warpchain.view.rerun.drive_scene import log_drive, shown_frames
+from warpchain.view.palette import BEST_DOT, OTHER_DOT, SHOWN_DOT, curve_colors, tension_scale_top
+from warpchain.view.recorded_variants import DRIVE_CHANNELS
+from warpchain.view.rerun.chart import (
+    BACKGROUND_COLOR,
+    MOST_INPUTS,
+    MOST_METRICS,
+    AxisQuantity,
+    Chart,
+    DotGroup,
+    log_scatter,
+)
+from warpchain.view.rerun.drive_scene import log_drive, thinned_trajectory
 from warpchain.view.rerun.run_playback import time_panel
-from warpchain.view.rerun.series import GROUPS, log_curves
-from warpchain.view.rerun.streams import entity, saved
+from warpchain.view.rerun.signal_charts import CURVE_GROUPS, log_curves
+from warpchain.view.rerun.streams import entity_path, stream_to_file
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -64,7 +72,7 @@ def view_study(
             stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
         return
     target = Path(save)
-    with saved(stream, target, StudyError):
+    with stream_to_file(stream, target, StudyError):
         stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
 
 
@@ -80,7 +88,7 @@ def log_study(
     import rerun.blueprint as rrb
 
     charts, columns = log_scatters(stream, results, list(recorded), factors, metrics, objectives)
-    scatters = rrb.Grid(*(chart.view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
+    scatters = rrb.Grid(*(chart.chart_view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
     played = [_log_recorded(stream, f"variant {variant}", one) for variant, one in recorded.items()]
     both = rrb.Horizontal(scatters, rrb.Tabs(*played), column_shares=[3, 2]) if played else scatters
     panel = time_panel(list(recorded.values())) if recorded else rrb.TimePanel(state="collapsed")
@@ -91,18 +99,20 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
     """One recorded variant as `warpchain view` draws it: the drive in motion above its curves of tension."""
     import rerun.blueprint as rrb
 
-    missing = [channel for channel in NEEDED if getattr(trajectory, channel) is None]
+    missing = [channel for channel in DRIVE_CHANNELS if getattr(trajectory, channel) is None]
     if missing:
         raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
     chains = {f"{name} {chain}".rstrip(): own for chain, own in chain_trajectories(trajectory).items()}
-    top = scale_top(chains.values())
+    top = tension_scale_top(chains.values())
     for root, own in chains.items():
-        log_drive(stream, root, shown_frames(own, FRAMES), top)
-        log_curves(stream, root, own, FRAMES, thing_colors(own.drive), own=False)
+        log_drive(stream, root, thinned_trajectory(own, FRAMES), top)
+        log_curves(stream, root, own, FRAMES, curve_colors(own.drive), own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
-    drawn, curves = ([f"+ {entity(root, *part)}/**" for root in chains] for part in (["drive"], ["curves", "tension"]))
-    moving = rrb.Spatial2DView(origin="/", contents=drawn, name=title, background=BACKGROUND)
-    over_time = rrb.TimeSeriesView(origin="/", contents=curves, name=GROUPS["tension"])
+    drawn, curves = (
+        [f"+ {entity_path(root, *part)}/**" for root in chains] for part in (["drive"], ["curves", "tension"])
+    )
+    moving = rrb.Spatial2DView(origin="/", contents=drawn, name=title, background=BACKGROUND_COLOR)
+    over_time = rrb.TimeSeriesView(origin="/", contents=curves, name=CURVE_GROUPS["tension"])
     return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
 
 
@@ -128,7 +138,7 @@ def log_scatters(
     set_ones = [name for name in wanted if name in results.factors]
     across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _most_telling(results)))))
     measured = [name for name in wanted if name not in results.factors]
-    up = tuple(dict.fromkeys((*measured, *(tuple(metrics) or telling_metrics(results)[:METRICS]))))
+    up = tuple(dict.fromkeys((*measured, *(tuple(metrics) or telling_metrics(results)[:MOST_METRICS]))))
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = np.zeros(0, dtype=np.intp)
@@ -136,16 +146,16 @@ def log_scatters(
         front = pareto_front(results, objectives)
     played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
-        Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
-        Dots("Pareto front" if len(wanted) > 1 else "best", BEST, 4.0, np.setdiff1d(front, played)),
-        Dots("recorded variants", SHOWN, 5.0, played),
+        DotGroup("variants", OTHER_DOT, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
+        DotGroup("Pareto front" if len(wanted) > 1 else "best", BEST_DOT, 4.0, np.setdiff1d(front, played)),
+        DotGroup("recorded variants", SHOWN_DOT, 5.0, played),
     ]
     charts = [
         log_scatter(
             stream,
             "study",
-            Quantity(factor, results.values(factor)),
-            Quantity(metric, results.values(metric), results.unit(metric)),
+            AxisQuantity(factor, results.values(factor)),
+            AxisQuantity(metric, results.values(metric), results.unit(metric)),
             groups,
             results.variants,
             results.ok,
@@ -164,11 +174,11 @@ def _most_telling(results: Results) -> tuple[str, ...]:
 
     numeric = results.independent_factors()
     if results.search_target:
-        return numeric[:INPUTS]
+        return numeric[:MOST_INPUTS]
     left_out = LeftOut(results)
     weights = dict.fromkeys(numeric, 0.0)
-    for metric in (name for name in telling_metrics(results)[:METRICS] if not left_out.selects(name)):
+    for metric in (name for name in telling_metrics(results)[:MOST_METRICS] if not left_out.selects(name)):
         for effect in main_effects(results, metric, numeric):
             weights[effect.factor] = max(weights[effect.factor], effect.explained)
-    best = sorted(numeric, key=lambda name: -weights[name])[:INPUTS]
+    best = sorted(numeric, key=lambda name: -weights[name])[:MOST_INPUTS]
     return tuple(name for name in numeric if name in best)

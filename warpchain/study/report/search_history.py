@@ -21,7 +21,7 @@ MOST_FACTORS = 12
 KEEPING = " and keep the limits as they were measured; pale dots do not."
 
 
-def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.Section | None:
+def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.PageSection | None:
     """The course of a search; none without objectives, or of a table that is no search's.
 
     Rows stand in the order in which they were evaluated.
@@ -36,17 +36,17 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
     chosen = np.array([one.row for one in recommended], dtype=np.intp)
     starts = np.flatnonzero(np.diff(rounds) > 0) + 1
     progress = [_progress(results, wanted, measured, starts, k) for k in range(len(wanted.objectives))]
-    return html.section(
+    return html.page_section(
         "search",
         "The search",
-        html.text(
+        html.paragraph_html(
             "Each variant in the order of its evaluation; a round ends at each dotted line, the study's design at the "
             "first. The red line is the best so far of the variants that are ok" + (KEEPING if wanted.bounds else "."),
             muted=True,
         ),
-        html.bullets(lines),
+        html.bullets_html(lines),
         chart(progress, "best values over the evaluations"),
-        html.heading("Where it looked"),
+        html.heading_html("Where it looked"),
         chart(
             [_places(results, name, rounds, chosen, k == 0) for k, name in enumerate(results.factors[:MOST_FACTORS])],
             "values of the factors over the evaluations",

@@ -140,7 +140,9 @@ def _report(
     summary = _summary(results, left_out, (effects, pairs, chances, unranked), notes)
     ends = ends_section(results, left_out)
     if not enough:
-        few = html.section("none", "No analysis", html.text("Fewer than three variants have a metric that varies."))
+        few = html.page_section(
+            "none", "No analysis", html.paragraph_html("Fewer than three variants have a metric that varies.")
+        )
         return panels.report_page(title, [summary, _inputs(results), ends, few]), designs, []
     judged = replace(wanted, objectives=over.objectives if wanted.objectives else (), bounds=over.bounds)
     first, recommended = designs_section(designs, judged)
@@ -150,13 +152,13 @@ def _report(
         first,
         search_section(designs, judged, recommended),
         front_section(designs, chosen, not wanted.objectives),
-        html.section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
+        html.page_section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
         _inputs(results),
         ends,
-        html.section(
+        html.page_section(
             "distributions",
             "How the metrics are distributed",
-            html.text(of_design, muted=True) if of_design else "",
+            html.paragraph_html(of_design, muted=True) if of_design else "",
             _of_the_rest(left_out, unranked),
             panels.chart(panels.distributions(sample, analyzed), "histograms of the metrics"),
             _spread(sample, analyzed),
@@ -215,10 +217,10 @@ def _effects_of(results: Results, metric: str, ranked: bool) -> list[Effect]:
 
 def _of_the_rest(left_out: LeftOut, unranked: frozenset[str]) -> str:
     """A line for each section whose figures hold for the rows that are left alone; "" where they are a fair sample."""
-    return html.text(f"{left_out.rest()}: see How the variants ended.") if unranked else ""
+    return html.paragraph_html(f"{left_out.rest()}: see How the variants ended.") if unranked else ""
 
 
-def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Mapping[str, str]) -> html.Section:
+def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Mapping[str, str]) -> html.PageSection:
     effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
@@ -230,8 +232,8 @@ def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Map
         if metric not in unranked:
             words = _verdict(results, metric, found, pairs[metric], chances[metric])
         lines.append(f"{_range(results, metric)}; {words}")
-    noted = html.table(("about the study", ""), list(notes.items())) if notes else ""
-    return html.section("summary", "In short", boxes + "</div>", html.bullets(lines) if lines else "", noted)
+    noted = html.table_html(("about the study", ""), list(notes.items())) if notes else ""
+    return html.page_section("summary", "In short", boxes + "</div>", html.bullets_html(lines) if lines else "", noted)
 
 
 def _range(results: Results, metric: str) -> str:
@@ -289,7 +291,7 @@ def _verdict(
     return f"{line}; {scatter}." if scatter else f"{line}."
 
 
-def _inputs(results: Results) -> html.Section:
+def _inputs(results: Results) -> html.PageSection:
     rows, tied = [], results.ties()
     for factor in results.factors:
         words = results.labels(factor)
@@ -305,7 +307,9 @@ def _inputs(results: Results) -> html.Section:
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
         note = "noise" if factor in results.noise else note
         rows.append((factor, unit, span, distinct, note))
-    return html.section("inputs", "What was varied", html.table(("factor", "unit", "range", "values", ""), rows))
+    return html.page_section(
+        "inputs", "What was varied", html.table_html(("factor", "unit", "range", "values", ""), rows)
+    )
 
 
 def _spread(results: Results, metrics: tuple[str, ...]) -> str:
@@ -315,17 +319,17 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
         axis = panels.Axis(results, metric)
         parts = [axis.text(value) for value in np.percentile(values, (0, 5, 50, 95, 100)).tolist()]
         rows.append((metric, axis.unit, *parts, len(values)))
-    return html.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
+    return html.table_html(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
 
-def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Section:
+def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.PageSection:
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
     shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in fair.values()]
     several = repeats(results)
     parts = [
-        html.text(
+        html.paragraph_html(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
             "few wild values do not move; the gray line is the mean of all. A factor explains the part of the variance "
             "that lies between its groups, less what as many groups take up by chance. It is not known where each "
@@ -333,21 +337,23 @@ def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Se
             muted=True,
         ),
         _of_the_rest(left_out, unranked),
-        html.heading("Scatter against effect"),
+        html.heading_html("Scatter against effect"),
         panels.chart(
             panels.scatter_shares(list(fair), shares, [chances[metric] for metric in fair]) if fair else [],
             "parts of the variance",
         ),
-        html.bullets(_error_line(results, m, chances[m]) for m in shown) if several else html.text(ALONE),
+        html.bullets_html(_error_line(results, m, chances[m]) for m in shown)
+        if several
+        else html.paragraph_html(ALONE),
     ]
     for metric, found in shown.items():
-        parts.append(html.heading(metric))
+        parts.append(html.heading_html(metric))
         means = panels.effects(results, metric, found, median_effects(results, metric), metric in fair)
         parts.append(panels.chart(means, f"main effects on {metric}"))
         sure = [one for one in pairs[metric] if one.sure and metric in fair]
-        parts.append(html.text(f"Significant: {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
+        parts.append(html.paragraph_html(f"Significant: {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
         parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
-    return html.section("effects", "Effects and interactions", *parts)
+    return html.page_section("effects", "Effects and interactions", *parts)
 
 
 ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
@@ -368,23 +374,25 @@ CORRELATED = 40
 """Metrics of the correlations, at most."""
 
 
-def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.Section | None:
+def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.rows_for(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
         return None
     both = correlation(results, usable[:CORRELATED])
-    return html.section(
+    return html.page_section(
         "correlation",
         "Correlation",
         rest,
-        html.text(
+        html.paragraph_html(
             f"Rank correlation: +1 where the metric always rises with the factor, -1 where it always falls. Values "
             f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
             muted=True,
         ),
         panels.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
-        html.text(f"The first {CORRELATED} of {len(usable)} metrics are shown.") if len(usable) > CORRELATED else "",
+        html.paragraph_html(f"The first {CORRELATED} of {len(usable)} metrics are shown.")
+        if len(usable) > CORRELATED
+        else "",
     )
 
 
@@ -399,22 +407,22 @@ def _surrogates(results: Results, metrics: tuple[str, ...]) -> dict[str, Surroga
     return found
 
 
-def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str) -> html.Section:
+def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str) -> html.PageSection:
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
             refused.append(str(found))
             continue
         checked = found.cross_validated()
-        parts.append(html.heading(f"{metric}: {found.words} of {found.rows} variants"))
+        parts.append(html.heading_html(f"{metric}: {found.words} of {found.rows} variants"))
         parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
         if checked.q2 < TRUSTED:
-            parts.append(html.text(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
-    return html.section(
+            parts.append(html.paragraph_html(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
+    return html.page_section(
         "surface",
         "Between the variants",
         rest,
-        html.text(
+        html.paragraph_html(
             "Surrogates of the metrics, cut along each factor with the others midway between their ends. The inner "
             "band is where the metric is with 95 %, the outer one where a single run would come out. Q\u00b2 tells how "
             "well variants left out one at a time are met: 1 is perfect, 0 no better than the mean. "
@@ -422,11 +430,11 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
             muted=True,
         ),
         *parts,
-        html.bullets(refused) if refused else "",
+        html.bullets_html(refused) if refused else "",
     )
 
 
-def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None) -> html.Section:
+def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None) -> html.PageSection:
     found: list[Indices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
@@ -438,17 +446,17 @@ def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], f
             continue
         found.append(indices)
         lines.append(f"{metric}: {words}.")
-    return html.section(
+    return html.page_section(
         "sobol",
         "Sobol' indices",
-        html.text(
+        html.paragraph_html(
             "The part of a metric's variance that each factor causes: alone, and together with its interactions. Where "
             "both bars are alike, the factor acts on its own.",
             muted=True,
         ),
         panels.chart(panels.indices(found) if found else [], "Sobol' indices of the metrics"),
-        html.bullets(lines),
-        html.text(_more(results, folder or "DIR")) if refused else "",
+        html.bullets_html(lines),
+        html.paragraph_html(_more(results, folder or "DIR")) if refused else "",
     )
 
 
@@ -468,14 +476,14 @@ def _more(results: Results, folder: str) -> str:
     )
 
 
-def _extremes(results: Results, metrics: tuple[str, ...], rest: str) -> html.Section:
+def _extremes(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.rows_for(metric))
         order = rows[np.argsort(results.values(metric)[rows], kind="stable")]
         ends = dict.fromkeys([*order[:EXTREMES].tolist(), *order[-EXTREMES:].tolist()])
-        parts += [html.heading(metric), rows_table(results, list(ends), (metric, *results.factors))]
-    return html.section("extremes", "Lowest and highest variants", *parts)
+        parts += [html.heading_html(metric), rows_table(results, list(ends), (metric, *results.factors))]
+    return html.page_section("extremes", "Lowest and highest variants", *parts)
 
 
 def write_report(

@@ -21,7 +21,7 @@ from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Worst
 from warpchain.study.store import write_text
-from warpchain.view.chosen import NEEDED
+from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
 SHOWN = 4
 """Most recorded variants that are taken where none are named."""
@@ -202,7 +202,7 @@ def recording_of(folder: str | Path, variant: int) -> tuple[Path, int] | Rerun:
         raise StudyError(
             f"variant {variant}: not in {path / 'results.parquet'}, which has {len(results.status)} variants"
         )
-    whole = set(NEEDED) <= set(study.record.channels)
+    whole = set(DRIVE_CHANNELS) <= set(study.record.channels)
     held = places(results) if whole and "archive" in results.table.column_names else {}
     if variant in held:
         name, number = held[variant]

@@ -19,21 +19,29 @@ from warpchain.results.signals import (
     peaks_over_time,
 )
 from warpchain.results.units import shown
-from warpchain.view.figures.style import LINES, PARTS, arrowed, curve, key, mark_teeth, panels
-from warpchain.view.palette import scale_top, tension_colormap
+from warpchain.view.figures.figure_style import (
+    LINE_COLORS,
+    SPROCKET_COLORS,
+    draw_curve,
+    draw_legend,
+    draw_tooth_orders,
+    panel_column,
+    strand_label,
+)
+from warpchain.view.palette import tension_colormap, tension_scale_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ROWS = 1200
+WATERFALL_ROWS = 1200
 """Spells of time that the waterfall is drawn in."""
-BIN = 1.0
+ANGLE_BIN = 1.0
 """Width of the bins of contact angles [degrees]."""
-DOTS = 20_000
+MOST_DOTS = 20_000
 """Most dots of one sprocket."""
 
 
-def telling_roller(trajectory: Trajectory) -> int:
+def hardest_pressed_roller(trajectory: Trajectory) -> int:
     """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
     sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     part = last_round(trajectory)
@@ -41,73 +49,77 @@ def telling_roller(trajectory: Trajectory) -> int:
     return int(np.argmax(by_guides if by_guides.max() > 0.0 else sprocket_force[part].max(axis=0)))
 
 
-def displacement_figure(trajectory: Trajectory) -> Figure:
+def strand_displacement_figure(trajectory: Trajectory) -> Figure:
     """Transverse displacement of every strand at mid-span over time (the paper's Figures 9 and 10)."""
     names = trajectory.drive.strand_names
     title = "Transverse displacement of each strand at mid-span"
-    figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory)
+    figure, axes = panel_column(len(names), 2.2 * len(names) + 0.9, title, trajectory)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
         values = strand_displacement(trajectory, k)
         unit, factor = shown("m", values)
         mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
-        curve(axis, trajectory.time, factor * values, color="tab:blue")
+        draw_curve(axis, trajectory.time, factor * values, color="tab:blue")
         axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
         axis.set_ylabel(f"displacement [{unit}]\n(left of travel +)")
-        axis.set_title(arrowed(name), loc="left", fontsize=10)
-        key(axis)
+        axis.set_title(strand_label(name), loc="left", fontsize=10)
+        draw_legend(axis)
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def guide_figure(trajectory: Trajectory) -> Figure:
+def guide_force_figure(trajectory: Trajectory) -> Figure:
     """Force of every guide-bar on the chain over time, and how many rollers it presses."""
     drive, forces = trajectory.drive, guide_forces(trajectory)
-    figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory)
+    figure, axes = panel_column(
+        2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory
+    )
     for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
         unit, factor = shown("N", force)
-        curve(above, trajectory.time, factor * force, color="tab:red")
+        draw_curve(above, trajectory.time, factor * force, color="tab:red")
         mean = factor * float(force.mean())
         above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
         above.set_ylabel(f"sum over rollers [{unit}]")
         above.set_title(guide.name, loc="left", fontsize=10)
-        key(above)
-        curve(below, trajectory.time, rollers, color="0.4")
+        draw_legend(above)
+        draw_curve(below, trajectory.time, rollers, color="0.4")
         below.set_ylabel("rollers in contact")
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def tension_figure(trajectory: Trajectory, link: int) -> Figure:
+def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
     """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
     whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     (tension,) = need(trajectory, "tension")
-    figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
+    figure, (axis,) = panel_column(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
     unit, factor = shown("N", tension[:, link])
-    curve(axis, trajectory.time, factor * tension[:, link], color="tab:blue")
+    draw_curve(axis, trajectory.time, factor * tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
-    _shade(axis, trajectory, link)
+    _shade_sprocket_spells(axis, trajectory, link)
     axis.set_xlabel("time [s]")
     axis.set_ylabel(f"link tension [{unit}]")
     return figure
 
 
-def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
+def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
     whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
-    figure, (above, below) = panels(2, 5.8, f"Contact forces on roller {roller} over the chain's last round", whole)
+    figure, (above, below) = panel_column(
+        2, 5.8, f"Contact forces on roller {roller} over the chain's last round", whole
+    )
     of_sprockets = above, sprocket_force, "sprockets", "tab:blue"
     for axis, forces, word, color in (of_sprockets, (below, guide_force, "guide-bars", "tab:red")):
         unit, factor = shown("N", forces[:, roller])
-        curve(axis, trajectory.time, factor * forces[:, roller], color=color)
+        draw_curve(axis, trajectory.time, factor * forces[:, roller], color=color)
         axis.set_ylabel(f"contact with {word} [{unit}]")
-    _shade(above, trajectory, roller)
+    _shade_sprocket_spells(above, trajectory, roller)
     below.set_xlabel("time [s]")
     return figure
 
 
-def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
+def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
     """Shades the spells that a roller is on each sprocket, with a legend."""
     on = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
@@ -119,21 +131,21 @@ def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
             named.add(s)
             last = min(frame + length, len(trajectory.time) - 1)
             span = trajectory.time[frame], trajectory.time[last]
-            axis.axvspan(*span, color=PARTS[s % len(PARTS)], alpha=0.15, lw=0, label=label)
+            axis.axvspan(*span, color=SPROCKET_COLORS[s % len(SPROCKET_COLORS)], alpha=0.15, lw=0, label=label)
         frame += length
-    key(axis)
+    draw_legend(axis)
 
 
-def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
+def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
     """Tension of every link over time, time running down: each row the maximum in a time bin.
 
     Args:
-        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+        top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
     """
     (tension,) = need(trajectory, "tension")
-    figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory)
-    _, rows = peaks_over_time(tension, ROWS)
-    top = scale_top([trajectory]) if top is None else top
+    figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory)
+    _, rows = peaks_over_time(tension, WATERFALL_ROWS)
+    top = tension_scale_top([trajectory]) if top is None else top
     unit, factor = shown("N", top)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
@@ -145,7 +157,7 @@ def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure
     return figure
 
 
-def spectrum_figure(trajectory: Trajectory) -> Figure | None:
+def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
     """Order spectra of strand tensions and transmission errors, tooth-passing orders marked; None where none can be."""
     groups = order_spectra(trajectory)
     if not groups:
@@ -153,34 +165,34 @@ def spectrum_figure(trajectory: Trajectory) -> Figure | None:
     drive = trajectory.drive
     driver = drive.sprockets[drive.driver]
     title = "Order spectra, latter half of the run"
-    figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, trajectory)
+    figure, axes = panel_column(len(groups), 3.4 * len(groups) + 0.9, title, trajectory)
     for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
         for k, one in enumerate(spectra):
-            color = LINES[k % len(LINES)]
-            axis.semilogy(one.orders, one.amplitude, lw=0.8, color=color, label=arrowed(one.name))
-        mark_teeth(axis, driver.teeth)
+            color = LINE_COLORS[k % len(LINE_COLORS)]
+            axis.semilogy(one.orders, one.amplitude, lw=0.8, color=color, label=strand_label(one.name))
+        draw_tooth_orders(axis, driver.teeth)
         peak = max(float(one.amplitude.max()) for one in spectra)
         if peak > 0.0:
             axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
         axis.set_xlim(0.0, (TOOTH_PASSINGS + 0.5) * driver.teeth)
         axis.set_ylabel(f"amplitude of\n{label}")
-        key(axis)
+        draw_legend(axis)
     axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
     return figure
 
 
-def angle_figure(trajectory: Trajectory) -> Figure:
+def contact_angle_figure(trajectory: Trajectory) -> Figure:
     """Contact force on the rollers against the angle since they reached each sprocket, latter half of the run."""
     drive = trajectory.drive
     count = len(drive.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"
-    figure, axes = panels(count, 2.5 * count + 0.9, title, trajectory, share=False)
+    figure, axes = panel_column(count, 2.5 * count + 0.9, title, trajectory, share=False)
     every = [contact_angles(trajectory, s) for s in range(count)]
     unit, factor = shown("N", max(float(found.force.max(initial=0.0)) for found in every))
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
         found = every[s]
         angle, force = np.degrees(found.angle), factor * found.force
-        thin = slice(None, None, max(len(angle) // DOTS, 1))
+        thin = slice(None, None, max(len(angle) // MOST_DOTS, 1))
         axis.plot(
             angle[thin],
             force[thin],
@@ -191,7 +203,7 @@ def angle_figure(trajectory: Trajectory) -> Figure:
             label="rollers at single frames, thinned out",
         )
         low, high = -1.5 * np.degrees(found.pitch), np.degrees(found.wrap + 1.5 * found.pitch)
-        edges = np.arange(low, high + BIN, BIN)
+        edges = np.arange(low, high + ANGLE_BIN, ANGLE_BIN)
         at = np.digitize(angle, edges) - 1
         centers = 0.5 * (edges[:-1] + edges[1:])
         top = 0.0
@@ -205,6 +217,6 @@ def angle_figure(trajectory: Trajectory) -> Figure:
         axis.set_ylim(0.0, 1.05 * top or 1.0)
         axis.set_ylabel(f"contact force [{unit}]")
         axis.set_title(f"{sprocket.name}, {sprocket.teeth} teeth", loc="left", fontsize=10)
-    key(axes[0])
+    draw_legend(axes[0])
     axes[-1].set_xlabel("angle since the roller reached the sprocket, in the direction of travel [degrees]")
     return figure

@@ -28,9 +28,9 @@ from warpchain.results.scene import (
     turned,
 )
 from warpchain.results.units import shown
-from warpchain.view.figures.labels import spread
-from warpchain.view.figures.style import about
-from warpchain.view.palette import scale_top, tension_colormap
+from warpchain.view.figures.figure_style import run_line
+from warpchain.view.figures.label_placement import move_labels
+from warpchain.view.palette import tension_colormap, tension_scale_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 
 STEEL, CHAIN, RUBBER = "0.45", "tab:blue", "tab:brown"
-STYLES: dict[str, dict[str, Any]] = {
+PART_STYLES: dict[str, dict[str, Any]] = {
     "teeth": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 0},
     "guide": {"color": RUBBER, "lw": 3, "zorder": 2},
     "arm": {"color": STEEL, "lw": 1.5, "zorder": 1},
@@ -57,7 +57,7 @@ def drive_figure(
     Args:
         of: the drive, or the trajectory.
         frame: which; None is three quarters through.
-        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+        top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
         size: of the drive's longer side [in].
 
     Raises:
@@ -70,24 +70,24 @@ def drive_figure(
     largest = 0.0
     if isinstance(of, Drive):
         title = "Layout at t = 0"
-        chains = [_at_start(ring.drive) for ring in rings_of(of)]
+        chains = [_chain_at_start(ring.drive) for ring in rings_of(of)]
     else:
         need(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
         title = f"At {of.time[f]:.4g} s"
         each = list(chain_trajectories(of).values())
-        chains = [_Chain(one.drive, pose_at_frame(one, f), need(one, "position")[0][f]) for one in each]
-        arrows, largest = _arrows(each, f)
+        chains = [_PosedChain(one.drive, pose_at_frame(one, f), need(one, "position")[0][f]) for one in each]
+        arrows, largest = _contact_force_arrows(each, f)
     line = np.concatenate([chain.line for chain in chains])
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
     parts = [[*teeth_at(chain.drive, chain.pose, 4), *parts_at(chain.drive, chain.pose)] for chain in chains]
-    travel = [arm_travel(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
+    travel = [arm_stop_lines(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
     points: list[Array] = [part.points for of_chain in parts for part in of_chain]
     points += [reached for of_chain in travel for reached in of_chain]
-    low, high = _extent([line, *points, *(line + reach * force for force in arrows)])
+    low, high = _drawing_corners([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
     unit, factor = shown("m", span)
-    figure = PlainFigure(figsize=_size(float(span[1] / span[0]), size), layout="constrained")
+    figure = PlainFigure(figsize=_figure_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
     for chain, mine, reached in zip(chains, parts, travel, strict=True):
         draw_parts(axis, chain.drive, chain.pose, mine, factor)
@@ -95,30 +95,30 @@ def drive_figure(
             draw_dimensions(axis, chain.drive, chain.pose, reached, factor)
     lines = [chain.line for chain in chains]
     if isinstance(of, Trajectory) and of.tension is not None:
-        color_chain(axis, lines, of.tension[f], scale_top([of]) if top is None else top, factor)
+        draw_tension_chain(axis, lines, of.tension[f], tension_scale_top([of]) if top is None else top, factor)
     else:
         for loop in lines:
             axis.plot(*factor * np.vstack([loop, loop[:1]]).T, color=CHAIN, lw=2, zorder=3)
     if arrows:
-        draw_arrows(axis, line, arrows, reach, factor)
+        draw_contact_arrows(axis, line, arrows, reach, factor)
         word, share = shown("N", largest)
         axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
         title = title.replace("At", "Forces on the chain at")
         figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
     axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
-    words = textwrap.fill(about(of), int(LETTERS * figure.get_figwidth()))
+    words = textwrap.fill(run_line(of), int(TITLE_LETTERS * figure.get_figwidth()))
     axis.set_title(f"{title}\n{words}", fontsize=11)
     if isinstance(of, Drive):
-        spread(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
+        move_labels(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
     return figure
 
 
-LETTERS = 9.0
+TITLE_LETTERS = 9.0
 """Letters of a title in an inch of a figure's width, beside the scale of colors."""
 
 
-class _Chain(NamedTuple):
+class _PosedChain(NamedTuple):
     """A chain of a drive, as a drive of its own, how it stands and the rollers' centers [m]."""
 
     drive: Drive
@@ -126,10 +126,10 @@ class _Chain(NamedTuple):
     line: Array
 
 
-def _at_start(drive: Drive) -> _Chain:
+def _chain_at_start(drive: Drive) -> _PosedChain:
     """A chain as it is laid."""
     path = chain_path(drive)
-    return _Chain(drive, pose_at_start(drive, path), chain_line(drive, path))
+    return _PosedChain(drive, pose_at_start(drive, path), chain_line(drive, path))
 
 
 def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: float) -> None:
@@ -139,7 +139,7 @@ def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: f
     halo: Any = {"path_effects": [withStroke(linewidth=2.0, foreground="white")], "zorder": 5}
     middle = factor * float(np.mean(pose.center[:, 0]))
     for part in parts:
-        style, points = STYLES[part.kind], factor * part.points
+        style, points = PART_STYLES[part.kind], factor * part.points
         (axis.fill if "fc" in style else axis.plot)(*points.T, **style)
         below: Any = {"xytext": (0, -4), "textcoords": "offset points", "va": "top", "fontsize": 8, **halo}
         if part.kind == "guide":
@@ -151,11 +151,11 @@ def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: f
     for arm in drive.arms:
         axis.plot(*np.multiply(factor, arm.pivot), "o", color=STEEL, ms=5, zorder=2)
     for sprocket, center in zip(drive.sprockets, factor * pose.center, strict=True):
-        below = {"xytext": (0, -LINE * written(axis, center)), "textcoords": "offset points"}
+        below = {"xytext": (0, -TEXT_SPACE * text_count_at(axis, center)), "textcoords": "offset points"}
         axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **below, **halo)
 
 
-def color_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
+def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
     """Draws links of chains in the color of their tension, with the scale of colors up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
@@ -168,7 +168,7 @@ def color_chain(axis: Any, chains: list[Array], tension: Array, top: float, fact
     axis.figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
 
 
-def draw_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
+def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
     """Draws contact forces of sprockets and guide-bars on rollers, `reach` meters to a newton."""
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
@@ -179,7 +179,7 @@ def draw_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, f
             axis.plot([], [], color=color, lw=1.5, label=label)
 
 
-def _arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
+def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
     """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars, and the largest [N]; none where not recorded."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
@@ -189,7 +189,7 @@ def _arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
     return arrows, max(float(np.hypot(*force.T).max()) for force in arrows)
 
 
-def _extent(lines: list[Array]) -> tuple[Array, Array]:
+def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
     """Lower left and upper right corner [m] of all that is drawn, with room around."""
     points = np.concatenate(lines)
     points = points[np.isfinite(points).all(axis=1)]
@@ -198,15 +198,15 @@ def _extent(lines: list[Array]) -> tuple[Array, Array]:
     return low - room, high + room
 
 
-def _size(tall: float, size: float) -> tuple[float, float]:
+def _figure_size(tall: float, size: float) -> tuple[float, float]:
     """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
     wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
     return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
 
 
-LINE = 17.0
+TEXT_SPACE = 17.0
 """Space that a text at a sprocket takes [pt]."""
-TRAVEL: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
+TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
 def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], factor: float) -> None:
@@ -216,7 +216,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         axis: of the picture.
         drive: a drive of one chain.
         pose: where its bodies stand.
-        travel: lines of `arm_travel`.
+        travel: lines of `arm_stop_lines`.
         factor: units of the axes in a meter.
     """
     from matplotlib.patheffects import withStroke
@@ -231,19 +231,19 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
 
     for s, (sprocket, center) in enumerate(zip(drive.sprockets, pose.center, strict=True)):
         wrap = math.degrees(float(path.wrap_angle[s]))
-        text = f"{sprocket.teeth} teeth, r {_length(drive.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
-        write(text, center, 0.0, -7.0 - LINE * (written(axis, factor * center) - 1), va="top")
+        text = f"{sprocket.teeth} teeth, r {_length_text(drive.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
+        write(text, center, 0.0, -7.0 - TEXT_SPACE * (text_count_at(axis, factor * center) - 1), va="top")
     for g in range(len(drive.guides)):
         face, a = drive.profile(g), drive.arm_of(g)
-        radii = dict.fromkeys(_length(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
+        radii = dict.fromkeys(_length_text(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
         place, heading = face.at(0.3 * face.face_length)
         at = np.array(place)
         if a is not None:
             at, heading = turned(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
         x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
-        text = f"R {', '.join(radii)}" if radii else _length(face.face_length)
+        text = f"R {', '.join(radii)}" if radii else _length_text(face.face_length)
         write(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
-    for k, text in enumerate(_strands(drive, path.strand_length / path.pitch)):
+    for k, text in enumerate(_strand_texts(drive, path.strand_length / path.pitch)):
         mid = 0.5 * (path.strand_start[k] + path.strand_end[k])
         x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
         write(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
@@ -253,10 +253,10 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
         write(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
     for points in travel:
-        axis.plot(*factor * points.T, **TRAVEL)
+        axis.plot(*factor * points.T, **TRAVEL_STYLE)
 
 
-def arm_travel(drive: Drive, pose: Pose) -> list[Array]:
+def arm_stop_lines(drive: Drive, pose: Pose) -> list[Array]:
     """Lines of the arms and of the guides on them, on either stop [m]."""
     lines: list[Array] = []
     for a, arm in enumerate(drive.arms):
@@ -269,12 +269,12 @@ def arm_travel(drive: Drive, pose: Pose) -> list[Array]:
     return lines
 
 
-def written(axis: Any, point: Any) -> int:
+def text_count_at(axis: Any, point: Any) -> int:
     """Number of texts that stand at a point of a picture: sprockets of several chains may have one center."""
     return sum(np.allclose(text.xy, point) for text in axis.texts)
 
 
-def _strands(drive: Drive, pitches: Any) -> list[str]:
+def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
     """Links of each strand; its length in pitches where the chain does not fit."""
     try:
         return [f"{links} links" for links in assemble(drive).strand_links]
@@ -282,7 +282,7 @@ def _strands(drive: Drive, pitches: Any) -> list[str]:
         return [f"{length:.2f} pitches" for length in pitches]
 
 
-def _length(meters: float) -> str:
+def _length_text(meters: float) -> str:
     """A length with its unit, to four figures."""
     unit, factor = shown("m", meters)
     return f"{factor * meters:.4g} {unit}"

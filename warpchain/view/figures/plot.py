@@ -9,39 +9,39 @@ from typing import TYPE_CHECKING
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Run, Trajectory
-from warpchain.view.chosen import recorded
 from warpchain.view.figures.chain_figures import (
-    angle_figure,
-    contact_figure,
-    displacement_figure,
-    guide_figure,
-    spectrum_figure,
-    telling_roller,
-    tension_figure,
-    waterfall_figure,
+    contact_angle_figure,
+    guide_force_figure,
+    hardest_pressed_roller,
+    link_tension_figure,
+    order_spectrum_figure,
+    roller_contact_figure,
+    strand_displacement_figure,
+    tension_waterfall_figure,
 )
 from warpchain.view.figures.drive_figure import drive_figure
-from warpchain.view.figures.style import save_figures
-from warpchain.view.figures.sweep import SIGNALS, campbell_figure, sweeps
-from warpchain.view.palette import Scale, scale_top
+from warpchain.view.figures.figure_style import save_figures
+from warpchain.view.figures.sweep import STRAND_SIGNALS, campbell_figure, speed_sweeps
+from warpchain.view.palette import ScaleTop, tension_scale_top
+from warpchain.view.recorded_variants import recorded_variant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
     "drive": lambda t, _, top: drive_figure(t, top=top),
-    "strand-displacement": lambda t, *_: displacement_figure(t),
-    "link-tension": lambda t, roller, _: tension_figure(t, roller),
-    "contact-forces": lambda t, roller, _: contact_figure(t, roller),
-    "guide-force": lambda t, *_: guide_figure(t) if t.drive.guides else None,
-    "tension-waterfall": lambda t, _, top: waterfall_figure(t, top),
-    "order-spectrum": lambda t, *_: spectrum_figure(t),
-    "contact-angle": lambda t, *_: angle_figure(t),
+    "strand-displacement": lambda t, *_: strand_displacement_figure(t),
+    "link-tension": lambda t, roller, _: link_tension_figure(t, roller),
+    "contact-forces": lambda t, roller, _: roller_contact_figure(t, roller),
+    "guide-force": lambda t, *_: guide_force_figure(t) if t.drive.guides else None,
+    "tension-waterfall": lambda t, _, top: tension_waterfall_figure(t, top),
+    "order-spectrum": lambda t, *_: order_spectrum_figure(t),
+    "contact-angle": lambda t, *_: contact_angle_figure(t),
 }
 """Figures of a variant, a roller and the tension at the colors' red end [N], by name; None where there is nothing to
 draw: no guide-bar, or too short a run for orders."""
 
-RESONANCES = 8.0
+RESONANCE_MULTIPLE = 8.0
 """Multiple of the highest first transverse frequency up to which resonances are shown."""
 
 
@@ -50,38 +50,40 @@ def draw_figures(
     variant: int | None = None,
     only: Sequence[str] = (),
     roller: int | None = None,
-    scale: Scale = None,
+    scale: ScaleTop = None,
 ) -> dict[str, Figure]:
     """The figures of one variant by name, as notebooks show them; arguments and errors are those of `plot_figures`."""
     for name in only:
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
-    whole = recorded(source, variant).trajectory
+    whole = recorded_variant(source, variant).trajectory
     if whole.drive.chains:
-        return _of_chains(whole, only, roller, scale)
-    return _figures(whole, only, roller, scale)
+        return _figures_by_chain(whole, only, roller, scale)
+    return _figures_of_chain(whole, only, roller, scale)
 
 
-def _of_chains(whole: Trajectory, only: Sequence[str], roller: int | None, scale: Scale) -> dict[str, Figure]:
+def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop) -> dict[str, Figure]:
     """The figures of each chain, by its name and theirs; that of the drive has all chains."""
     drawn: dict[str, Figure] = {}
     chosen = only or tuple(FIGURES)
     if "drive" in chosen:
-        drawn["drive"] = drive_figure(whole, top=scale_top([whole], scale))
+        drawn["drive"] = drive_figure(whole, top=tension_scale_top([whole], scale))
     rest = [name for name in chosen if name != "drive"]
     for chain, trajectory in chain_trajectories(whole).items() if rest else ():
-        found = _figures(trajectory, rest, roller, scale)
+        found = _figures_of_chain(trajectory, rest, roller, scale)
         drawn |= {f"{chain} {name}": figure for name, figure in found.items()}
     return drawn
 
 
-def _figures(trajectory: Trajectory, only: Sequence[str], roller: int | None, scale: Scale) -> dict[str, Figure]:
+def _figures_of_chain(
+    trajectory: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop
+) -> dict[str, Figure]:
     """The figures of a chain by name."""
     if roller is None:
-        roller = telling_roller(trajectory)
+        roller = hardest_pressed_roller(trajectory)
     if not 0 <= roller < trajectory.drive.chain.links:
         raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
-    top = scale_top([trajectory], scale)
+    top = tension_scale_top([trajectory], scale)
     drawn = {name: FIGURES[name](trajectory, roller, top) for name in only or FIGURES}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
@@ -93,7 +95,7 @@ def plot_figures(
     kind: str | Sequence[str] = "png",
     only: Sequence[str] = (),
     roller: int | None = None,
-    scale: Scale = None,
+    scale: ScaleTop = None,
 ) -> list[Path]:
     """Draws the figures of one variant.
 
@@ -131,17 +133,17 @@ def plot_sweep(
 
 def draw_sweep(sources: Sequence[Run | str | Path]) -> dict[str, Figure]:
     """Draws Campbell diagrams over all recorded variants of runs or archives: strand displacement, once more up to
-    `RESONANCES` times the first transverse frequency, and strand tension.
+    `RESONANCE_MULTIPLE` times the first transverse frequency, and strand tension.
 
     Raises:
         ArchiveError: an archive that cannot be read.
         SimulationError: fewer than two speeds, drives of unlike topology, or a channel that was not recorded.
     """
     figures = {}
-    for signal in SIGNALS:
-        found = sweeps(sources, signal)
+    for signal in STRAND_SIGNALS:
+        found = speed_sweeps(sources, signal)
         figures[f"campbell-{signal}"] = campbell_figure(found)
         natural = max(float(sweep.natural.max()) for sweep in found if sweep.natural is not None)
         if signal == "displacement" and natural > 0.0:
-            figures["campbell-resonance"] = campbell_figure(found, RESONANCES * natural)
+            figures["campbell-resonance"] = campbell_figure(found, RESONANCE_MULTIPLE * natural)
     return figures

@@ -16,15 +16,22 @@ from warpchain.results.measured import Comparison
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import SPECTRUM_FLOOR, TOOTH_PASSINGS
 from warpchain.results.units import shown
-from warpchain.view.figures.style import LINES, arrowed, curve, key, mark_teeth, panels
+from warpchain.view.figures.figure_style import (
+    LINE_COLORS,
+    draw_curve,
+    draw_legend,
+    draw_tooth_orders,
+    panel_column,
+    strand_label,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
-KINDS = (("simulated", "tab:blue"), ("measured", "tab:orange"))
+SIGNAL_COLORS = (("simulated", "tab:blue"), ("measured", "tab:orange"))
 BAR, MILLI = 1e-5, 1e3
-SHOWN = 2
+SHOWN_CYCLES = 2
 """Cycles that are drawn over time, the last ones."""
 
 
@@ -37,44 +44,44 @@ def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
         signals = [(t[(t >= first) & (t <= last)], values[(t >= first) & (t <= last)]) for t, values in signals]
     unit, factor = shown(measured.unit, *(values for _, values in signals))
     spectra = any(spectrum is not None for spectrum in found.spectra)
-    title = f"{arrowed(measured.name)}: simulated and measured"
-    figure, axes = panels(1 + spectra, 3.6 + 3.4 * spectra, title, trajectory, share=False)
-    for (word, color), (time, values) in zip(KINDS, signals, strict=True):
-        curve(axes[0], time, factor * values, color=color, label=word)
+    title = f"{strand_label(measured.name)}: simulated and measured"
+    figure, axes = panel_column(1 + spectra, 3.6 + 3.4 * spectra, title, trajectory, share=False)
+    for (word, color), (time, values) in zip(SIGNAL_COLORS, signals, strict=True):
+        draw_curve(axes[0], time, factor * values, color=color, label=word)
     axes[0].set_xlabel("time [s]")
     quantity = measured.name.rsplit(".", 1)[-1]
     axes[0].set_ylabel(f"{quantity} [{unit}]")
-    key(axes[0])
+    draw_legend(axes[0])
     if spectra:
-        _draw_orders(axes[1], trajectory.drive, found, factor)
+        _draw_order_spectra(axes[1], trajectory.drive, found, factor)
         axes[1].set_ylabel(f"amplitude of {quantity} [{unit}]")
     return figure
 
 
-def _draw_orders(axis: Any, drive: Drive, found: Comparison, factor: float) -> None:
+def _draw_order_spectra(axis: Any, drive: Drive, found: Comparison, factor: float) -> None:
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth
     peak = 0.0
-    for (word, color), spectrum in zip(KINDS, found.spectra, strict=True):
+    for (word, color), spectrum in zip(SIGNAL_COLORS, found.spectra, strict=True):
         if spectrum is not None:
             shown = (spectrum[0] > 0.0) & (spectrum[0] <= last)
             amplitude = factor * spectrum[1][shown]
-            curve(axis, spectrum[0][shown], amplitude, color=color, label=word)
+            draw_curve(axis, spectrum[0][shown], amplitude, color=color, label=word)
             peak = max(peak, float(amplitude.max(initial=0.0)))
-    mark_teeth(axis, driver.teeth)
+    draw_tooth_orders(axis, driver.teeth)
     if peak > 0.0:
         axis.set_yscale("log")
         axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
     axis.set_xlim(0.0, last)
     axis.set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
-    key(axis)
+    draw_legend(axis)
 
 
-def _columns(table: pa.Table) -> dict[str, NDArray[np.float64]]:
+def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
     return {name: np.asarray(table[name]) for name in table.column_names}
 
 
-def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
+def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
     """Force over displacement in the last cycle, and pressure (without oil: force) and valve lift over the last two.
 
     Args:
@@ -86,21 +93,21 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
     figure = PlainFigure(figsize=(11.0, 5.2), layout="constrained")
     axes = figure.subplot_mosaic([["loop", "pressure"], ["loop", "lift"]], width_ratios=[1.15, 1.0])
     loop, pressure, lift = axes["loop"], axes["pressure"], axes["lift"]
-    oil = any(_columns(table)["pressure"].any() for table in tables.values())
-    colors = _colors(len(tables))
+    oil = any(_arrays_by_column(table)["pressure"].any() for table in tables.values())
+    colors = _ride_colors(len(tables))
     for (label, table), color in zip(tables.items(), colors, strict=True):
-        of = _columns(table)
+        of = _arrays_by_column(table)
         cycle = (len(of["time"]) - 1) // cycles
         last = slice(-cycle - 1, None)
         loop.plot(MILLI * of["extension"][last], of["force"][last], color=color, lw=1.3, label=label)
-        _arrow(loop, MILLI * of["extension"][last], of["force"][last], color)
-        shown = slice(-min(SHOWN, cycles) * cycle - 1, None)
+        _draw_loop_arrow(loop, MILLI * of["extension"][last], of["force"][last], color)
+        shown = slice(-min(SHOWN_CYCLES, cycles) * cycle - 1, None)
         turns = np.arange(len(of["time"]))[shown] / cycle
         upper = BAR * of["pressure"] if oil else of["force"]
         pressure.plot(turns, upper[shown], color=color, lw=1.1)
         lift.plot(turns, MILLI * of["valve_lift"][shown], color=color, lw=1.1)
     loop.set(xlabel="extension [mm], out \N{RIGHTWARDS ARROW}", ylabel="force [N]", title="last cycle")
-    last_cycles = f"last {min(SHOWN, cycles)} cycles" if cycles > 1 else "the cycle"
+    last_cycles = f"last {min(SHOWN_CYCLES, cycles)} cycles" if cycles > 1 else "the cycle"
     pressure.set(ylabel="pressure [bar]" if oil else "force [N]", title=last_cycles)
     lift.set(xlabel="cycle", ylabel="valve lift [mm]")
     lift.sharex(pressure)
@@ -112,7 +119,7 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
     return figure
 
 
-def _arrow(axis: Any, x: NDArray[np.float64], y: NDArray[np.float64], color: Any) -> None:
+def _draw_loop_arrow(axis: Any, x: NDArray[np.float64], y: NDArray[np.float64], color: Any) -> None:
     """Which way round a loop goes, in the middle of the way in."""
     at = int(np.argmax(np.abs(np.diff(y)))) + 1
     axis.annotate(
@@ -123,7 +130,7 @@ def _arrow(axis: Any, x: NDArray[np.float64], y: NDArray[np.float64], color: Any
     )
 
 
-PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
+SWEEP_PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
     ("force", "force [N]", (("force_max", "-"), ("force_min", "--")), 1.0),
     ("pressure", "pressure [bar]", (("pressure_max", "-"), ("pressure_min", "--")), BAR),
     ("work", "energy [J/cycle]", (("work", "-"),), 1.0),
@@ -132,7 +139,7 @@ PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
 """Panels of a sweep: what it is, its label, the columns with their line styles, and the unit's factor."""
 
 
-def sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
+def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
     """Extremes of force and pressure, work and leakage of the last cycle over what is swept.
 
     Args:
@@ -144,10 +151,10 @@ def sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, t
 
     figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True).ravel()
-    colors = _colors(len(rides))
-    for panel, (name, label, columns, factor) in zip(axes, PANELS, strict=True):
+    colors = _ride_colors(len(rides))
+    for panel, (name, label, columns, factor) in zip(axes, SWEEP_PANELS, strict=True):
         for (who, table), color in zip(rides.items(), colors, strict=True):
-            of = _columns(table)
+            of = _arrays_by_column(table)
             for column, style in columns:
                 panel.plot(x, factor * of[column], style, color=color, lw=1.3, label=who if style == "-" else None)
         heads = {"force": "largest and smallest (dashed) force", "pressure": "largest and smallest (dashed) pressure"}
@@ -168,10 +175,10 @@ def sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, t
     return figure
 
 
-def _colors(count: int) -> list[Any]:
+def _ride_colors(count: int) -> list[Any]:
     """A color a curve: the palette's, or along a map where there are more."""
-    if count <= len(LINES):
-        return list(LINES[:count])
+    if count <= len(LINE_COLORS):
+        return list(LINE_COLORS[:count])
     from matplotlib import colormaps
 
     return [colormaps["viridis"](k / (count - 1)) for k in range(count)]

@@ -19,33 +19,33 @@ from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import amplitude_spectrum, forward, latter_half, strand_tension, transverse_frequency
 from warpchain.results.units import shown
-from warpchain.view.figures.style import LINES, Array, arrowed, panels, rpm
+from warpchain.view.figures.figure_style import LINE_COLORS, Array, panel_column, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PASSINGS = 3
+TOOTH_MULTIPLES = 3
 """Multiples of the tooth-passing frequency that are marked."""
-DECADES = 3.0
+COLOR_DECADES = 3.0
 """Decades of amplitude that the colors span."""
 
-SIGNALS: dict[str, tuple[str, Callable[[Trajectory, int], NDArray[np.float64]]]] = {
+STRAND_SIGNALS: dict[str, tuple[str, Callable[[Trajectory, int], NDArray[np.float64]]]] = {
     "displacement": ("displacement at mid-span [mm]", lambda t, k: 1e3 * strand_displacement(t, k)),
     "tension": ("tension at mid-strand [N]", strand_tension),
 }
 """Signals of a strand, with their titles."""
-FEWEST = 6
+FEWEST_BLOCKS = 6
 """Blocks that a run-up must have."""
-RISE = 1.25
+LEAST_RISE = 1.25
 """Fastest over slowest block from which a run counts as one over speeds."""
-MOST = 6
+MOST_ORDERS = 6
 """Orders that are cut."""
-USUAL = (2.0, 4.0, 0.5, 1.0)
+USUAL_ORDERS = (2.0, 4.0, 0.5, 1.0)
 """Orders that are cut where motions and loads excite fewer."""
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SpeedSweep:
     """Spectra of one signal over speeds.
 
     Attributes:
@@ -69,11 +69,11 @@ class Sweep:
     excited: Sequence[float] = ()
 
 
-def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") -> list[Sweep]:
+def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") -> list[SpeedSweep]:
     """The spectra of every strand over the recorded variants of runs or archives that are ok, in the latter halves.
 
     Args:
-        signal: one of `SIGNALS`.
+        signal: one of `STRAND_SIGNALS`.
 
     Raises:
         ArchiveError: an archive that cannot be read.
@@ -81,9 +81,9 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
     """
     from warpchain.archive import read_archive
 
-    if signal not in SIGNALS:
-        raise SimulationError(f"signal {signal!r}: allowed are {', '.join(SIGNALS)}")
-    label, values_of = SIGNALS[signal]
+    if signal not in STRAND_SIGNALS:
+        raise SimulationError(f"signal {signal!r}: allowed are {', '.join(STRAND_SIGNALS)}")
+    label, values_of = STRAND_SIGNALS[signal]
     runs = [source if isinstance(source, Run) else read_archive(source) for source in sources]
     found = [run[variant] for run in runs for variant in run if run.ok[run.row_of(variant)]]
     for trajectory in found:
@@ -91,8 +91,8 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
     alike = {(t.drive.strand_names, t.drive.sprockets[t.drive.driver].teeth) for t in found}
     if len(alike) > 1:
         raise SimulationError("a sweep over speed needs variants with the same strands and teeth of the driver")
-    found.sort(key=_speed)
-    speeds = np.array([_speed(trajectory) for trajectory in found])
+    found.sort(key=_driver_rpm)
+    speeds = np.array([_driver_rpm(trajectory) for trajectory in found])
     if len(np.unique(speeds)) < 2:
         held = f"{len(found)} recorded, all of one speed" if len(found) > 1 else f"{len(found)} recorded"
         raise SimulationError(f"a sweep over speed needs recorded variants of two speeds or more: {held}")
@@ -108,22 +108,24 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
         frequency, amplitude = zip(*lines, strict=True)
         teeth = drive.sprockets[drive.driver].teeth
         orders = [order.value for order in excited_orders(drive)]
-        result.append(Sweep(arrowed(name), label, speeds, frequency, amplitude, teeth, np.array(natural), orders))
+        result.append(
+            SpeedSweep(strand_label(name), label, speeds, frequency, amplitude, teeth, np.array(natural), orders)
+        )
     return result
 
 
-def _speed(trajectory: Trajectory) -> float:
+def _driver_rpm(trajectory: Trajectory) -> float:
     """Mean speed of the driver over the latter half [rpm]."""
     (sprocket_speed,) = need(trajectory, "sprocket_speed")
     part = sprocket_speed[latter_half(trajectory), trajectory.drive.driver]
-    return rpm(float(abs(part.mean())))
+    return rpm_of_speed(float(abs(part.mean())))
 
 
-def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Figure:
+def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -> Figure:
     """Spectra over speed, one panel a sweep: amplitude as color, tooth-passing and natural frequencies as lines.
 
     Args:
-        highest: upper end of the frequency axis [Hz]; None shows `PASSINGS` tooth passings at the highest speed.
+        highest: upper end of the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings at the highest speed.
 
     Raises:
         SimulationError: nothing to draw.
@@ -133,21 +135,25 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
     if not found:
         raise SimulationError("no spectra: nothing to draw")
     title = f"Campbell diagram: {found[0].label} over the driver's speed"
-    figure, axes = panels(len(found), 3.3 * len(found) + 0.7, title, None)
+    figure, axes = panel_column(len(found), 3.3 * len(found) + 0.7, title, None)
     for axis, sweep in zip(axes, found, strict=True):
         passing = sweep.teeth * sweep.speed[-1] / 60.0
-        top = min((PASSINGS + 0.3) * passing if highest is None else highest, min(f[-1] for f in sweep.frequency))
+        top = min(
+            (TOOTH_MULTIPLES + 0.3) * passing if highest is None else highest, min(f[-1] for f in sweep.frequency)
+        )
         even = np.linspace(0.0, top, 600)
-        image = np.stack([_largest(even, f, a) for f, a in zip(sweep.frequency, sweep.amplitude, strict=True)], axis=1)
+        image = np.stack(
+            [_spectrum_on_grid(even, f, a) for f, a in zip(sweep.frequency, sweep.amplitude, strict=True)], axis=1
+        )
         peak = max(float(image[1:].max()), 1e-300)
         middles = 0.5 * (sweep.speed[:-1] + sweep.speed[1:])
         ends = 1.5 * sweep.speed[[0, -1]] - 0.5 * sweep.speed[[1, -2]]
         edges = np.concatenate([ends[:1], middles, ends[1:]])
         up = np.append(even - 0.5 * even[1], even[-1] + 0.5 * even[1])
-        norm = LogNorm(peak * 10.0**-DECADES, peak)
+        norm = LogNorm(peak * 10.0**-COLOR_DECADES, peak)
         mesh = axis.pcolormesh(edges, up, np.maximum(image, 1e-300), norm=norm, cmap="viridis", rasterized=True)
         figure.colorbar(mesh, ax=axis, label=f"amplitude of\n{sweep.label}", extend="min")
-        for k in range(1, PASSINGS + 1):
+        for k in range(1, TOOTH_MULTIPLES + 1):
             words = f"tooth passing, multiples of {sweep.teeth} per revolution" if k == 1 else None
             axis.plot(sweep.speed, k * sweep.teeth * sweep.speed / 60.0, "--", lw=1.0, color="white", label=words)
         for order in sweep.excited:
@@ -155,7 +161,7 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
             axis.plot(sweep.speed, order * sweep.speed / 60.0, ":", lw=1.2, color="white", label=words)
         if sweep.natural is not None:
             words = "first transverse frequency at the mean tension, chain moving"
-            axis.plot(sweep.speed, sweep.natural, "o-", ms=3, lw=1.0, color=LINES[3], label=words)
+            axis.plot(sweep.speed, sweep.natural, "o-", ms=3, lw=1.0, color=LINE_COLORS[3], label=words)
         axis.set_ylim(0.0, top)
         axis.grid(False)
         axis.set_ylabel("frequency [Hz]")
@@ -167,7 +173,7 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
     return figure
 
 
-def _largest(
+def _spectrum_on_grid(
     even: NDArray[np.float64], frequency: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """A spectrum on even frequencies: the largest line near each, between lines the nearest one."""
@@ -182,7 +188,7 @@ def _largest(
     return out
 
 
-def telling_orders(drive: Drive) -> list[float]:
+def run_up_orders(drive: Drive) -> list[float]:
     """Orders of the driver to be cut: what harmonics of motions and loads excite, tooth passing and its half."""
     from warpchain.assembly.table_cells import shaft_ratio
 
@@ -194,8 +200,8 @@ def telling_orders(drive: Drive) -> list[float]:
             for harmonic in () if cause is None else cause.harmonics:
                 if harmonic.amplitude != 0.0:
                     found.add(round(harmonic.order / shaft_ratio(drive, s, harmonic.shaft) * turns, 9))
-    found |= set(USUAL[: max(0, len(USUAL) - len(found))])
-    return [*sorted(found - {float(teeth)})[: MOST - 1], float(teeth)]
+    found |= set(USUAL_ORDERS[: max(0, len(USUAL_ORDERS) - len(found))])
+    return [*sorted(found - {float(teeth)})[: MOST_ORDERS - 1], float(teeth)]
 
 
 def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
@@ -210,7 +216,7 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
     part = rising(turns)
     if len(turns[part]) < 64 or np.diff(turns[part]).max() > 0.25:
         return {}
-    orders = telling_orders(drive)
+    orders = run_up_orders(drive)
     (sprocket_speed,) = need(whole, "sprocket_speed")
 
     def cuts(values: Array) -> Cuts:
@@ -218,13 +224,13 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
 
     speeds = {p.name: forward(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
     first = cuts(next(iter(speeds.values())))
-    if len(first.speed) < FEWEST or first.speed.max() < RISE * first.speed.min():
+    if len(first.speed) < FEWEST_BLOCKS or first.speed.max() < LEAST_RISE * first.speed.min():
         return {}
     hubs = HandedIn(whole, 0.0, float(whole.time[-1])).hubs
     signals = {
         "speed of the shaft": ("rad/s", speeds),
         "tension at mid-strand": (
-            "N", {arrowed(name): strand_tension(whole, k) for k, name in enumerate(drive.strand_names)},
+            "N", {strand_label(name): strand_tension(whole, k) for k, name in enumerate(drive.strand_names)},
         ),
         "force on the hub": (
             "N", {p.name: np.hypot(*hubs[:, s].T) for s, p in enumerate(drive.sprockets)},
@@ -233,15 +239,15 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
     return {title: (unit, {name: cuts(values) for name, values in of.items()}) for title, (unit, of) in signals.items()}
 
 
-def cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:
+def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:
     """One panel a shaft or strand: amplitude of each order over the driver's speed."""
-    figure, axes = panels(len(found), 1.9 * len(found) + 0.7, "", None)
+    figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
     word, factor = shown(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):
         for k, order in enumerate(cuts.orders):
             mark = "tooth passing" if order == drive.sprockets[drive.driver].teeth else f"order {order:g}"
-            color = LINES[k % len(LINES)]
-            axis.plot(rpm(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=color, lw=1.1, label=mark)
+            color = LINE_COLORS[k % len(LINE_COLORS)]
+            axis.plot(rpm_of_speed(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=color, lw=1.1, label=mark)
         axis.set_title(name, loc="left", fontsize=9)
         axis.set_ylim(0.0)
     figure.supylabel(f"amplitude of the {title} [{word}]", fontsize=10)

@@ -11,20 +11,28 @@ from numpy.typing import NDArray
 from warpchain.results.pivots import pivots
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
-from warpchain.view.palette import Color, packed_colors, tension_steps, thing_colors
-from warpchain.view.rerun.streams import Column, entity, flipped, rows, send, strips, vectors
+from warpchain.view.palette import Color, curve_colors, packed_tension_colors, tension_color_steps
+from warpchain.view.rerun.streams import (
+    ComponentValues,
+    entity_path,
+    flipped_points,
+    line_strip_array,
+    list_array,
+    send_columns,
+    vector_array,
+)
 
 if TYPE_CHECKING:
     import rerun as rr
 
-ARROW = 0.12
+ARROW_LENGTH = 0.12
 """Length of the longest contact-force arrow, as a part of the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
 DRAWN_FIRST = 5.0
 """Draw order of what lies below the rollers, whose own is higher (Rerun's default for points is 30, for lines 20)."""
 
 
-def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
+def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
     """The frames at which the drive is drawn: all, or evenly spaced ones within the budget with the first and last."""
     count = len(trajectory.time)
     if count <= budget:
@@ -39,28 +47,30 @@ def log_drive(
     """Logs everything of the drive view below `root`, at every frame given; colors end at a tension of `top` [N].
 
     Args:
-        colors: of sprockets' spokes and names and of guide-bars, by name; None takes `thing_colors`.
+        colors: of sprockets' spokes and names and of guide-bars, by name; None takes `curve_colors`.
     """
     (position,) = need(shown, "position")
-    x = flipped(position)
-    colors = thing_colors(shown.drive) if colors is None else colors
+    x = flipped_points(position)
+    colors = curve_colors(shown.drive) if colors is None else colors
     _log_chain(stream, root, shown, x, top)
     _log_sprockets(stream, root, shown, colors)
     _log_guides(stream, root, shown, colors)
     _log_arms(stream, root, shown)
     _log_tensioners(stream, root, shown)
-    _log_arrows(stream, root, shown, x)
+    _log_contact_arrows(stream, root, shown, x)
 
 
-def log_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
+def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
     """Logs the chain as one thin line of one color, to be laid over others."""
     import rerun as rr
 
     (position,) = need(shown, "position")
-    x = flipped(position)
+    x = flipped_points(position)
     frames = len(x)
-    line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(_closed(x)), 1, frames))
-    send(stream, path, shown.time, [line])
+    line = ComponentValues(
+        rr.LineStrips2D.descriptor_strips(), list_array(line_strip_array(_closed_lines(x)), 1, frames)
+    )
+    send_columns(stream, path, shown.time, [line])
     style = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
     stream.log(path, style, static=True)
 
@@ -73,17 +83,27 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     (tension,) = need(shown, "tension")
     frames, links = tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
-    chain, rollers = entity(root, "drive", "chain"), entity(root, "drive", "rollers")
+    chain, rollers = entity_path(root, "drive", "chain"), entity_path(root, "drive", "rollers")
     style = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
     stream.log(chain, style, static=True)
     stream.log(rollers, points.from_fields(radii=[shown.drive.chain.roller_radius]), static=True)
-    send(stream, chain, shown.time, [Column(line.descriptor_strips(), rows(strips(_closed(x)), 1, frames))])
-    colors = pa.array(packed_colors(tension_steps(tension, top)).ravel())
-    drawn = [(points.descriptor_positions(), vectors(x)), (points.descriptor_colors(), colors)]
-    send(stream, rollers, shown.time, [Column(what, rows(values, links, frames)) for what, values in drawn])
+    send_columns(
+        stream,
+        chain,
+        shown.time,
+        [ComponentValues(line.descriptor_strips(), list_array(line_strip_array(_closed_lines(x)), 1, frames))],
+    )
+    colors = pa.array(packed_tension_colors(tension_color_steps(tension, top)).ravel())
+    drawn = [(points.descriptor_positions(), vector_array(x)), (points.descriptor_colors(), colors)]
+    send_columns(
+        stream,
+        rollers,
+        shown.time,
+        [ComponentValues(what, list_array(values, links, frames)) for what, values in drawn],
+    )
 
 
-def _closed(x: NDArray[np.float32]) -> NDArray[np.float32]:
+def _closed_lines(x: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([x, x[:, :1]], axis=1)
 
 
@@ -93,29 +113,29 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
 
     sprocket_angle, sprocket_center = need(shown, "sprocket_angle", "sprocket_center")
     for s, sprocket in enumerate(shown.drive.sprockets):
-        path = entity(root, "drive", "sprockets", sprocket.name)
+        path = entity_path(root, "drive", "sprockets", sprocket.name)
         spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
-        parts = [flipped(tooth_outline(shown.drive, s)), flipped(spoke)]
+        parts = [flipped_points(tooth_outline(shown.drive, s)), flipped_points(spoke)]
         color, thin = colors.get(sprocket.name, STEEL), 0.05 * shown.drive.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL, color], radii=[thin, 1.6 * thin]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[2.0 * thin], colors=[color])
-        stream.log(entity(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
-        _turn(stream, path, shown, sprocket_center[:, s], sprocket_angle[:, s])
+        stream.log(entity_path(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
+        _log_turning(stream, path, shown, sprocket_center[:, s], sprocket_angle[:, s])
 
 
 def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
     import rerun as rr
 
     for g, guide in enumerate(shown.drive.guides):
-        outline, path = guide_outline(shown.drive, g), entity(root, "drive", "guides", guide.name)
+        outline, path = guide_outline(shown.drive, g), entity_path(root, "drive", "guides", guide.name)
         arm = shown.drive.arm_of(g)
         if arm is not None and shown.arm_angle is not None:
             outline = outline - np.asarray(shown.drive.arms[arm].pivot)
-            _turn(
+            _log_turning(
                 stream, path, shown, pivots(shown.drive, shown.time, shown.arm_angle)[:, arm], shown.arm_angle[:, arm]
             )
         line = rr.LineStrips2D(
-            [flipped(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
+            [flipped_points(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
         )
         stream.log(path, line, static=True)
 
@@ -128,13 +148,13 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
         return
     drive = shown.drive
     for a, arm in enumerate(drive.arms):
-        path = entity(root, "drive", "arms", arm.name)
-        parts = [flipped(line - np.asarray(arm.pivot)) for line in arm_outline(drive, a)]
+        path = entity_path(root, "drive", "arms", arm.name)
+        parts = [flipped_points(line - np.asarray(arm.pivot)) for line in arm_outline(drive, a)]
         radius = 0.05 * drive.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
-        stream.log(entity(root, "drive", "arms", arm.name, "name"), label, static=True)
-        _turn(stream, path, shown, pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
+        stream.log(entity_path(root, "drive", "arms", arm.name, "name"), label, static=True)
+        _log_turning(stream, path, shown, pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
@@ -145,17 +165,21 @@ def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) ->
         housing, plunger = tensioner_outline(shown.drive, k)
         radius = 0.05 * shown.drive.chain.pitch
         for name, outline, color in (("housing", housing, STEEL), ("plunger", plunger, PLATES)):
-            line = rr.LineStrips2D([flipped(outline)], colors=[color], radii=[radius])
-            stream.log(entity(root, "drive", "tensioners", tensioner.name, name), line, static=True)
+            line = rr.LineStrips2D([flipped_points(outline)], colors=[color], radii=[radius])
+            stream.log(entity_path(root, "drive", "tensioners", tensioner.name, name), line, static=True)
         if shown.tensioner_extension is not None:
             along = np.asarray(tensioner.direction) / np.hypot(*tensioner.direction)
             place = np.zeros((len(shown.time), 3), np.float32)
-            place[:, :2] = flipped(np.asarray(shown.tensioner_extension[:, k], dtype=float)[:, None] * along)
-            moved = Column(rr.Transform3D.descriptor_translation(), rows(vectors(place), 1, len(shown.time)))
-            send(stream, entity(root, "drive", "tensioners", tensioner.name, "plunger"), shown.time, [moved])
+            place[:, :2] = flipped_points(np.asarray(shown.tensioner_extension[:, k], dtype=float)[:, None] * along)
+            moved = ComponentValues(
+                rr.Transform3D.descriptor_translation(), list_array(vector_array(place), 1, len(shown.time))
+            )
+            send_columns(
+                stream, entity_path(root, "drive", "tensioners", tensioner.name, "plunger"), shown.time, [moved]
+            )
 
 
-def _turn(
+def _log_turning(
     stream: rr.RecordingStream, path: str, shown: Trajectory, pivot: NDArray[np.floating], angle: NDArray[np.floating]
 ) -> None:
     """Turns what is at `path` about a pivot at each frame."""
@@ -163,14 +187,19 @@ def _turn(
 
     count, kind = len(shown.time), rr.Transform3D
     place, turn = np.zeros((count, 3), np.float32), np.zeros((count, 4), np.float32)
-    place[:, :2] = flipped(pivot)
+    place[:, :2] = flipped_points(pivot)
     half = -0.5 * np.asarray(angle, dtype=float)
     turn[:, 2], turn[:, 3] = np.sin(half), np.cos(half)
-    moved = Column(kind.descriptor_translation(), rows(vectors(place), 1, count))
-    send(stream, path, shown.time, [moved, Column(kind.descriptor_quaternion(), rows(vectors(turn), 1, count))])
+    moved = ComponentValues(kind.descriptor_translation(), list_array(vector_array(place), 1, count))
+    send_columns(
+        stream,
+        path,
+        shown.time,
+        [moved, ComponentValues(kind.descriptor_quaternion(), list_array(vector_array(turn), 1, count))],
+    )
 
 
-def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32]) -> None:
+def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32]) -> None:
     """Contact forces, only those above a hundredth of the longest arrow."""
     import rerun as rr
 
@@ -180,7 +209,7 @@ def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDA
     if not len(pressed):
         return
     largest = float(np.quantile(pressed, 0.99))  # rare impacts may reach further
-    scale = np.array([1.0, -1.0]) * ARROW * float(np.ptp(x[0], axis=0).max()) / largest
+    scale = np.array([1.0, -1.0]) * ARROW_LENGTH * float(np.ptp(x[0], axis=0).max()) / largest
     kind = rr.Arrows2D
     for name, arrows, color in zip(
         ("sprocket forces", "guide-bar forces"),
@@ -188,10 +217,12 @@ def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDA
         ((240, 240, 240), (255, 80, 80)),
         strict=True,
     ):
-        path, lengths = entity(root, "drive", name), np.bincount(arrows.frame, minlength=len(x))
-        tips = vectors((arrows.force * scale).astype(np.float32))
-        feet = vectors(x[arrows.frame, arrows.roller])
+        path, lengths = entity_path(root, "drive", name), np.bincount(arrows.frame, minlength=len(x))
+        tips = vector_array((arrows.force * scale).astype(np.float32))
+        feet = vector_array(x[arrows.frame, arrows.roller])
         drawn = [(kind.descriptor_vectors(), tips), (kind.descriptor_origins(), feet)]
-        send(stream, path, shown.time, [Column(what, rows(values, lengths)) for what, values in drawn])
+        send_columns(
+            stream, path, shown.time, [ComponentValues(what, list_array(values, lengths)) for what, values in drawn]
+        )
         width = 0.05 * shown.drive.chain.pitch
         stream.log(path, kind.from_fields(colors=[color], radii=[width]), static=True)

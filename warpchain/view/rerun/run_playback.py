@@ -16,22 +16,22 @@ import numpy as np
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.signals import TENSION, forward, part_signals
-from warpchain.view.chosen import NEEDED, Recorded, by_chain, to_compare
-from warpchain.view.palette import CURVES, Color, Scale, scale_top, thing_colors
-from warpchain.view.rerun.chart import BACKGROUND, Chart
-from warpchain.view.rerun.drive_scene import log_drive, log_outline, shown_frames
-from warpchain.view.rerun.ensemble import log_ensemble
-from warpchain.view.rerun.series import (
-    GROUPS,
-    Line,
-    axis_range,
+from warpchain.view.palette import CURVE_PALETTE, Color, ScaleTop, curve_colors, tension_scale_top
+from warpchain.view.recorded_variants import DRIVE_CHANNELS, RecordedVariant, compared_variants, variants_by_chain
+from warpchain.view.rerun.chart import BACKGROUND_COLOR, Chart
+from warpchain.view.rerun.drive_scene import log_chain_outline, log_drive, thinned_trajectory
+from warpchain.view.rerun.ensemble_scatters import log_ensemble
+from warpchain.view.rerun.signal_charts import (
+    CURVE_GROUPS,
+    SpectrumLine,
+    curve_axis_range,
     log_curves,
-    log_measured,
-    log_spectra,
+    log_measured_signals,
+    log_spectrum_charts,
     log_tension_image,
-    spectra,
+    spectrum_lines,
 )
-from warpchain.view.rerun.streams import TIMELINE, entity, saved
+from warpchain.view.rerun.streams import TIMELINE, entity_path, stream_to_file
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -39,16 +39,16 @@ if TYPE_CHECKING:
 
     from warpchain.results.measured import Comparison
 
-TURN = 2.0
+TURN_SECONDS = 2.0
 """Seconds in which playback shows a revolution of the driver."""
-LEAST, MOST = 5.0, 30.0
+LEAST_SECONDS, MOST_SECONDS = 5.0, 30.0
 """Seconds that playback takes at least and at most."""
-FRAMES = 1000
+FRAME_BUDGET = 1000
 """Frames that a recording is shown with, unless another number is given."""
 
 
-def blueprint(
-    shown: Sequence[Recorded],
+def playback_blueprint(
+    shown: Sequence[RecordedVariant],
     images: Sequence[Chart],
     spectra: Sequence[Chart],
     ensemble: tuple[Sequence[Chart], int],
@@ -76,18 +76,17 @@ def blueprint(
     def curves(*groups: str) -> list[rrb.TimeSeriesView]:
         return [
             rrb.TimeSeriesView(
-                name=GROUPS[group],
+                name=CURVE_GROUPS[group],
                 origin="/",
-                contents=[f"+ {entity(root, 'curves', group)}/**" for root in roots],
-                axis_y=_axis(shown, group),
+                contents=[f"+ {entity_path(root, 'curves', group)}/**" for root in roots],
+                axis_y=_curve_axis(shown, group),
             )
             for group in groups
         ]
 
-    look: dict[str, Any] = {"visual_bounds": _bounds(shown), "background": BACKGROUND}
-    drives = [
-        rrb.Spatial2DView(origin=entity(root, "drive"), name=f"{root}: link tension {scale}", **look) for root in roots
-    ]
+    look: dict[str, Any] = {"visual_bounds": _drive_bounds(shown), "background": BACKGROUND_COLOR}
+    titles = {root: f"{root}: link tension {scale}" for root in roots}
+    drives = [rrb.Spatial2DView(origin=entity_path(root, "drive"), name=titles[root], **look) for root in roots]
     beside = rrb.Vertical(*curves("tension", "contact", "displacement"))
     tabs: list[rrb.Container | rrb.View] = []
     if len(roots) == 1:
@@ -95,19 +94,19 @@ def blueprint(
     else:
         of_first = [one.label for one in shown if one.index == shown[0].index and one.run is shown[0].run]
         if len(of_first) > 1:  # chains of one drive
-            whole = [f"+ {entity(root, 'drive')}/**" for root in of_first]
+            whole = [f"+ {entity_path(root, 'drive')}/**" for root in of_first]
             name = f"all chains: link tension {scale}"
             picture = rrb.Spatial2DView(origin="/", contents=whole, name=name, **look)
             tabs.append(rrb.Horizontal(picture, beside, column_shares=[2, 3], name="drive"))
         tabs.append(rrb.Horizontal(*drives, name="side by side"))
         overlay = rrb.Spatial2DView(
             origin="/",
-            contents=["+ /overlaid/**", *(f"+ {entity(root, 'drive', 'sprockets')}/**" for root in of_first)],
+            contents=["+ /overlaid/**", *(f"+ {entity_path(root, 'drive', 'sprockets')}/**" for root in of_first)],
             name="chains overlaid (zoom in to tell them apart)",
             visual_bounds=look["visual_bounds"],
         )
         tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
-    pictures = [chart.view(f"{root}: link tension {scale}") for chart, root in zip(images, roots, strict=True)]
+    pictures = [chart.chart_view(title) for chart, title in zip(images, titles.values(), strict=True)]
     tabs.append(rrb.Vertical(*pictures, *curves("strand tension"), name="tension along the chain"))
     rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
     tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
@@ -121,10 +120,11 @@ def blueprint(
     if any(one.trajectory.valve_torque is not None for one in shown):
         tabs.append(rrb.Vertical(*curves("valves"), name="valves"))
     if spectra:
-        tabs.append(rrb.Vertical(*(chart.view(f"spectrum of {chart.path[-1]}") for chart in spectra), name="spectrum"))
+        views = [chart.chart_view(f"spectrum of {chart.path[-1]}") for chart in spectra]
+        tabs.append(rrb.Vertical(*views, name="spectrum"))
     charts, columns = ensemble
     if charts:
-        views = [chart.view(chart.path[-1]) for chart in charts]
+        views = [chart.chart_view(chart.path[-1]) for chart in charts]
         tabs.append(rrb.Grid(*views, grid_columns=columns, name="ensemble"))
     names = [str(part.name) for part in tabs]
     opened = next((k for k, name in enumerate(names) if name.startswith(tab or "")), None)
@@ -138,13 +138,13 @@ def blueprint(
     )
 
 
-def watched(trajectory: Trajectory) -> float:
-    """Seconds in which a recording is played: `TURN` for every revolution of the driver, within `LEAST` and `MOST`."""
+def playback_seconds(trajectory: Trajectory) -> float:
+    """Seconds that playback of a recording takes: `TURN_SECONDS` a revolution of the driver, within least and most."""
     turns = 0.0
     if trajectory.sprocket_angle is not None:
         angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
         turns = float(np.abs(np.diff(angle)).sum()) / (2.0 * np.pi)
-    return float(np.clip(TURN * turns, LEAST, MOST)) if np.isfinite(turns) else LEAST
+    return float(np.clip(TURN_SECONDS * turns, LEAST_SECONDS, MOST_SECONDS)) if np.isfinite(turns) else LEAST_SECONDS
 
 
 def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
@@ -152,21 +152,21 @@ def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
     import rerun.blueprint as rrb
 
     longest = max(shown, key=lambda trajectory: float(trajectory.time[-1]))
-    speed = float(f"{float(longest.time[-1]) / watched(longest):.2g}")
+    speed = float(f"{float(longest.time[-1]) / playback_seconds(longest):.2g}")
     return rrb.TimePanel(
         state="collapsed", timeline=TIMELINE, playback_speed=speed, loop_mode="all", play_state="playing"
     )
 
 
-def _axis(shown: Sequence[Recorded], group: str) -> rrb.ScalarAxis | None:
+def _curve_axis(shown: Sequence[RecordedVariant], group: str) -> rrb.ScalarAxis | None:
     """The vertical axis of a group of curves."""
     import rerun.blueprint as rrb
 
-    ends = axis_range([one.trajectory for one in shown], group)
+    ends = curve_axis_range([one.trajectory for one in shown], group)
     return None if ends is None else rrb.ScalarAxis(range=ends)
 
 
-def _bounds(shown: Sequence[Recorded]) -> rrb.VisualBounds2D:
+def _drive_bounds(shown: Sequence[RecordedVariant]) -> rrb.VisualBounds2D:
     """Bounds of every variant's sprockets and chain, y turned around."""
     import rerun.blueprint as rrb
 
@@ -192,11 +192,11 @@ def view(
     variant: int | None = None,
     save: str | Path | None = None,
     compare: Sequence[str | int | Run | Path] = (),
-    frames: int = FRAMES,
+    frames: int = FRAME_BUDGET,
     web: bool = False,
     bind: str = "127.0.0.1",
     tab: str | None = None,
-    scale: Scale = None,
+    scale: ScaleTop = None,
     measured: Sequence[Comparison] = (),
 ) -> None:
     """Shows recorded variants in Rerun: in its viewer, in a browser, or saved as a Rerun recording.
@@ -222,53 +222,53 @@ def view(
     """
     if frames < 2:
         raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")
-    shown = to_compare(source, variant, compare, (*NEEDED, "sprocket_speed"))
+    shown = compared_variants(source, variant, compare, (*DRIVE_CHANNELS, "sprocket_speed"))
     if save is not None:
-        stream = _stream()
-        with saved(stream, Path(save), ArchiveError):
+        stream = _new_stream()
+        with stream_to_file(stream, Path(save), ArchiveError):
             stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
     else:
         from warpchain.view.rerun.viewer import Viewer
 
         with Viewer(bind, "web" if web else "native") as viewer:
-            stream = _stream()
+            stream = _new_stream()
             with viewer.connection(stream):
                 stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
 
 
 def log_recording(
     stream: rr.RecordingStream,
-    shown: Sequence[Recorded],
-    frames: int = FRAMES,
+    shown: Sequence[RecordedVariant],
+    frames: int = FRAME_BUDGET,
     tab: str | None = None,
-    scale: Scale = None,
+    scale: ScaleTop = None,
     measured: Sequence[Comparison] = (),
 ) -> rrb.Blueprint:
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
-    shown = [chain for one in shown for chain in by_chain(one)]
+    shown = [chain for one in shown for chain in variants_by_chain(one)]
     several = len(shown) > 1
-    top = scale_top([one.trajectory for one in shown], scale)
-    images, lines = [], dict[str, list[Line]]()
+    top = tension_scale_top([one.trajectory for one in shown], scale)
+    images, lines = [], dict[str, list[SpectrumLine]]()
     for k, one in enumerate(shown):
-        color = CURVES[k % len(CURVES)]
+        color = CURVE_PALETTE[k % len(CURVE_PALETTE)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
-        colors = thing_colors(one.trajectory.drive, color if several else None)
-        for title, found in spectra(one.trajectory, colors).items():
+        colors = curve_colors(one.trajectory.drive, color if several else None)
+        for title, found in spectrum_lines(one.trajectory, colors).items():
             named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
             lines.setdefault(title, []).extend(named)
         if several:
-            outline = shown_frames(one.trajectory, frames)
-            log_outline(stream, entity("overlaid", one.label), outline, color)
-    for line in log_measured(stream, shown[0].label, measured, frames):
+            outline = thinned_trajectory(one.trajectory, frames)
+            log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
+    for line in log_measured_signals(stream, shown[0].label, measured, frames):
         lines.setdefault(TENSION, []).append(line)
     teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
-    return blueprint(shown, images, log_spectra(stream, lines, teeth), scatters, top, tab)
+    return playback_blueprint(shown, images, log_spectrum_charts(stream, lines, teeth), scatters, top, tab)
 
 
 def log_variant(
-    stream: rr.RecordingStream, one: Recorded, frames: int, top: float, color: Color | None = None
+    stream: rr.RecordingStream, one: RecordedVariant, frames: int, top: float, color: Color | None = None
 ) -> Chart:
     """Logs one variant below its label: drive, curves and tension image, whose chart is returned.
 
@@ -277,14 +277,14 @@ def log_variant(
         top: tension at which the color scale ends [N].
         color: the variant's among others, None if it is alone.
     """
-    drawn = shown_frames(one.trajectory, frames)
-    colors = thing_colors(one.trajectory.drive, color)
+    drawn = thinned_trajectory(one.trajectory, frames)
+    colors = curve_colors(one.trajectory.drive, color)
     log_drive(stream, one.label, drawn, top, colors)
     log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
     return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
 
 
-def _stream() -> rr.RecordingStream:
+def _new_stream() -> rr.RecordingStream:
     import rerun as rr
 
     return rr.RecordingStream("warpchain", recording_id=None)

@@ -24,7 +24,7 @@ TIMELINE = "sim_time"
 
 
 @dataclass(frozen=True)
-class Column:
+class ComponentValues:
     """One component's values at every time of `send_columns`."""
 
     descriptor: Any
@@ -39,7 +39,7 @@ class Column:
         return self.array
 
 
-def flipped(points: NDArray[np.floating]) -> NDArray[np.float32]:
+def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
     """Points (..., 2) [m] with y turned around for Rerun's 2D views, whose y points down."""
     out = np.empty(points.shape, dtype=np.float32)
     out[..., 0] = points[..., 0]
@@ -47,7 +47,7 @@ def flipped(points: NDArray[np.floating]) -> NDArray[np.float32]:
     return out
 
 
-def rows(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
+def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
     """Elements as lists, one for each of `count` times: of one length, or of a length each."""
     import pyarrow as pa
 
@@ -59,7 +59,7 @@ def rows(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None 
     return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), elements)
 
 
-def vectors(values: NDArray[np.float32]) -> pa.Array:
+def vector_array(values: NDArray[np.float32]) -> pa.Array:
     """(..., D) floats as an Arrow array of vectors of D."""
     import pyarrow as pa
 
@@ -67,19 +67,22 @@ def vectors(values: NDArray[np.float32]) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values, np.float32).ravel()), type=kind)
 
 
-def strips(points: NDArray[np.float32]) -> pa.Array:
+def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
     """(..., P, 2) points as an Arrow array of line strips of P points."""
     import pyarrow as pa
 
-    inner = vectors(points)
+    inner = vector_array(points)
     count, length = points.size // (2 * points.shape[-2]), points.shape[-2]
     kind = pa.list_(pa.field("item", inner.type, nullable=False))
     offsets = pa.array(np.arange(count + 1, dtype=np.int32) * length, pa.int32())
     return pa.ListArray.from_arrays(offsets, inner, type=kind)
 
 
-def send(
-    stream: rr.RecordingStream, path: str, time: NDArray[np.floating], columns: Sequence[Column | rr.ComponentColumn]
+def send_columns(
+    stream: rr.RecordingStream,
+    path: str,
+    time: NDArray[np.floating],
+    columns: Sequence[ComponentValues | rr.ComponentColumn],
 ) -> None:
     """Sends columns at simulated times [s]."""
     import rerun as rr
@@ -88,7 +91,7 @@ def send(
     stream.send_columns(path, [rr.TimeColumn(TIMELINE, duration=np.asarray(time, dtype=float))], held, strict=True)
 
 
-def entity(*parts: str) -> str:
+def entity_path(*parts: str) -> str:
     """An entity's path; names may hold blanks."""
     import rerun as rr
 
@@ -96,7 +99,7 @@ def entity(*parts: str) -> str:
 
 
 @contextmanager
-def saved(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> Iterator[None]:
+def stream_to_file(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> Iterator[None]:
     """Writes what is logged to a stream in a `with` block.
 
     Rerun's own writer reports a full disk to the log only; so the recording's bytes are written here.

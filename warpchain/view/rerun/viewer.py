@@ -21,7 +21,7 @@ from warpchain.errors import SimulationError
 if TYPE_CHECKING:
     import rerun as rr
 
-WATCH = """
+WATCHER_CODE = """
 import os, select, signal, subprocess, sys
 viewer = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
 while viewer.poll() is None:
@@ -33,16 +33,16 @@ sys.exit(viewer.returncode)
 whatever ends this process closes that."""
 DATA_PORT, PAGE_PORT = 9876, 9090
 """Ports that are tried first: of the data, of the web page."""
-PATIENCE = 30.0
+LISTEN_PATIENCE = 30.0
 """Seconds that the viewer may take to listen."""
-ALIVE = 0.5
+FLUSH_TIMEOUT = 0.5
 """Seconds after which a viewer that still takes data is asked whether it runs."""
-OPENING = 1.5
+OPENING_SECONDS = 1.5
 """Seconds in which a native viewer tells that it cannot open a window."""
-NO_VIEWER = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
+OTHER_WAYS = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
-def executable() -> str:
+def viewer_program() -> str:
     """The `rerun` program: the one beside this Python, or else of the search path.
 
     Raises:
@@ -94,7 +94,7 @@ class Viewer:
 
     def __init__(self, address: str = "127.0.0.1", kind: Literal["native", "web", "headless"] = "native") -> None:
         if kind == "native" and not has_display():
-            raise SimulationError(f"the Rerun viewer does not open (no display here); {NO_VIEWER}")
+            raise SimulationError(f"the Rerun viewer does not open (no display here); {OTHER_WAYS}")
         self.kind = kind
         port, page_port = free_port(address, DATA_PORT), free_port(address, PAGE_PORT)
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
@@ -107,10 +107,10 @@ class Viewer:
             "headless": ["--headless", "--hide-welcome-screen"],
         }
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 (read when the viewer has ended)
-        words = [executable(), "--bind", address, "--port", str(port), *options[kind]]
+        words = [viewer_program(), "--bind", address, "--port", str(port), *options[kind]]
         watched = kind != "native"
         self._process = subprocess.Popen(
-            [sys.executable, "-c", WATCH, *words] if watched else words,
+            [sys.executable, "-c", WATCHER_CODE, *words] if watched else words,
             stdin=subprocess.PIPE if watched else subprocess.DEVNULL,
             stdout=self._said,
             stderr=subprocess.STDOUT,
@@ -118,10 +118,10 @@ class Viewer:
             env={"RUST_LOG": "error", **os.environ},
         )
         for needed in (port, page_port) if kind == "web" else (port,):
-            self._wait_for(host, needed)
+            self._wait_for_port(host, needed)
 
-    def _wait_for(self, host: str, port: int) -> None:
-        end = time.monotonic() + PATIENCE
+    def _wait_for_port(self, host: str, port: int) -> None:
+        end = time.monotonic() + LISTEN_PATIENCE
         while time.monotonic() < end and self._process.poll() is None:
             try:
                 socket.create_connection((host, port), timeout=1.0).close()
@@ -129,15 +129,15 @@ class Viewer:
             except OSError:
                 time.sleep(0.05)
         self.close()
-        raise self._failure("the Rerun viewer does not open")
+        raise self._viewer_error("the Rerun viewer does not open")
 
-    def _failure(self, what: str) -> SimulationError:
+    def _viewer_error(self, what: str) -> SimulationError:
         """The error of a viewer that has ended, with the reason it gave: its line of an error, or its last one."""
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         errors = [line for line in lines if "error" in line.lower()] or lines
         reason = f" ({errors[-1]})" if errors else ""
-        return SimulationError(f"{what}{reason}; {NO_VIEWER}")
+        return SimulationError(f"{what}{reason}; {OTHER_WAYS}")
 
     @contextlib.contextmanager
     def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
@@ -150,17 +150,17 @@ class Viewer:
         yield
         while True:
             if self._process.poll() is not None:
-                raise self._failure("the Rerun viewer ended before it had the recording")
+                raise self._viewer_error("the Rerun viewer ended before it had the recording")
             try:
-                stream.flush(timeout_sec=ALIVE)
+                stream.flush(timeout_sec=FLUSH_TIMEOUT)
                 break
             except RuntimeError:  # not yet taken, or the connection is lost: then the process has ended or will
                 time.sleep(0.05)
         if self.kind == "native":  # one that cannot open its window ends with what it was sent
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(OPENING)
+                self._process.wait(OPENING_SECONDS)
             if self._process.poll():
-                raise self._failure("the Rerun viewer ended")
+                raise self._viewer_error("the Rerun viewer ended")
         stream.disconnect()
 
     def wait(self) -> None:

@@ -15,33 +15,33 @@ from warpchain.results.formulas import THINGS
 from warpchain.results.metric_columns import COLUMNS, SPEEDS, column_of
 from warpchain.results.signals import events, stroke
 from warpchain.results.units import shown_unit
-from warpchain.view.html import number, table, text
+from warpchain.view.html import engineering_number, paragraph_html, table_html
 
-DIGITS = 4
+TABLE_DIGITS = 4
 """Significant digits of numbers in tables."""
 
 
-def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
+def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
     """A value [SI] as it is written, and its unit.
 
     Args:
         largest: picks the unit, so that the values of a row or table share it; the value itself if None.
     """
     word, factor = shown_unit(unit, value if largest is None else largest)
-    return number(factor * value, DIGITS), word
+    return engineering_number(factor * value, TABLE_DIGITS), word
 
 
-def written(value: float, unit: str) -> str:
+def quantity_text(value: float, unit: str) -> str:
     """A value [SI] with its unit in one text."""
-    return " ".join(quantity(value, unit)).strip()
+    return " ".join(quantity_cells(value, unit)).strip()
 
 
-def climb_share(margin: float) -> str:
+def climb_share_text(margin: float) -> str:
     """A margin to tooth jump over the whole climb; a roller pressed below its seat has no more than all of it."""
     return f"{100.0 * min(1.0, margin):.3g} %"
 
 
-def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
+def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
     """The metrics whose names begin with a prefix, and have no further one, with their standard errors."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
@@ -54,10 +54,10 @@ def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
         if column.kind is not float:
             yield [name, str(value).lower() if isinstance(value, bool) else str(value), "", "", column.title]
             continue
-        shown, unit = quantity(float(value), column.unit)
+        shown, unit = quantity_cells(float(value), column.unit)
         spread = "unknown" if own + ERROR in COLUMNS else ""
         if error is not None:
-            spread = "\u00b1 " + quantity(float(error), column.unit, float(value))[0]
+            spread = "\u00b1 " + quantity_cells(float(error), column.unit, float(value))[0]
         yield [name, shown, spread, unit, column.title]
 
 
@@ -71,15 +71,15 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
     found = {}
     for prefix in dict.fromkeys(prefixes):
         name = prefix.removesuffix(".")
-        rows = [of for of in _rows(row, prefix) if name not in alike or of[0].removeprefix(prefix) not in SPEEDS]
+        rows = [of for of in _metric_rows(row, prefix) if name not in alike or of[0].removeprefix(prefix) not in SPEEDS]
         if rows:
-            line = text(f"Its speed is that of {alike[name]}.", muted=True) if name in alike else ""
+            line = paragraph_html(f"Its speed is that of {alike[name]}.", muted=True) if name in alike else ""
             head = ("metric", "value", "standard error", "unit", "what it is")
-            found[name or "The whole drive"] = line + table(head, rows)
+            found[name or "The whole drive"] = line + table_html(head, rows)
     return found
 
 
-def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+def hub_force_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     """Mean and largest force on each shaft: from the sums over every step where there are any, or else from frames."""
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
@@ -90,12 +90,12 @@ def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
         top = float(most) if exact and most is not None else float(np.hypot(*frames.T).max())
         values = [mean[0], mean[1], float(np.hypot(*mean)), top]
         heading = math.degrees(math.atan2(mean[1], mean[0]))
-        rows.append([sprocket.name, *(written(value, "N") for value in values), round(heading, 1)])
+        rows.append([sprocket.name, *(quantity_text(value, "N") for value in values), round(heading, 1)])
     head = ["mean to the right", "mean upward", "size of the mean", "largest"]
-    return table(["shaft", *head, "direction of the mean [degrees]"], rows)
+    return table_html(["shaft", *head, "direction of the mean [degrees]"], rows)
 
 
-def phase_table(found: HandedIn) -> str:
+def phase_error_table(found: HandedIn) -> str:
     """Mean shift, range and orders of each shaft's phase error, in degrees of the driver."""
     if not found.phases:
         return ""
@@ -109,10 +109,10 @@ def phase_table(found: HandedIn) -> str:
         for k, order in enumerate(next(iter(of.values())).orders):
             rows.append([f"amplitude of order {order:g}", *(round(float(each[k]), 4) for each in amplitudes)])
     driver = found.drive.sprockets[found.drive.driver].name
-    return table([f"degrees of {driver}", *of], rows)
+    return table_html([f"degrees of {driver}", *of], rows)
 
 
-def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
+def guide_load_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
     """Load of each guide; pressures where the contact's width is known."""
     rows = []
     for g, guide in enumerate(found.drive.guides):
@@ -120,39 +120,40 @@ def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str,
         mean = float(found.contacts[g].force.sum()) / len(found.part.time)
         peak = row.get(f"{guide.name}.force_max")
         pv = metrics.get(f"{guide.name}.pv_max", math.nan)
-        pressure = "\u2013" if width is None else f"{number(1e-6 * float(load.mean.max()) / width, 3)} MPa"
-        heat = "\u2013" if width is None else f"{number(1e-6 * pv / width, 3)} MPa m/s"
+        pressure = "\u2013" if width is None else f"{engineering_number(1e-6 * float(load.mean.max()) / width, 3)} MPa"
+        heat = "\u2013" if width is None else f"{engineering_number(1e-6 * pv / width, 3)} MPa m/s"
         rows.append([
             guide.name,
-            written(mean, "N"),
-            written(float(load.peak.max()) if peak is None else float(peak), "N"),
-            f"{number(1e-3 * float(load.mean.max()), 3)} N/mm",
-            written(metrics.get(f"{guide.name}.sliding_speed", math.nan), "m/s"),
-            f"{number(1e-3 * pv, 3)} W/mm",
+            quantity_text(mean, "N"),
+            quantity_text(float(load.peak.max()) if peak is None else float(peak), "N"),
+            f"{engineering_number(1e-3 * float(load.mean.max()), 3)} N/mm",
+            quantity_text(metrics.get(f"{guide.name}.sliding_speed", math.nan), "m/s"),
+            f"{engineering_number(1e-3 * pv, 3)} W/mm",
             pressure,
             heat,
             f"{100.0 * (1.0 - load.touching):.1f} %",
         ])  # fmt: skip
     head = ["guide", "mean force", "largest force of a roller", "largest mean load", "sliding speed", "largest p v",
             "mean pressure over the width", "p v over the width", "time untouched"]  # fmt: skip
-    return table(head, rows)
+    return table_html(head, rows)
 
 
-def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
+def body_motion_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
     """Each channel (F, count) of body k in the window: extremes, mean, range; of motions the distance in a second."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = stroke(found.part.time, values[:, k])
         largest = max(abs(moved.low), abs(moved.high))
         cells = [
-            quantity(value, unit, largest) for value in (moved.low, moved.mean, moved.high, moved.travel, moved.path)
+            quantity_cells(value, unit, largest)
+            for value in (moved.low, moved.mean, moved.high, moved.travel, moved.path)
         ]
         cells[-1] = cells[-1] if unit in ("m", "rad") else ("\u2013", "")  # only motions cover a distance
         rows.append([title, *(value for value, _ in cells), cells[0][1]])
-    return table(["what", "least", "mean", "most", "range", "distance in a second", "unit"], rows)
+    return table_html(["what", "least", "mean", "most", "range", "distance in a second", "unit"], rows)
 
 
-def valve_line(found: HandedIn, k: int) -> str:
+def check_valve_text(found: HandedIn, k: int) -> str:
     """Openings of the check valve of tensioner k in the window: where the chamber is below the supply by more than
     the cracking pressure; "" without oil or without the chamber's pressure."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
@@ -162,11 +163,11 @@ def valve_line(found: HandedIn, k: int) -> str:
     opened = events(found.part.time, below, tensioner.valve.cracking_pressure)
     return (
         f"Check valve: {opened.openings} openings, {opened.rate:.4g} a second; open for {100.0 * opened.share:.1f} % "
-        f"of the time, at most {written(opened.longest, 's')} at once."
+        f"of the time, at most {quantity_text(opened.longest, 's')} at once."
     )
 
 
-def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+def friction_power_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     """Mean friction power of everything that rubs in the window: of every step (metrics), and of the frames."""
     seconds = found.end - found.start
     inside = found.whole.time >= found.start - 1e-12
@@ -175,9 +176,9 @@ def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     steps = {name: means[name] if work is None else float(work) / seconds for name, work in whole.items()}
     total = sum(steps.values())
     rows: list[list[Any]] = [
-        [name, written(steps[name], "W"), written(means[name], "W"), round(100.0 * steps[name] / total, 1)]
+        [name, quantity_text(steps[name], "W"), quantity_text(means[name], "W"), round(100.0 * steps[name] / total, 1)]
         for name in means
         if total > 0.0
     ]
-    rows.append(["all", written(total, "W"), written(sum(means.values()), "W"), 100.0])
-    return table(["what rubs", "mean power", "from the frames", "share [%]"], rows)
+    rows.append(["all", quantity_text(total, "W"), quantity_text(sum(means.values()), "W"), 100.0])
+    return table_html(["what rubs", "mean power", "from the frames", "share [%]"], rows)

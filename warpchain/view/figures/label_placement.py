@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-REACH, TURNS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
+LABEL_DISTANCES, LABEL_DIRECTIONS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
 """How far from its point a label may stand [pt], and in how many directions."""
-TEXT, WAY = 20.0, 2.0
+TEXT_COST, MOVE_COST = 20.0, 2.0
 """Cost of a pixel of another label that is covered, and of each point [pt] that a label moves; of a part's pixel: 1."""
 
 
-def spread(axis: Any, fixed: Array) -> None:
+def move_labels(axis: Any, fixed: Array) -> None:
     """Moves labels, one after the other, the widest first, to where they cover least beside their point.
 
     The picture is drawn without its texts; what is not white then is covered by what lies over it, and so are texts.
@@ -41,35 +41,35 @@ def spread(axis: Any, fixed: Array) -> None:
     covered = (np.asarray(canvas.buffer_rgba())[::-1, :, :3] < 255).any(axis=2).astype(float)  # rows from below
     movable = [text for text in texts if not np.isclose(fixed, text.xy).all(axis=1).any()]
     for text in set(texts) - set(movable):
-        covered[_pixels(boxes[text])] = TEXT
+        covered[_box_pixels(boxes[text])] = TEXT_COST
     inside, scale = np.array(axis.bbox.extents), figure.dpi / 72.0
     for label in sorted(movable, key=lambda label: float(boxes[label][0] - boxes[label][2])):
         box = boxes[label]
-        ways = _ways(box, axis.transData.transform(label.xy), scale)
-        costs = [_cost(covered, box + np.tile(way, 2), inside) for way in ways]
-        way = ways[int(np.argmin(np.add(costs, WAY / scale * np.hypot(*ways.T))))]
+        ways = _label_moves(box, axis.transData.transform(label.xy), scale)
+        costs = [_covering_cost(covered, box + np.tile(way, 2), inside) for way in ways]
+        way = ways[int(np.argmin(np.add(costs, MOVE_COST / scale * np.hypot(*ways.T))))]
         label.xyann = tuple(np.add(label.xyann, way / scale))
-        covered[_pixels(box + np.tile(way, 2))] = TEXT
+        covered[_box_pixels(box + np.tile(way, 2))] = TEXT_COST
 
 
-def _ways(box: Array, point: Array, scale: float) -> Array:
+def _label_moves(box: Array, point: Array, scale: float) -> Array:
     """Ways (n, 2) [px] that a box (left, bottom, right, top) [px] may go: none, or to all sides of a point."""
     half, middle = 0.5 * (box[2:] - box[:2]), 0.5 * (box[2:] + box[:2])
-    angle = np.arange(TURNS) * (2.0 * np.pi / TURNS)
+    angle = np.arange(LABEL_DIRECTIONS) * (2.0 * np.pi / LABEL_DIRECTIONS)
     to = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     edge = (half / np.maximum(np.abs(to), 1e-9)).min(axis=1)  # from the box's middle to its edge
-    places = [point + (edge + scale * reach)[:, None] * to for reach in REACH]
+    places = [point + (edge + scale * reach)[:, None] * to for reach in LABEL_DISTANCES]
     return np.concatenate([np.zeros((1, 2)), *(place - middle for place in places)])
 
 
-def _pixels(box: Array) -> tuple[slice, slice]:
+def _box_pixels(box: Array) -> tuple[slice, slice]:
     """Rows and columns of a box."""
     left, bottom, right, top = np.maximum(box, 0.0).round().astype(int)
     return slice(bottom, top), slice(left, right)
 
 
-def _cost(covered: Array, box: Array, inside: Array) -> float:
+def _covering_cost(covered: Array, box: Array, inside: Array) -> float:
     """Sum of the covered pixels in a box, infinite where it leaves the axes."""
     if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:]).any():
         return np.inf
-    return float(covered[_pixels(box)].sum())
+    return float(covered[_box_pixels(box)].sum())

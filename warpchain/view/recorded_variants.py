@@ -14,7 +14,7 @@ from warpchain.results.chains import chain_trajectories
 from warpchain.results.engineering_report import window_of
 from warpchain.results.run import Run, Trajectory, need
 
-NEEDED = (
+DRIVE_CHANNELS = (
     "position",
     "tension",
     "sprocket_force",
@@ -24,11 +24,11 @@ NEEDED = (
 )
 """Channels that pictures of the drive are drawn from."""
 
-Source = Run | str | Path
+RunSource = Run | str | Path
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedVariant:
     """A recorded variant to be drawn.
 
     Attributes:
@@ -44,7 +44,7 @@ class Recorded:
     label: str
 
 
-def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED) -> Recorded:
+def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
     """One recorded variant, the first one where none is named.
 
     Raises:
@@ -60,10 +60,10 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
     (row,) = run.metrics.slice(run.row_of(index), 1).to_pylist()
-    return Recorded(run, index, replace(trajectory, window=window_of(row, trajectory)), f"variant {index}")
+    return RecordedVariant(run, index, replace(trajectory, window=window_of(row, trajectory)), f"variant {index}")
 
 
-def by_chain(one: Recorded) -> list[Recorded]:
+def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
     """A variant's chains, each as a variant of its own; of one chain, the variant itself."""
     if not one.trajectory.drive.chains:
         return [one]
@@ -76,12 +76,12 @@ def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Traject
     return trajectory.at(frames)
 
 
-def to_compare(
-    source: Source,
+def compared_variants(
+    source: RunSource,
     variant: int | None,
     others: Sequence[str | int | Run | Path],
-    needed: Sequence[str] = NEEDED,
-) -> list[Recorded]:
+    needed: Sequence[str] = DRIVE_CHANNELS,
+) -> list[RecordedVariant]:
     """The variants to be compared, each once, with labels that differ.
 
     Args:
@@ -91,29 +91,29 @@ def to_compare(
             "ARCHIVE:NUMBER".
 
     Raises:
-        ArchiveError, SimulationError: as `recorded`.
+        ArchiveError, SimulationError: as `recorded_variant`.
     """
-    first = recorded(source, variant, needed)
+    first = recorded_variant(source, variant, needed)
     home = "" if isinstance(source, Run) else Path(source).stem
     found = [(home, first)]
     runs: dict[str, Run] = {}
     for other in others:
-        name, number = _address(other)
-        where: Source = first.run if name is None else name
+        name, number = _variant_address(other)
+        where: RunSource = first.run if name is None else name
         if isinstance(where, str):
             from warpchain.archive import read_archive
 
             if where not in runs:
                 runs[where] = read_archive(where)
-            found.append((Path(where).stem, recorded(runs[where], number, needed)))
+            found.append((Path(where).stem, recorded_variant(runs[where], number, needed)))
         else:
-            found.append((home if name is None else "", recorded(where, number, needed)))
-    single: dict[tuple[int, int], tuple[str, Recorded]] = {}
+            found.append((home if name is None else "", recorded_variant(where, number, needed)))
+    single: dict[tuple[int, int], tuple[str, RecordedVariant]] = {}
     for stem, one in found:
         single.setdefault((id(one.run), one.index), (stem, one))
     several = len({id(one.run) for _, one in single.values()}) > 1
     stems = [stem for stem, _ in single.values()]
-    shown: list[Recorded] = []
+    shown: list[RecordedVariant] = []
     for k, (stem, one) in enumerate(single.values()):
         label = one.label
         if several:
@@ -121,11 +121,11 @@ def to_compare(
             label = f"{origin} {one.index}" if stems.count(stem) > 1 or len(one.run) > 1 else origin
         if label in {other.label for other in shown}:
             label = f"{label} ({k + 1})"
-        shown.append(Recorded(one.run, one.index, one.trajectory, label))
+        shown.append(RecordedVariant(one.run, one.index, one.trajectory, label))
     return shown
 
 
-def _address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
+def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
     """Where a compared variant is: (None: the same run, or a run or path), and its number."""
     if isinstance(word, int):
         return None, word
@@ -142,7 +142,7 @@ def _address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
     """Numbers of the drive that differ between the variants of a run: (V,) values by key path, NaN where absent."""
-    flat = [_numbers(drive.as_read.model_dump()) for drive in run.drives]
+    flat = [_numbers_by_path(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
         names |= dict.fromkeys(values)
@@ -150,7 +150,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
     return {name: column for name, column in columns.items() if len(np.unique(column)) > 1}
 
 
-def _numbers(node: object, path: str = "") -> dict[str, float]:
+def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
     """The numbers in nested tables and lists, by key path; elements of a list by their name, where they have one."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
@@ -164,5 +164,5 @@ def _numbers(node: object, path: str = "") -> dict[str, float]:
         return {}
     found: dict[str, float] = {}
     for key, value in parts:
-        found |= _numbers(value, f"{path}.{key}" if path else key)
+        found |= _numbers_by_path(value, f"{path}.{key}" if path else key)
     return found

@@ -22,53 +22,53 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-KINDS = ("png", "svg")
-PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
+FIGURE_KINDS = ("png", "svg")
+SPROCKET_COLORS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
 """Colors of sprockets, where they must differ."""
-LINES = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 _STEADY = 0.01
 """Relative: of the top speed, within which a mean is that."""
-POINTS = 4000
+CURVE_SPELLS = 4000
 """Spells that a curve is thinned out to, smallest and largest values kept."""
 
 
-def arrowed(name: str) -> str:
+def strand_label(name: str) -> str:
     """A strand's name with a proper arrow."""
     return name.replace("->", " \N{RIGHTWARDS ARROW} ")
 
 
-def about(of: Drive | Trajectory) -> str:
+def run_line(of: Drive | Trajectory) -> str:
     """A line on what was run, or is to be."""
     drive = of if isinstance(of, Drive) else of.drive
     rings = rings_of(drive.as_read)
     pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(ring.drive.chain.pitch for ring in rings))
     several = f" in {len(drive.chains)} chains" if drive.chains else ""
-    return f"{drive.links} links of {pitches} mm{several}, {driver_at(of)}" + (
+    return f"{drive.links} links of {pitches} mm{several}, {driver_speed_text(of)}" + (
         "" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C"
     )
 
 
-def driver_at(of: Drive | Trajectory) -> str:
+def driver_speed_text(of: Drive | Trajectory) -> str:
     """The driver and its speed: of a run the mean in the window, which is named where that is not the top speed."""
     drive = of if isinstance(of, Drive) else of.drive
     name, top = drive.sprockets[drive.driver].name, drive.driver_speed
     if isinstance(of, Drive):
         led = turned_part(drive, driving_body(drive)).prescribed is not None
-        return f"{name} {'at' if led else 'up to about'} {rpm(top):.4g} rpm"
+        return f"{name} {'at' if led else 'up to about'} {rpm_of_speed(top):.4g} rpm"
     found = driver_speed(of)
     if found is None:
         return name
     mean, start, end = found
     window = "" if abs(mean - top) <= _STEADY * top else f" in the mean of {start:.4g} to {end:.4g} s"
-    return f"{name} at {rpm(mean):.4g} rpm{window}"
+    return f"{name} at {rpm_of_speed(mean):.4g} rpm{window}"
 
 
-def rpm(speed: float) -> float:
+def rpm_of_speed(speed: float) -> float:
     """An angular speed [rad/s] in revolutions a minute."""
     return speed * 30.0 / np.pi
 
 
-def panels(
+def panel_column(
     rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
 ) -> tuple[Figure, list[Any]]:
     """A figure of panels below each other with a common horizontal axis.
@@ -83,28 +83,28 @@ def panels(
     figure = PlainFigure(figsize=(10.0, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
     if title:
-        figure.suptitle(title if of is None else f"{title}\n{about(of)}", fontsize=12)
+        figure.suptitle(title if of is None else f"{title}\n{run_line(of)}", fontsize=12)
     for axis in axes:
         axis.grid(alpha=0.3)
         axis.margins(x=0.0)
     return figure, list(axes)
 
 
-def key(axis: Any) -> None:
+def draw_legend(axis: Any) -> None:
     """The legend of a panel, beside the data; none where nothing is named."""
     if axis.get_legend_handles_labels()[0]:
         beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.005, 1.0), "borderaxespad": 0.0}
         axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
 
 
-def mark_teeth(axis: Any, teeth: int) -> None:
+def draw_tooth_orders(axis: Any, teeth: int) -> None:
     """Marks the tooth-passing orders of a driver."""
     for k in range(1, TOOTH_PASSINGS + 1):
         label = f"tooth passing, multiples of {teeth}" if k == 1 else None
         axis.axvline(k * teeth, color="black", lw=0.8, ls=":", label=label)
 
 
-def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
+def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
     """A figure of panels in rows of `columns`, each of a size [in]."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -119,9 +119,9 @@ def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure,
     return figure, axes[:count]
 
 
-def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
-    """Draws a curve; of a long one the smallest and largest values of `POINTS` spells."""
-    kept = peak_frames(y, POINTS)
+def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
+    """Draws a curve; of a long one the smallest and largest values of `CURVE_SPELLS` spells."""
+    kept = peak_frames(y, CURVE_SPELLS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
@@ -149,8 +149,8 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
 
     wanted: Iterable[str] = [kinds] if isinstance(kinds, str) else kinds
     for kind in wanted:
-        if kind not in KINDS:
-            raise SimulationError(f"format {kind!r}: allowed are {', '.join(KINDS)}")
+        if kind not in FIGURE_KINDS:
+            raise SimulationError(f"format {kind!r}: allowed are {', '.join(FIGURE_KINDS)}")
     target, paths = Path(folder), []
     with refusals(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)

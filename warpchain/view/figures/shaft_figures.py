@@ -12,26 +12,26 @@ from warpchain.results.rotation import CYCLE, cycle_average, rising, turns_of
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
 from warpchain.results.units import shown
-from warpchain.view.figures.style import LINES, Array, arrowed, curve, grid, panels
+from warpchain.view.figures.figure_style import LINE_COLORS, Array, draw_curve, panel_column, panel_grid, strand_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DOTS = 4000
+HODOGRAPH_DOTS = 4000
 """Most dots of one hodograph."""
-SWAY = 0.2
+STEADY_SPREAD = 0.2
 """Speeds that differ by less than this share of the largest are one speed, whose cycles can be averaged."""
 
 
-def hub_figure(found: HandedIn) -> Figure:
+def hub_force_figure(found: HandedIn) -> Figure:
     """Force of the chain on every shaft: its tip at each frame of the window, its mean as an arrow."""
     drive, hubs = found.drive, found.hubs
     unit, factor = shown("N", hubs)
-    figure, axes = grid(len(drive.sprockets), 3, 3.6, 3.6)
+    figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
         force = factor * hubs[:, s]
-        thin = slice(None, None, max(len(force) // DOTS, 1))
-        axis.plot(*force[thin].T, ".", ms=1.5, color=LINES[0], alpha=0.4, rasterized=True)
+        thin = slice(None, None, max(len(force) // HODOGRAPH_DOTS, 1))
+        axis.plot(*force[thin].T, ".", ms=1.5, color=LINE_COLORS[0], alpha=0.4, rasterized=True)
         mean = force.mean(axis=0)
         axis.annotate("", mean, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 1.6, "color": "black"})
         axis.plot(0.0, 0.0, "+", color="black", ms=8)
@@ -47,17 +47,19 @@ def hub_figure(found: HandedIn) -> Figure:
     return figure
 
 
-def phase_figure(found: HandedIn) -> Figure | None:
+def phase_error_figure(found: HandedIn) -> Figure | None:
     """Phase errors over time, in degrees of the driver; None with the driver alone."""
     drive = found.drive
     driven = list(found.phases)
     if not driven:
         return None
     name = drive.sprockets[drive.driver].name
-    figure, (axis,) = panels(1, 3.2, "", None)
+    figure, (axis,) = panel_column(1, 3.2, "", None)
     for k, s in enumerate(driven):
         error = np.degrees(phase_error(found.whole, s))
-        curve(axis, found.whole.time, error, color=LINES[k % len(LINES)], label=drive.sprockets[s].name)
+        draw_curve(
+            axis, found.whole.time, error, color=LINE_COLORS[k % len(LINE_COLORS)], label=drive.sprockets[s].name
+        )
     axis.axvspan(found.start, found.end, color="0.93", lw=0, zorder=0, label="window of the metrics")
     axis.set_xlabel("time [s]")
     axis.set_ylabel(f"phase error\n[degrees of {name}]")
@@ -65,18 +67,18 @@ def phase_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-def phase_order_figure(found: HandedIn) -> Figure | None:
+def phase_error_order_figure(found: HandedIn) -> Figure | None:
     """Amplitudes of the phase errors by order of the driver; None without a whole cycle of it in the window."""
     phases = {s: phase for s, phase in found.phases.items() if phase.amplitude is not None}
     if not phases:
         return None
-    figure, (axis,) = panels(1, 3.0, "", None)
+    figure, (axis,) = panel_column(1, 3.0, "", None)
     width = 0.8 / len(phases)
     for k, (s, phase) in enumerate(phases.items()):
         assert phase.amplitude is not None
         at = np.arange(len(phase.orders)) + (k - 0.5 * (len(phases) - 1)) * width
         label = found.drive.sprockets[s].name
-        axis.bar(at, np.degrees(phase.amplitude), width, color=LINES[k % len(LINES)], label=label)
+        axis.bar(at, np.degrees(phase.amplitude), width, color=LINE_COLORS[k % len(LINE_COLORS)], label=label)
     orders = next(iter(phases.values())).orders
     axis.set_xticks(np.arange(len(orders)), [f"{order:g}" for order in orders])
     driver = found.drive.sprockets[found.drive.driver].name
@@ -86,18 +88,18 @@ def phase_order_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-def runs_evenly(found: HandedIn) -> bool:
+def has_even_speed(found: HandedIn) -> bool:
     """Whether the driver keeps about one speed in the window, so that its cycles are alike."""
     speed = found.part.sprocket_speed
     if speed is None:
         return False
     own = np.abs(np.asarray(speed[:, found.drive.driver], dtype=float))
-    return float(own.min()) >= (1.0 - SWAY) * float(own.max()) > 0.0
+    return float(own.min()) >= (1.0 - STEADY_SPREAD) * float(own.max()) > 0.0
 
 
-def cycle_figure(found: HandedIn) -> Figure | None:
+def driver_cycle_figure(found: HandedIn) -> Figure | None:
     """Mean and envelope over two turns of the driver: strand tensions, hub forces, phase errors; None without them."""
-    if not runs_evenly(found):
+    if not has_even_speed(found):
         return None
     drive, part = found.drive, found.part
     turns = turns_of(found.whole)[(found.whole.time >= found.start - 1e-12) & (found.whole.time <= found.end + 1e-12)]
@@ -108,13 +110,13 @@ def cycle_figure(found: HandedIn) -> Figure | None:
     errors = [np.degrees(phase_error(found.whole, s)[inside]) for s in found.phases]
     driver = drive.sprockets[drive.driver].name
     groups: list[tuple[str, str, list[str], list[Array]]] = [
-        ("tension at mid-strand", "N", [arrowed(name) for name in drive.strand_names], tensions),
+        ("tension at mid-strand", "N", [strand_label(name) for name in drive.strand_names], tensions),
         ("force on the hub", "N", [sprocket.name for sprocket in drive.sprockets], hubs),
         ("phase error", f"degrees of {driver}", [drive.sprockets[s].name for s in found.phases], errors),
     ]
     if len(turns[kept]) < 16 or cycle_average(turns[kept], turns[kept]) is None:
         return None
-    figure, axes = panels(len(groups), 2.9 * len(groups) + 0.3, "", None)
+    figure, axes = panel_column(len(groups), 2.9 * len(groups) + 0.3, "", None)
     count = 0
     for axis, (title, unit, names, signals) in zip(axes, groups, strict=True):
         word, factor = shown(unit, *signals) if unit == "N" else (unit, 1.0)
@@ -122,7 +124,7 @@ def cycle_figure(found: HandedIn) -> Figure | None:
             average = cycle_average(turns[kept], values[kept])
             if average is None:
                 continue
-            color, angle, count = LINES[k % len(LINES)], np.degrees(average.angle), average.cycles
+            color, angle, count = LINE_COLORS[k % len(LINE_COLORS)], np.degrees(average.angle), average.cycles
             axis.plot(angle, factor * average.mean, lw=1.2, color=color, label=name)
             axis.fill_between(angle, factor * average.low, factor * average.high, color=color, alpha=0.15, lw=0)
         axis.set_ylabel(f"{title}\n[{word}]")
@@ -135,21 +137,21 @@ def cycle_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-def least(values: Array) -> float:
+def least_finite(values: Array) -> float:
     """The smallest finite value; nan where there is none."""
     return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
 
 
-def jump_figure(found: HandedIn) -> Figure:
+def jump_margin_figure(found: HandedIn) -> Figure:
     """Least margin to tooth jump of each sprocket over time, as a share of the climb from seat to tip."""
-    figure, (axis,) = panels(1, 3.0, "", None)
+    figure, (axis,) = panel_column(1, 3.0, "", None)
     for s, (sprocket, jump) in enumerate(zip(found.drive.sprockets, found.jumps, strict=True)):
         share = 100.0 * jump.margin / jump.height
         if np.isfinite(share).any():
-            label = f"{sprocket.name}: {least(share):.0f} %"
-            curve(axis, found.part.time, share, color=LINES[s % len(LINES)], label=label)
+            label = f"{sprocket.name}: {least_finite(share):.0f} %"
+            draw_curve(axis, found.part.time, share, color=LINE_COLORS[s % len(LINE_COLORS)], label=label)
     axis.axhline(0.0, color="black", lw=0.8)
-    lowest = [least(100.0 * jump.margin / jump.height) for jump in found.jumps]
+    lowest = [least_finite(100.0 * jump.margin / jump.height) for jump in found.jumps]
     axis.set_ylim(min([0.0, *(value for value in lowest if math.isfinite(value))]) - 3.0, 108.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("margin over the climb\n[%], 0: it jumps")

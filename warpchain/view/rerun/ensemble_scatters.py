@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.results.metric_columns import unit_of
 from warpchain.results.run import Run
-from warpchain.view.chosen import varied_inputs
-from warpchain.view.palette import OTHERS, RECORDED, SHOWN
-from warpchain.view.rerun.chart import INPUTS, METRICS, Chart, Dots, Quantity, log_scatter
+from warpchain.view.palette import OTHER_DOT, RECORDED_DOT, SHOWN_DOT
+from warpchain.view.recorded_variants import varied_inputs
+from warpchain.view.rerun.chart import MOST_INPUTS, MOST_METRICS, AxisQuantity, Chart, DotGroup, log_scatter
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Values = dict[str, NDArray[np.float64]]
 
 
-def first_metrics(drive: Drive) -> list[str]:
+def ensemble_metrics(drive: Drive) -> list[str]:
     """Metrics to show first, most important first."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     chains = [f"{chain.name}." for chain in drive.chains] or [""]
@@ -49,17 +49,22 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
     metrics = _varied_metrics(run)
     if not inputs or not metrics:
         return [], 0
-    chosen = _most_telling(inputs, metrics)
+    chosen = _most_correlated_inputs(inputs, metrics)
     everything = np.asarray(run.numbers)
     recorded, played = ({run.row_of(variant) for variant in variants} for variants in (run, shown))
     groups = [
-        Dots("other variants", OTHERS, 2.5, _rows(set(range(len(everything))) - recorded)),
-        Dots("recorded variants", RECORDED, 3.5, _rows(recorded - played)),
-        Dots("shown variants", SHOWN, 5.0, _rows(played)),
+        DotGroup("other variants", OTHER_DOT, 2.5, _row_indices(set(range(len(everything))) - recorded)),
+        DotGroup("recorded variants", RECORDED_DOT, 3.5, _row_indices(recorded - played)),
+        DotGroup("shown variants", SHOWN_DOT, 5.0, _row_indices(played)),
     ]
     charts = [
         log_scatter(
-            stream, "ensemble", Quantity(name, inputs[name]), Quantity(metric, y, unit_of(metric)), groups, everything
+            stream,
+            "ensemble",
+            AxisQuantity(name, inputs[name]),
+            AxisQuantity(metric, y, unit_of(metric)),
+            groups,
+            everything,
         )
         for name in chosen
         for metric, y in metrics.items()
@@ -67,14 +72,14 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
     return charts, len(metrics)
 
 
-def _rows(rows: Collection[int]) -> NDArray[np.intp]:
+def _row_indices(rows: Collection[int]) -> NDArray[np.intp]:
     return np.array(sorted(rows), dtype=np.intp)
 
 
 def _varied_metrics(run: Run) -> Values:
     found: Values = {}
-    for name in first_metrics(run.drives[0]):
-        if name in run.metrics.column_names and len(found) < METRICS:
+    for name in ensemble_metrics(run.drives[0]):
+        if name in run.metrics.column_names and len(found) < MOST_METRICS:
             values: Any = run.metrics[name].to_numpy(zero_copy_only=False)
             values = np.where(run.ok, np.asarray(values, dtype=float), np.nan)
             finite = values[np.isfinite(values)]
@@ -83,7 +88,7 @@ def _varied_metrics(run: Run) -> Values:
     return found
 
 
-def _most_telling(inputs: Values, metrics: Values) -> list[str]:
+def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
     """The inputs that correlate most with any metric, in the drive's order."""
 
     def weight(values: NDArray[np.float64]) -> float:
@@ -94,5 +99,5 @@ def _most_telling(inputs: Values, metrics: Values) -> list[str]:
                 best = max(best, abs(float(np.corrcoef(values[both], other[both])[0, 1])))
         return best
 
-    ranked = sorted(inputs, key=lambda name: -weight(inputs[name]))[:INPUTS]
+    ranked = sorted(inputs, key=lambda name: -weight(inputs[name]))[:MOST_INPUTS]
     return [name for name in inputs if name in ranked]

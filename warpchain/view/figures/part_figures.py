@@ -15,14 +15,14 @@ from warpchain.results.losses import Array, by_group
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import forward
 from warpchain.results.units import shown
-from warpchain.view.figures.style import LINES, curve, panels, rpm
+from warpchain.view.figures.figure_style import LINE_COLORS, draw_curve, panel_column, rpm_of_speed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SPEEDS = 24
+SPEED_SPELLS = 24
 """Most spells of speed that friction power is averaged over."""
-SWAY = 0.2
+STEADY_SPREAD = 0.2
 """Speeds that differ by less than this share of the largest are one speed."""
 
 
@@ -31,7 +31,7 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
     load: GuideLoad = found.guides[g]
     inside = load.mean > 0.0
     span = load.place[inside] if inside.any() else load.place
-    figure, axes = panels(3, 6.4, "", None)
+    figure, axes = panel_column(3, 6.4, "", None)
     length, to_length = shown("m", load.place)
     x, width = to_length * load.place, to_length * float(load.place[1] - load.place[0])
     rows = (
@@ -40,13 +40,13 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
         ("p v: force times\nspeed per length", "W/m", load.pv, load.pv_peak),
     )
     for axis, (title, unit, values, peak) in zip(axes, rows, strict=True):
-        word, factor = _per_length(unit, values)
-        axis.bar(x, factor * values, width, color=LINES[0], lw=0, label="mean over time")
+        word, factor = _unit_per_length(unit, values)
+        axis.bar(x, factor * values, width, color=LINE_COLORS[0], lw=0, label="mean over time")
         if peak is not None:
-            word_peak, factor_peak = _per_length(unit, peak)
+            word_peak, factor_peak = _unit_per_length(unit, peak)
             twin = axis.twinx()
-            twin.step(x, factor_peak * peak, where="mid", color=LINES[3], lw=1.0)
-            twin.set_ylabel(f"largest\n[{word_peak}]", color=LINES[3])
+            twin.step(x, factor_peak * peak, where="mid", color=LINE_COLORS[3], lw=1.0)
+            twin.set_ylabel(f"largest\n[{word_peak}]", color=LINE_COLORS[3])
             twin.set_ylim(0.0)
         axis.set_ylabel(f"{title}\n[{word}]")
     face = to_length * float(np.clip(span.max(), 0.0, None))
@@ -59,7 +59,7 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
     return figure
 
 
-def _per_length(unit: str, values: Array) -> tuple[str, float]:
+def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
     """Unit and factor of a value per meter, shown per millimeter; of others as they are shown."""
     if not unit.endswith("/m"):
         return shown(unit, values)
@@ -67,60 +67,64 @@ def _per_length(unit: str, values: Array) -> tuple[str, float]:
     return f"{word}/mm", 1e-3 * factor
 
 
-def friction_figure(found: HandedIn) -> Figure | None:
+def friction_power_figure(found: HandedIn) -> Figure | None:
     """Friction power by group over the driver's speed, or over time where it keeps one; None where nothing rubs."""
     groups = by_group(found.drive, found.power)
     if not groups:
         return None
     whole, drive = found.whole, found.drive
-    figure, (axis,) = panels(1, 3.4, "", None)
-    spells = 4 * SPEEDS
-    x, label = _spells(whole.time, spells), "time [s]"
+    figure, (axis,) = panel_column(1, 3.4, "", None)
+    spells = 4 * SPEED_SPELLS
+    x, label = _spell_means(whole.time, spells), "time [s]"
     order = np.arange(len(x))
     if whole.sprocket_speed is not None:
-        speed = _spells(forward(drive, whole.sprocket_speed, drive.driver), SPEEDS)
+        speed = _spell_means(forward(drive, whole.sprocket_speed, drive.driver), SPEED_SPELLS)
         later = speed[len(speed) // 2 :]
-        if np.ptp(later) > SWAY * float(np.abs(later).max()):
-            spells, order, label = SPEEDS, np.argsort(speed), f"speed of {drive.sprockets[drive.driver].name} [rpm]"
-            x = rpm(1.0) * speed[order]
-    rows = [_spells(values, spells)[order] for values in groups.values()]
+        if np.ptp(later) > STEADY_SPREAD * float(np.abs(later).max()):
+            spells, order, label = (
+                SPEED_SPELLS,
+                np.argsort(speed),
+                f"speed of {drive.sprockets[drive.driver].name} [rpm]",
+            )
+            x = rpm_of_speed(1.0) * speed[order]
+    rows = [_spell_means(values, spells)[order] for values in groups.values()]
     unit, factor = shown("W", np.sum(rows, axis=0))
-    stacked(axis, x, {name: factor * values for name, values in zip(groups, rows, strict=True)})
+    draw_stacked_areas(axis, x, {name: factor * values for name, values in zip(groups, rows, strict=True)})
     axis.set_xlabel(label)
     axis.set_ylabel(f"friction power [{unit}]")
     return figure
 
 
-def stacked(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
+def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
     """Values above each other, with a legend."""
-    axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINES, alpha=0.75, lw=0)
+    axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
     axis.legend(loc="upper left", fontsize=8)
 
 
-def variants_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
+def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
     """Mean friction power [W] of variants by group over the driver's mean speed (V,) [rad/s], ascending."""
-    figure, (axis,) = panels(1, 3.4, "", None)
+    figure, (axis,) = panel_column(1, 3.4, "", None)
     unit, factor = shown("W", np.sum(list(groups.values()), axis=0))
-    stacked(axis, rpm(1.0) * speed, {name: factor * values for name, values in groups.items()})
+    draw_stacked_areas(axis, rpm_of_speed(1.0) * speed, {name: factor * values for name, values in groups.items()})
     axis.set_xlabel(f"mean speed of {drive.sprockets[drive.driver].name} [rpm]")
     axis.set_ylabel(f"mean friction power [{unit}]")
     return figure
 
 
-def _spells(values: Array, spells: int) -> Array:
+def _spell_means(values: Array, spells: int) -> Array:
     """Means over at most so many equal spells of time."""
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
-def wear_figure(found: HandedIn) -> Figure | None:
+def joint_wear_figure(found: HandedIn) -> Figure | None:
     """Loaded sliding of every joint in the window, as a power; None without a pin radius."""
     if found.wear is None:
         return None
     rate = found.wear.loaded / found.wear.seconds
     unit, factor = shown("W", rate)
-    figure, (axis,) = panels(1, 2.5, "", None)
-    axis.bar(np.arange(len(rate)), factor * rate, 1.0, color=LINES[0], lw=0)
+    figure, (axis,) = panel_column(1, 2.5, "", None)
+    axis.bar(np.arange(len(rate)), factor * rate, 1.0, color=LINE_COLORS[0], lw=0)
     axis.axhline(factor * float(rate.mean()), color="black", lw=0.8, ls="--", label="mean")
     axis.set_xlim(-0.5, len(rate) - 0.5)
     axis.set_xlabel("joint number")
@@ -129,12 +133,12 @@ def wear_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-BODIES = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
+BODY_LISTS = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
 """Parts with channels of their own beside rollers, links and sprockets, with the drive's list of them."""
 
 
-def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
-    """The recorded channels of a kind of `BODIES`: title, unit and values (F, how many there are)."""
+def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
+    """The recorded channels of a kind of `BODY_LISTS`: title, unit and values (F, how many there are)."""
     return {
         channel.description: (channel.unit, np.asarray(values, dtype=float))
         for channel in CHANNELS
@@ -145,14 +149,14 @@ def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array
 
 
 def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
-    """All that is recorded of a part of a kind of `BODIES` over time; None where nothing is."""
-    held = channels_of(found.whole, kind)
+    """All that is recorded of a part of a kind of `BODY_LISTS` over time; None where nothing is."""
+    held = body_channels(found.whole, kind)
     if not held:
         return None
-    figure, axes = panels(len(held), 1.9 * len(held) + 0.4, "", None)
+    figure, axes = panel_column(len(held), 1.9 * len(held) + 0.4, "", None)
     for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
         word, factor = shown(unit, values[:, k])
-        curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
+        draw_curve(axis, found.whole.time, factor * values[:, k], color=LINE_COLORS[0])
         axis.set_title(title, loc="left", fontsize=9)
         axis.set_ylabel(f"[{word}]")
     axes[-1].set_xlabel("time [s]")
@@ -162,11 +166,11 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
 def probe_figure(found: HandedIn, name: str) -> Figure:
     """A probe's readings over time: tension, speed along the chain, displacement to its left."""
     seen = found.probes[name]
-    figure, axes = panels(3, 5.6, "", None)
+    figure, axes = panel_column(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))
     for axis, (title, unit, values) in zip(axes, rows, strict=True):
         word, factor = shown(unit, values)
-        curve(axis, found.whole.time, factor * values, color=LINES[0])
+        draw_curve(axis, found.whole.time, factor * values, color=LINE_COLORS[0])
         axis.set_ylabel(f"{title}\n[{word}]")
     axes[-1].set_xlabel("time [s]")
     return figure

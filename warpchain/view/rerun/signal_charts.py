@@ -24,16 +24,16 @@ from warpchain.results.signals import (
     transmission_error,
 )
 from warpchain.results.units import DEGREES
-from warpchain.view.palette import Color, packed_colors, tension_steps
-from warpchain.view.rerun.chart import INK, WIDE, Axis, Chart
-from warpchain.view.rerun.streams import Column, entity, rows, send
+from warpchain.view.palette import Color, packed_tension_colors, tension_color_steps
+from warpchain.view.rerun.chart import INK_COLOR, WIDE_CHART, Chart, ChartAxis
+from warpchain.view.rerun.streams import ComponentValues, entity_path, list_array, send_columns
 
 if TYPE_CHECKING:
     import rerun as rr
 
     from warpchain.results.measured import Comparison
 
-GROUPS = {
+CURVE_GROUPS = {
     "tension": "link tension [N]",
     "strand tension": "tension at the middle of each strand [N]",
     "contact": "largest contact force on a roller, by sprocket and guide-bar [N]",
@@ -52,15 +52,15 @@ GROUPS = {
     "valves": "torque of the valves against rotation [N m]",
 }
 """Groups of curves, each a view, with their titles."""
-DISPLAYED_IN = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
+DISPLAY_FACTORS = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
     ("error", "twist", "arm"), DEGREES
 )
 """Factors from SI of groups that are shown in another unit."""
-WIDEST = 4096
+MOST_COLUMNS = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
 
 
-def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
+def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
     """Group, name and values (F,) of every curve that the recorded channels allow."""
     (tension,) = need(trajectory, "tension")
     drive = trajectory.drive
@@ -88,7 +88,7 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
     held = trajectory.channels()
     for name, _, channel, group, i in part_signals(drive):
         if channel in held:
-            yield group, name, DISPLAYED_IN.get(group, 1.0) * held[channel][:, i]
+            yield group, name, DISPLAY_FACTORS.get(group, 1.0) * held[channel][:, i]
 
 
 def log_curves(
@@ -103,21 +103,23 @@ def log_curves(
     import pyarrow as pa
     import rerun as rr
 
-    for group, name, values in curves(trajectory):
-        path = entity(root, "curves", group, name)
+    for group, name, values in recorded_curves(trajectory):
+        path = entity_path(root, "curves", group, name)
         style = rr.SeriesLines(
             names=[f"{root}: {name}" if own else name],
-            colors=[colors.get(name, INK)],
+            colors=[colors.get(name, INK_COLOR)],
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
         stream.log(path, style, static=True)
         frames = peak_frames(values, budget)
         scalars = pa.array(np.asarray(values, dtype=np.float64)[frames])
-        column = Column(rr.Scalars.descriptor_scalars(), rows(scalars, 1, len(frames)))
-        send(stream, path, trajectory.time[frames], [column])
+        column = ComponentValues(rr.Scalars.descriptor_scalars(), list_array(scalars, 1, len(frames)))
+        send_columns(stream, path, trajectory.time[frames], [column])
 
 
-def log_measured(stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int) -> list[Line]:
+def log_measured_signals(
+    stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int
+) -> list[SpectrumLine]:
     """Logs measured signals into the groups of the curves that they are compared with, in white; returns the lines of
     their spectra that belong among those of strands' tensions."""
     import pyarrow as pa
@@ -126,21 +128,21 @@ def log_measured(stream: rr.RecordingStream, root: str, found: Sequence[Comparis
     lines = []
     for one in found:
         name = f"measured: {one.measured.name}"
-        path = entity(root, "curves", one.group, name)
-        style = rr.SeriesLines(names=[name], colors=[INK], widths=[1.5])
+        path = entity_path(root, "curves", one.group, name)
+        style = rr.SeriesLines(names=[name], colors=[INK_COLOR], widths=[1.5])
         stream.log(path, style, static=True)
         frames = peak_frames(one.measured.values, budget)
-        values = DISPLAYED_IN.get(one.group, 1.0) * one.measured.values[frames]
-        column = Column(rr.Scalars.descriptor_scalars(), rows(pa.array(values), 1, len(frames)))
-        send(stream, path, one.measured.time[frames], [column])
+        values = DISPLAY_FACTORS.get(one.group, 1.0) * one.measured.values[frames]
+        column = ComponentValues(rr.Scalars.descriptor_scalars(), list_array(pa.array(values), 1, len(frames)))
+        send_columns(stream, path, one.measured.time[frames], [column])
         spectrum = one.spectra[1]
         if one.measured.unit == "N" and spectrum is not None and one.spectra[0] is not None:
             shown = (spectrum[0] > 0.0) & (spectrum[0] <= one.spectra[0][0][-1])
-            lines.append(Line(name, INK, spectrum[0][shown], spectrum[1][shown]))
+            lines.append(SpectrumLine(name, INK_COLOR, spectrum[0][shown], spectrum[1][shown]))
     return lines
 
 
-def axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
+def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
     """Range of the vertical axis of a group of curves at first [its unit]; None is all.
 
     Ratios and transmission errors: what they reach in the latter half, as they go far beyond while a driver starts from
@@ -171,18 +173,21 @@ def log_tension_image(
     Each column is the maximum tension of each link in a time bin, so that no peak is lost.
     """
     (tension,) = need(trajectory, "tension")
-    _, peaks = peaks_over_time(tension, min(budget, WIDEST))
-    packed = packed_colors(tension_steps(np.ascontiguousarray(peaks.T[::-1]), top))
+    _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
+    packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
-    axes = Axis("time [s]", 0.0, float(trajectory.time[-1])), Axis("link", 0.0, float(trajectory.drive.chain.links))
-    chart = Chart(stream, (root, "tension image"), *axes, width=WIDE)
-    chart.image("image", pixels)
-    chart.frame(grid=False)
-    chart.cursor("cursor", shown.time)
+    axes = (
+        ChartAxis("time [s]", 0.0, float(trajectory.time[-1])),
+        ChartAxis("link", 0.0, float(trajectory.drive.chain.links)),
+    )
+    chart = Chart(stream, (root, "tension image"), *axes, width=WIDE_CHART)
+    chart.log_image("image", pixels)
+    chart.log_frame(grid=False)
+    chart.log_cursor("cursor", shown.time)
     return chart
 
 
-class Line(NamedTuple):
+class SpectrumLine(NamedTuple):
     """A line of a spectrum chart."""
 
     name: str
@@ -191,29 +196,31 @@ class Line(NamedTuple):
     amplitude: NDArray[np.float64]
 
 
-def spectra(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[Line]]:
+def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[SpectrumLine]]:
     """The order spectra of a recording by the title of their chart, each with its color; {} where none can be."""
     return {
-        title: [Line(one.name, colors.get(one.name, INK), one.orders, one.amplitude) for one in found]
+        title: [SpectrumLine(one.name, colors.get(one.name, INK_COLOR), one.orders, one.amplitude) for one in found]
         for title, found in order_spectra(trajectory).items()
     }
 
 
-def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Line]], teeth: Sequence[int]) -> list[Chart]:
+def log_spectrum_charts(
+    stream: rr.RecordingStream, found: dict[str, list[SpectrumLine]], teeth: Sequence[int]
+) -> list[Chart]:
     """Logs one chart for each title, its lines over each other, with the tooth-passing orders of the drivers marked."""
     charts = []
     for title, lines in found.items():
         peak = max(float(line.amplitude.max()) for line in lines)
         if peak <= 0.0:
             continue
-        x = Axis("order of the driver's revolution", 0.0, max(float(line.orders[-1]) for line in lines))
-        y = Axis(f"amplitude of {title}", SPECTRUM_FLOOR * peak, 2.0 * peak, True)
-        chart = Chart(stream, ("spectrum", title), x, y, WIDE, beside=0.6)
-        chart.frame()
+        x = ChartAxis("order of the driver's revolution", 0.0, max(float(line.orders[-1]) for line in lines))
+        y = ChartAxis(f"amplitude of {title}", SPECTRUM_FLOOR * peak, 2.0 * peak, True)
+        chart = Chart(stream, ("spectrum", title), x, y, WIDE_CHART, beside=0.6)
+        chart.log_frame()
         passing = [k * z for z in sorted(set(teeth)) for k in range(1, TOOTH_PASSINGS + 1) if k * z <= x.high]
-        chart.verticals("tooth passing", passing, [f"tooth passing {order}" for order in passing], (120, 120, 60))
+        chart.log_verticals("tooth passing", passing, [f"tooth passing {order}" for order in passing], (120, 120, 60))
         for k, line in enumerate(lines):
-            chart.line(line.name, line.orders, line.amplitude, line.color)
-            chart.key(k, line.name, line.color)
+            chart.log_line(line.name, line.orders, line.amplitude, line.color)
+            chart.log_key(k, line.name, line.color)
         charts.append(chart)
     return charts
