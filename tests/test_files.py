@@ -24,7 +24,7 @@ from warpchain.archive.file_set import cut_files
 from warpchain.archive.mcap_write import McapFile
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.files import read_text, refusals, whole_file, write_text
-from warpchain.study.store import write_text as write_study_text
+from warpchain.study.store import write_study_text as write_study_text
 
 OLD, NEW = b"old", b"new" * 100_000
 

@@ -47,7 +47,7 @@ STUDY_LEVELS = (
     ("analysis",),
     ("surrogate",),
     ("optimize",),
-    ("plan",),
+    ("forecast",),
     ("report",),
     ("grow_until",),
 )

@@ -211,7 +211,7 @@ def front_figure(results: Results, goals: Goals, chosen: list[Recommended], draw
     front = front[np.argsort(results.values(first)[front])]
     values, labels, star = {}, {}, {}
     for name in (first, second, *results.factors):
-        unit, factor = shown_unit(results.unit(name), float(np.nanmax(results.values(name))))
+        unit, factor = shown_unit(results.column_unit(name), float(np.nanmax(results.values(name))))
         values[name], labels[name] = factor * results.values(name), f"{name} [{unit}]"
         star[name] = factor * drawn.get(name, np.nan)
     x, y = values[first], values[second]
@@ -259,11 +259,11 @@ def search(asked: argparse.Namespace) -> Iterator[Line]:
     copies = scatter(asked.folder, study, goals)
     yield ("", "as drawn", *(f"{letter}: variant {one.variant}" for letter, one in zip(LETTERS, chosen, strict=False)))
     for name in results.factors:
-        unit = results.unit(name)
+        unit = results.column_unit(name)
         own = quantity(drawn[name], unit) if name in drawn else ""
         yield (name, own, *(quantity(float(results.table[name][one.row].as_py()), unit) for one in chosen))
     for metric in goals.metrics:
-        unit = results.unit(metric)
+        unit = results.column_unit(metric)
         values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
         yield (metric, quantity(drawn[metric], unit), *values)
         yield (f"between {COPIES} copies of it", "", *(quantity(mine[metric], unit, digits=2) for mine in copies))

@@ -241,7 +241,7 @@ def test_metric_and_sense_are_those_of_the_objective_and_replicates_count(tmp_pa
     assert [of.runs for of in said] == [32, 64, 96][: len(said)] and said[0].better is None
     assert found.better == ("B" if found.means[1] > found.means[0] else "A")
     assert found.won(found.better) == found.found.pairs == found.runs / 4 >= LEAST
-    assert all((of.counts == 2).all() for of in found.results)
+    assert all((of.run_counts == 2).all() for of in found.results)
 
 
 def test_budget_ends_it_and_a_larger_one_goes_on(tmp_path, capsys):

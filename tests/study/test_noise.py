@@ -463,7 +463,7 @@ def test_studies_over_noise_are_run_grown_joined_and_viewed(tmp_path):
     path.write_text(text)
     run_study(path, tmp_path / "a")
     first = read_results(tmp_path / "a/results.parquet")
-    assert first.table.num_rows == 4 * 8 and first.noise == ("stiff",)
+    assert first.table.num_rows == 4 * 8 and first.noise_factors == ("stiff",)
     path.write_text(text.replace("count = 4", "count = 8"))
     run_study(path, tmp_path / "a", grow=True)
     grown = read_results(tmp_path / "a/results.parquet")
@@ -473,7 +473,7 @@ def test_studies_over_noise_are_run_grown_joined_and_viewed(tmp_path):
     run_study(path, tmp_path / "b")
     join_studies([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
     joined = read_results(tmp_path / "c/results.parquet")
-    assert joined.table.num_rows == 12 * 8 and joined.noise == ("stiff",)
+    assert joined.table.num_rows == 12 * 8 and joined.noise_factors == ("stiff",)
     over, _ = designs_of(joined, goals_of(load_study(tmp_path / "c/study.toml")))
     assert over.table.num_rows == 12
     assert main(["study", "view", str(tmp_path / "c"), "--save", str(tmp_path / "c.rrd")]) == 0

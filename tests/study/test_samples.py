@@ -6,7 +6,7 @@ import pytest
 
 from warpchain.study.analysis import main_effects
 from warpchain.study.report import report_html
-from warpchain.study.results import ROUND, read_results
+from warpchain.study.results import ROUND_COLUMN, read_results
 
 
 def searched():
@@ -21,7 +21,7 @@ def searched():
         pa.field("a", pa.float64(), metadata=factor),
         pa.field("b", pa.float64(), metadata=factor),
         pa.field("tension_max", pa.float64(), metadata={"role": "metric", "unit": "N"}),
-        pa.field(ROUND, pa.int64()),
+        pa.field(ROUND_COLUMN, pa.int64()),
     ]
     columns = [a, b, 2.0 * a + b, np.repeat([0, 1], [len(grid), len(crowd)])]
     return read_results(pa.Table.from_arrays([pa.array(column) for column in columns], schema=pa.schema(fields)))
@@ -30,7 +30,7 @@ def searched():
 def test_effects_of_a_search_are_those_of_its_design():
     """Variances of 2 a and b are 4 to 1 over the design; over all rows b would explain most."""
     results = searched()
-    of_design = {effect.factor: effect.explained for effect in main_effects(results.sample(), "tension_max")}
+    of_design = {effect.factor: effect.explained for effect in main_effects(results.sampled_rows(), "tension_max")}
     assert of_design == {"a": pytest.approx(0.8), "b": pytest.approx(0.2)}
     of_all = {effect.factor: effect.explained for effect in main_effects(results, "tension_max")}
     assert of_all["b"] > of_all["a"]

@@ -55,7 +55,7 @@ def test_variants_that_did_not_end_are_left_out():
     table = results({"x": [1.0, 2.0, 3.0, 4.0], "y": [1.0, 2.0, 1e9, None], "status": status}, ["x"])
     (effect,) = main_effects(table, "y")
     assert effect.means.tolist() == [1.0, 2.0]
-    assert table.reasons() == [("diverged", "no reason given", 1), ("infeasible", "no reason given", 1)]
+    assert table.reason_counts() == [("diverged", "no reason given", 1), ("infeasible", "no reason given", 1)]
 
 
 def test_correlations_are_those_of_scipy():
@@ -132,7 +132,7 @@ def test_tied_factors_count_once():
     a = np.linspace(0.0, 1.0, 9)
     table = results({"a": a, "tied": 5.0 - 2.0 * a, "word": ["x"] * 9, "y": a**2}, ["a", "tied", "word"])
     assert table.independent_factors() == ("a",)
-    assert table.ties() == {"tied": "a"}
+    assert table.factor_ties() == {"tied": "a"}
     assert [effect.factor for effect in main_effects(table, "y")] == ["a"]
     assert [effect.factor for effect in main_effects(table, "y", ("tied",))] == ["tied"]
     assert correlation(table).factors == ("a",)
@@ -155,7 +155,7 @@ def test_reasons_that_differ_in_numbers_are_one():
     reasons = ["strain 1e-3 beyond 0.05", "strain -0.2 beyond 0.05", "no place", "diverged at 0.1 s", None]
     table = results({"x": np.arange(5.0), "y": np.arange(5.0), "status": status, "reason": reasons}, ["x"])
     told = [("infeasible", "strain 1e-3 beyond 0.05", 2), ("infeasible", "no place", 1)]
-    assert table.reasons() == [*told, ("diverged", "diverged at 0.1 s", 1)]
+    assert table.reason_counts() == [*told, ("diverged", "diverged at 0.1 s", 1)]
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
@@ -177,7 +177,7 @@ def test_units_come_back_from_a_head(tmp_path):
     assert path.read_text().splitlines()[0] == '"variant","arm.angle_mean [rad]","k[2] [N m]","ratio"'
     back = read_results(path, ["k[2]"])
     assert back.table.to_pylist() == table.to_pylist()
-    assert [back.unit(name) for name, _ in fields[1:]] == ["rad", "N m", ""]
+    assert [back.column_unit(name) for name, _ in fields[1:]] == ["rad", "N m", ""]
 
 
 def test_roles_are_read_from_the_fields():
@@ -185,7 +185,7 @@ def test_roles_are_read_from_the_fields():
     schema = pa.schema([factor, ("tension_max", pa.float64())])
     found = read_results(pa.table({"a": [1.0, 2.0], "tension_max": [3.0, None]}, schema=schema))
     assert (found.factors, found.metrics) == (("a",), ("tension_max",))
-    assert (found.unit("a"), found.unit("tension_max")) == ("mm", "N")
+    assert (found.column_unit("a"), found.column_unit("tension_max")) == ("mm", "N")
     assert np.isnan(found.values("tension_max")[1])
 
 

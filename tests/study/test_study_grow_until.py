@@ -9,7 +9,7 @@ from study_helpers import SAMPLED, write_study
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects
-from warpchain.study.grow_until import Until, largest_error
+from warpchain.study.grow_until import Until, largest_effect_error
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
 
@@ -39,12 +39,14 @@ def test_error_is_that_of_the_closed_form():
     rng = np.random.default_rng(0)
     y = 10.0 + rng.standard_normal(4000)
     table = pa.table({"a": np.arange(4000) % 2.0, "y": y, "status": ["ok"] * 4000})
-    error, metric, factor = largest_error(read_results(table, ["a"], ["y"]), ("y",), relative=True)
+    error, metric, factor = largest_effect_error(read_results(table, ["a"], ["y"]), ("y",), relative=True)
     assert (metric, factor) == ("y", "a") and error == pytest.approx(0.1 / np.sqrt(2000), rel=0.1)
-    absolute, *_ = largest_error(read_results(table, ["a"], ["y"]), ("y",), relative=False)
+    absolute, *_ = largest_effect_error(read_results(table, ["a"], ["y"]), ("y",), relative=False)
     assert absolute == pytest.approx(error * y.mean())
     with pytest.raises(StudyError, match="no variant is ok"):
-        largest_error(read_results(table.set_column(2, "status", pa.array(["diverged"] * 4000)), ["a"]), ("y",), True)
+        largest_effect_error(
+            read_results(table.set_column(2, "status", pa.array(["diverged"] * 4000)), ["a"]), ("y",), True
+        )
 
 
 def test_study_grows_until_its_effects_are_known(tmp_path, capsys):

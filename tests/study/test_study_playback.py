@@ -108,7 +108,7 @@ def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys)
     (trajectory,) = recorded_variants(results, folder, [3]).values()
     assert column[3] == from_trajectory(trajectory, *window, curve)["damage_per_hour_max"]
     assert "driven.transmission_error_rms" in more.metrics
-    assert more.unit("damage_per_hour_max") == "1/h"
+    assert more.column_unit("damage_per_hour_max") == "1/h"
     export_table(results.table, folder / "results.parquet")
     table = tmp_path / "t.parquet"
     words = ["study", "report", folder, "-o", tmp_path / "r.html", "--factor", "torque", "--fatigue"]

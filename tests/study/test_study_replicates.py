@@ -35,8 +35,8 @@ def test_rows_have_mean_error_and_n_of_their_copies(tmp_path):
     results = read_results(table)
     assert results.factors == ("torque", "links")
     assert results.metrics == ("tension_min", "tension_max", "tension_mean")
-    assert np.array_equal(results.errors("tension_max"), np.array(table["tension_max_se"].to_pylist()))
-    assert results.counts.tolist() == [3] * 4
+    assert np.array_equal(results.standard_errors("tension_max"), np.array(table["tension_max_se"].to_pylist()))
+    assert results.run_counts.tolist() == [3] * 4
     # recorded are the first copy of what is named, and the most extreme copy of the row that is worst in the mean
     worst = int(np.argmax(table["tension_max"].to_pylist()))
     archives = table["archive"].to_pylist()

@@ -25,7 +25,7 @@ from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.metric_columns import column_of
 from warpchain.results.objectives import from_trajectory
-from warpchain.study.results import BOOKKEEPING, read_results
+from warpchain.study.results import BOOKKEEPING_COLUMNS, read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
@@ -498,10 +498,10 @@ def test_every_column_of_a_table_is_of_one_kind(tmp_path):
     results = read_results(outcome.table)
     names = results.table.column_names
     aside = {name for name in names if (column := column_of(name)) and column.aside}
-    kinds = [results.factors, results.metrics, set(BOOKKEEPING) & set(names), aside]
+    kinds = [results.factors, results.metrics, set(BOOKKEEPING_COLUMNS) & set(names), aside]
     assert sorted(name for kind in kinds for name in kind) == sorted(names)  # none is of two kinds
-    assert set(BOOKKEEPING) - set(names) == {"diverged", "diverged_time"}  # the status says it; none diverged
+    assert set(BOOKKEEPING_COLUMNS) - set(names) == {"diverged", "diverged_time"}  # the status says it; none diverged
 
 
 def test_no_factor_can_be_called_like_bookkeeping():
-    assert set(BOOKKEEPING) <= TAKEN
+    assert set(BOOKKEEPING_COLUMNS) <= TAKEN

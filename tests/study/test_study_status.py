@@ -19,12 +19,14 @@ from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report import report_html
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study, study_status
-from warpchain.study.store import NOTE, Ended, read_ended, write_table
+from warpchain.study.store import NOTE_KEY, RowOutcomes, read_row_outcomes, write_table
 
 TIGHT = STUDY.replace("energy_residual = inf", "energy_residual = 0.0")
 REASONS = ["strain 1e-3 beyond 0.05", None, "no place", "strain 2e-3 beyond 0.05"]
 TABLE = pa.table({"status": ["infeasible", "ok", "infeasible", "infeasible"], "reason": REASONS})
-ENDED = Ended({"infeasible": 3, "ok": 1}, [("infeasible", "strain 1e-3 beyond 0.05", 2), ("infeasible", "no place", 1)])
+ENDED = RowOutcomes(
+    {"infeasible": 3, "ok": 1}, [("infeasible", "strain 1e-3 beyond 0.05", 2), ("infeasible", "no place", 1)]
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +53,8 @@ def without_ended(path):
     """Takes from a table's note what earlier versions did not note."""
     table = parquet.read_table(path)
     held = dict(table.schema.metadata)
-    note = {name: value for name, value in json.loads(held[NOTE]).items() if name not in ("ended", "mark")}
-    parquet.write_table(table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()}), path)
+    note = {name: value for name, value in json.loads(held[NOTE_KEY]).items() if name not in ("ended", "mark")}
+    parquet.write_table(table.replace_schema_metadata(held | {NOTE_KEY: json.dumps(note).encode()}), path)
 
 
 def test_a_status_loads_nothing_that_only_runs_need(folder):
@@ -80,12 +82,12 @@ def test_folders_without_such_notes_stand_the_same(folder):
 @pytest.fixture
 def path(tmp_path):
     """A table that notes how its rows ended."""
-    write_table(tmp_path / "00000.parquet", TABLE, study="a", ended=True)
+    write_table(tmp_path / "00000.parquet", TABLE, study="a", note_outcomes=True)
     return tmp_path / "00000.parquet"
 
 
 def test_how_rows_ended_is_noted(path):
-    assert Ended.of(TABLE) == ENDED == read_ended(path, "a", 4)
+    assert RowOutcomes.of_table(TABLE) == ENDED == read_row_outcomes(path, "a", 4)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,7 @@ def test_how_rows_ended_is_noted(path):
 )
 def test_the_note_of_another_table_does_not_count(path, study, rows, match):
     with pytest.raises(StudyError, match=match):
-        read_ended(path, study, rows)
+        read_row_outcomes(path, study, rows)
 
 
 def test_a_note_that_was_changed_does_not_count(path):
@@ -101,17 +103,17 @@ def test_a_note_that_was_changed_does_not_count(path):
     data = path.read_bytes()
     assert data.count(b'"infeasible": 3') == 1
     path.write_bytes(data.replace(b'"infeasible": 3', b'"infeasible": 9'))
-    assert read_ended(path, "a", 4) == ENDED
+    assert read_row_outcomes(path, "a", 4) == ENDED
 
 
 def test_a_file_that_is_no_table_is_told(path):
     for data in (b"", b"PAR1", b"\xff\xff\xff\x7fPAR1"):
         path.write_bytes(data)
         with pytest.raises(StudyError, match="00000"):
-            read_ended(path, "a", 4)
+            read_row_outcomes(path, "a", 4)
     path.unlink()
     with pytest.raises(StudyError, match="cannot be read"):
-        read_ended(path, "a", 4)
+        read_row_outcomes(path, "a", 4)
 
 
 def test_suspect_rows_keep_their_metrics_and_a_study_of_them_alone_is_status_1(tmp_path, capsys):
@@ -126,7 +128,7 @@ def test_suspect_rows_keep_their_metrics_and_a_study_of_them_alone_is_status_1(t
     rows = results.table.to_pylist()
     assert all(row["status"] == "suspect" and row["reason"].startswith("energy residual") for row in rows)
     assert all(row["tension_mean"] is not None for row in rows)
-    assert not results.ok.any() and not results.rows_for("tension_mean").any()
+    assert not results.ok.any() and not results.usable_rows("tension_mean").any()
     source = write_study(tmp_path / "good", points=2)
     assert run(capsys, "study", "run", source, "-o", tmp_path / "good" / "out", "--quiet")[0] == 0
 

@@ -17,7 +17,7 @@ from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import open_folder
 from warpchain.study.run.recordings import recorded_variants
-from warpchain.study.store import digest_of, read_table, write_table
+from warpchain.study.store import read_table, table_digest, write_table
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_a_digest_is_of_what_a_table_says_not_of_how_it_lies():
     other = pa.concat_tables([one.slice(0, 1), one.slice(1)])
     hidden = pa.table([pa.Array.from_buffers(pa.float64(), 3, [one["a"].chunk(0).buffers()[0], pa.py_buffer(
         np.array([1.0, 7.0, 3.0]))]), *one.columns[1:]], names=["a", "b", "c"])  # fmt: skip
-    assert digest_of(one) == digest_of(other) == digest_of(hidden)
+    assert table_digest(one) == table_digest(other) == table_digest(hidden)
     different = [
         one.set_column(0, "a", pa.array([1.0, None, 4.0])),
         one.set_column(0, "a", pa.array([1.0, 0.0, 3.0])),
@@ -166,7 +166,7 @@ def test_a_digest_is_of_what_a_table_says_not_of_how_it_lies():
         one.cast(pa.schema([("a", pa.float32()), ("b", pa.string()), ("c", pa.bool_())])),
         one.slice(0, 2),
     ]
-    assert len({digest_of(table) for table in (one, *different)}) == 1 + len(different)
+    assert len({table_digest(table) for table in (one, *different)}) == 1 + len(different)
 
 
 WRITING = """

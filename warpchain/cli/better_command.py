@@ -74,7 +74,7 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
 
     of, left_out = found.found, len(found.differences) - found.found.pairs
     way = "less" if found.sense == "min" else "more"
-    lines = [f"{found.metric} over the noise of {', '.join(found.results[0].noise)}; {way} is better"]
+    lines = [f"{found.metric} over the noise of {', '.join(found.results[0].noise_factors)}; {way} is better"]
     lines += [f"{name}: {quantity(m, found.unit)} in the mean, better in {found.won(name)} of {of.pairs} pairs: {drive}"
               for name, m, drive in zip("AB", found.means, drives, strict=True)]  # fmt: skip
     part = f" ({100.0 * of.mean / abs(found.means[0]):+.2g} %)" if found.means[0] else ""

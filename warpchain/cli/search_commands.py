@@ -70,7 +70,7 @@ def _print_found(found: Any) -> None:
     from warpchain.results.units import quantity
 
     results, runs = found.designs, len(found.results.status)
-    over = f" of {len(results.status)} designs over the same noise" if found.results.noise else ""
+    over = f" of {len(results.status)} designs over the same noise" if found.results.noise_factors else ""
     print(f"{runs} variants{over} in {found.rounds} rounds, {int(found.results.ok.sum())} of them ok")
     for k, one in enumerate(found.recommended):
         print(f"\ndesign {k + 1}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
@@ -78,11 +78,11 @@ def _print_found(found: Any) -> None:
             print(f"  {line}")
         for name in results.factors:
             value = results.table[name][one.row].as_py()
-            words = quantity(value, results.unit(name), digits=6) if isinstance(value, float) else str(value)
+            words = quantity(value, results.column_unit(name), digits=6) if isinstance(value, float) else str(value)
             print(f"  {name} = {words}")
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
-                unit = results.unit(name)
+                unit = results.column_unit(name)
                 simulated = "" if one.spreads else f"model estimate; {quantity(one.measured[name], unit)} "
                 print(f"  {name}: {quantity(mean, unit, deviation)} ({simulated}simulated)")
         for of in one.spreads:
@@ -93,7 +93,7 @@ def _print_found(found: Any) -> None:
             way = "play it, with noise as the drive has it" if one.spreads else "play it"
             print(f"  {way}: warpchain view {archive} --variant {number}")
     over_noise = "the standard error of a statistic over a design's runs; designs are compared over the same noise"
-    of = over_noise if found.results.noise else "one standard deviation of the metric itself, by a surrogate"
+    of = over_noise if found.results.noise_factors else "one standard deviation of the metric itself, by a surrogate"
     print(f"\n± is {of}")
     print(f"report: warpchain study report {found.folder} -o report.html")
 

@@ -133,14 +133,14 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
 
 def _plan(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
-    from warpchain.study.plan import plan_lines, plan_study
+    from warpchain.study.forecast import forecast_lines, forecast_study
 
     start_warp(precompiled=False)
     wanted = dict(arguments.precision)
     metrics = tuple(dict.fromkeys([*arguments.metric, *wanted]))
     if wanted and arguments.like is None:
         raise StudyError("--precision: needs --like, an earlier study with replicates that tells how runs scatter")
-    plan = plan_study(
+    plan = forecast_study(
         arguments.study,
         like=arguments.like,
         metrics=metrics,
@@ -148,7 +148,7 @@ def _plan(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         memory=arguments.memory,
     )
-    for line in plan_lines(plan, wanted):
+    for line in forecast_lines(plan, wanted):
         print(line)
     return DONE
 
@@ -156,15 +156,15 @@ def _plan(arguments: argparse.Namespace) -> int:
 @resumable("the shards that are done are")
 def _grow(arguments: argparse.Namespace) -> int:
     from warpchain.study.analysis.left_out import LeftOut
-    from warpchain.study.grow_until import Reached, Until, grow_until
+    from warpchain.study.grow_until import GrowthState, Until, grow_until
     from warpchain.study.results import read_results
 
     until = Until.of(arguments.until)
 
-    def say(now: Reached) -> None:
+    def say(now: GrowthState) -> None:
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
-            print(f"{now.rows} variants: largest standard error of main effects {until.words(now.error)}{of}")
+            print(f"{now.rows} variants: largest standard error of main effects {until.error_text(now.error)}{of}")
 
     found = grow_until(arguments.folder, until, most=arguments.most, report=say, **run_options(arguments))
     if not found.done:

@@ -1,8 +1,7 @@
-"""A study grown until its main effects are known as well as asked: doubled, looked at, and doubled again.
+"""Grows a study, doubling it, until its main effects are known precisely enough.
 
-The means of a metric in groups of a factor's values have standard errors (`analysis.effects`), which fall with the root
-of the number of variants. Each doubling is a growth of the folder (`run.prepare`), so that it can be killed and gone on
-with like any study.
+Standard errors of the means in groups of a factor's values (`analysis.effects`) fall with the root of the number of
+variants. Each doubling is a growth of the folder (`run.prepare`), which can be killed and resumed.
 """
 
 from __future__ import annotations
@@ -26,17 +25,19 @@ from warpchain.study.run.prepare import grown, shard_size
 from warpchain.study.run.runner import run_folder
 from warpchain.study.spec.study_tables import SAMPLED
 
-_TEXT = re.compile(r"\s*se\(\s*main effects(?:\s+of\s+(.+?))?\s*\)\s*<\s*([-+.\deE]+)\s*(%?)\s*")
-_ALLOWED = 'must be such as "se(main effects) < 1 %", "se(main effects of METRIC) < 1 %" or "... of METRIC) < 50"'
+_CONDITION = re.compile(r"\s*se\(\s*main effects(?:\s+of\s+(.+?))?\s*\)\s*<\s*([-+.\deE]+)\s*(%?)\s*")
+_CONDITION_HELP = (
+    'must be such as "se(main effects) < 1 %", "se(main effects of METRIC) < 1 %" or "... of METRIC) < 50"'
+)
 
 
 @dataclass(frozen=True)
 class Until:
-    """A condition on the standard errors of main effects.
+    """A condition on the standard errors of main effects, which ends a study's growth.
 
     Attributes:
-        metric: which; None is those that the study's objectives and limits name, or else the telling ones.
-        most: the largest error that is allowed, in the metric's unit, or as a part of its mean [-].
+        metric: which; None is those that the study's objectives and limits name, or else the most telling ones.
+        most: largest error that is allowed, in the metric's unit, or as a part of its mean [-].
         relative: whether it is a part of the mean.
     """
 
@@ -46,38 +47,38 @@ class Until:
 
     @classmethod
     def of(cls, text: str) -> Until:
-        """The condition that a text says.
+        """The condition that a text states, such as "se(main effects) < 1 %".
 
         Raises:
-            StudyError: none is said.
+            StudyError: it states none.
         """
-        found = _TEXT.fullmatch(text)
+        found = _CONDITION.fullmatch(text)
         try:
             value = float(found[2]) if found else math.nan
         except ValueError:
             value = math.nan
         if found is None or not (math.isfinite(value) and value > 0.0):
-            raise StudyError(f"--until {text!r}: {_ALLOWED}")
+            raise StudyError(f"--until {text!r}: {_CONDITION_HELP}")
         if not found[3] and found[1] is None:
-            raise StudyError(f"--until {text!r}: a value without % needs a metric: {_ALLOWED}")
+            raise StudyError(f"--until {text!r}: a value without % needs a metric: {_CONDITION_HELP}")
         return cls(found[1], value / 100.0 if found[3] else value, bool(found[3]))
 
-    def words(self, error: float) -> str:
-        """An error in words."""
+    def error_text(self, error: float) -> str:
+        """A standard error as text, in percent of the mean if the condition is relative."""
         if math.isinf(error):
             return "unknown"
         return f"{100.0 * error:.3g} %" if self.relative else f"{error:.4g}"
 
 
 @dataclass(frozen=True)
-class Reached:
-    """State of a study that grows.
+class GrowthState:
+    """State of a growing study after a run.
 
     Attributes:
-        rows: its rows.
-        error: largest standard error of a mean; infinite where a group is too small to tell.
-        metric, factor: of which.
-        count: `design.count` of it.
+        rows: number of its rows.
+        error: largest standard error of a group's mean; infinite if a group is too small to tell.
+        metric, factor: those of this error.
+        count: the study's `design.count`.
         done: whether the condition is met.
     """
 
@@ -89,8 +90,8 @@ class Reached:
     done: bool
 
 
-def largest_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
-    """The largest standard error of a group's mean, its metric and its factor.
+def largest_effect_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
+    """The largest standard error of a group's mean, with its metric and factor.
 
     Raises:
         StudyError: no variant is ok, or an unknown metric.
@@ -99,7 +100,7 @@ def largest_error(results: Results, metrics: tuple[str, ...], relative: bool) ->
         raise StudyError("no variant is ok: there are no main effects to know")
     worst = (0.0, "", "")
     for metric in metrics:
-        rows = results.rows_for(metric)
+        rows = results.usable_rows(metric)
         if rows.sum() < 2:
             return math.inf, metric, ""
         scale = abs(float(results.values(metric)[rows].mean())) if relative else 1.0
@@ -120,15 +121,15 @@ def grow_until(
     workers: int | None = None,
     memory: int = MEMORY,
     progress: Progress = False,
-    report: Callable[[Reached], object] | None = None,
-) -> Reached:
-    """Grows a study's folder until a condition is met, or until it would have more than so many rows.
+    report: Callable[[GrowthState], object] | None = None,
+) -> GrowthState:
+    """Grows a study's folder until a condition is met, or until the next doubling would exceed `most` rows.
 
     Args:
         out: the folder of a study whose design is sampled.
         until: the condition.
-        most: rows at most.
-        workers, memory, progress: as of `run_study`.
+        most: most rows.
+        workers, memory, progress: see `run_study`.
         report: called after each growth, and at the beginning.
 
     Raises:
@@ -140,10 +141,10 @@ def grow_until(
     while True:
         run_folder(folder, workers=workers, memory=memory, progress=progress)
         results = read_results(folder.results)
-        metrics = (until.metric,) if until.metric is not None else _metrics(folder, results)
-        error, metric, factor = largest_error(results, metrics, until.relative)
+        metrics = (until.metric,) if until.metric is not None else _judged_metrics(folder, results)
+        error, metric, factor = largest_effect_error(results, metrics, until.relative)
         count = folder.study.design.count or 0
-        reached = Reached(folder.rows, error, metric, factor, count, error < until.most)
+        reached = GrowthState(folder.rows, error, metric, factor, count, error < until.most)
         if report is not None:
             report(reached)
         if reached.done or 2 * folder.rows > most:
@@ -155,8 +156,8 @@ def grow_until(
         folder = grown(folder, study, folder.path / "study.toml", size)
 
 
-def _metrics(folder: Folder, results: Results) -> tuple[str, ...]:
-    """Metrics that the study's objectives and limits name, or else the telling ones."""
+def _judged_metrics(folder: Folder, results: Results) -> tuple[str, ...]:
+    """Metrics that the study's objectives and limits name, or else the most telling ones."""
     from warpchain.study.report.study_sections import telling_metrics
 
     named = tuple(name for name in folder.study.wanted if name in results.metrics)

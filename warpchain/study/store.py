@@ -1,10 +1,9 @@
-"""Tables on the disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
+"""Tables of a study on disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
-The pages of a Parquet file have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest:
-`table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the SHA-256 of names,
-types, metadata and values, and `shape`, its rows and columns. A table of another name and another shape is somebody's
-own, and its note counts for nothing. The note of a shard's table also has in short how its rows ended (`ended`), so
-that a study's status is read without the tables.
+Parquet pages have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest: `table`, the name
+that the file was written under; `study`, the study it belongs to; `digest`, SHA-256 of names, types, metadata and
+values; `shape`, rows and columns. A note of another name and shape counts for nothing. A shard's note also has the
+statuses of its rows (`ended`), so that a study's status is read without the tables.
 """
 
 from __future__ import annotations
@@ -29,62 +28,62 @@ from warpchain.results.statuses import alike_reasons
 if TYPE_CHECKING:
     import pyarrow as pa
 
-OUTCOME = ("status", "reason")
-"""Columns of a study's table: how a variant ended, and why where that is not "ok"."""
-STATUSES = (*JUDGED, "infeasible")
-"""Statuses of a row: those of a variant as it is judged, or of a row that gives none."""
+OUTCOME_COLUMNS = ("status", "reason")
+"""Columns of a study's table: how a variant ended, and why if not "ok"."""
+ROW_STATUSES = (*JUDGED, "infeasible")
+"""Statuses of a row: those of a judged variant, and "infeasible" of a row without one."""
 
-_VARIANT = re.compile(r"^variant \d+: ")
-NOTE = b"warpchain"
+_VARIANT_PREFIX = re.compile(r"^variant \d+: ")
+NOTE_KEY = b"warpchain"
 """Key of the note in a table's metadata."""
-PAIR = b"\x18" + bytes([len(NOTE)]) + NOTE + b"\x18"
-"""Beginning of the note in a file's footer: a pair of strings in Thrift's compact protocol, each after its length."""
-AGAIN = "remove it, and run the study again"
-AFRESH = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
+NOTE_HEAD = b"\x18" + bytes([len(NOTE_KEY)]) + NOTE_KEY + b"\x18"
+"""Bytes before the note in a Parquet footer: Thrift's compact pair of strings, each after its length."""
+REMEDY_RERUN = "remove it, and run the study again"
+REMEDY_COPY = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
 
 
-def reason_of(error: WarpchainError) -> str:
-    """An error in one line, without the number that the variant had among those simulated with it."""
-    return "; ".join(_VARIANT.sub("", str(error)).splitlines())
+def reason_from_error(error: WarpchainError) -> str:
+    """An error's message in one line, without the number of the variant among those simulated with it."""
+    return "; ".join(_VARIANT_PREFIX.sub("", str(error)).splitlines())
 
 
 @dataclass(frozen=True)
-class Ended:
-    """Statuses of a table's rows, and reasons.
+class RowOutcomes:
+    """Counts of the statuses of a table's rows, and their reasons.
 
     Attributes:
         counts: number of rows by status.
-        reasons: (status, reason, how many), those that differ in their numbers only as one, the earliest first.
+        reasons: (status, reason, number of rows), the earliest first; reasons alike but for numbers count as one.
     """
 
     counts: dict[str, int]
     reasons: list[tuple[str, str, int]]
 
     @staticmethod
-    def of(table: pa.Table) -> Ended:
-        """Statuses and reasons of a table with the columns `OUTCOME`."""
-        pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME), strict=True))
+    def of_table(table: pa.Table) -> RowOutcomes:
+        """Outcomes of a table's rows, from its columns `OUTCOME_COLUMNS`."""
+        pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME_COLUMNS), strict=True))
         given = ((status, reason, 1) for status, reason in pairs if reason is not None)
-        return Ended(dict(Counter(status for status, _ in pairs)), alike_reasons(given))
+        return RowOutcomes(dict(Counter(status for status, _ in pairs)), alike_reasons(given))
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
-"""Rows and cells of a table that is given to a study, at most; 2 GiB of numbers."""
+"""Most rows and cells of a table that is given to a study; 2 GiB of numbers."""
 
 
 def read_table(
     path: Path, columns: list[str] | None = None, study: str | None = None, bounded: bool = False
 ) -> pa.Table:
-    """Reads a Parquet (.parquet) file, or chosen columns of it, or a CSV (.csv) file.
+    """Reads a table from a Parquet file, or chosen columns of it, or from a CSV file.
 
     Args:
-        columns: which; the digest is checked only where all are read.
-        study: the study that a table must belong to, under the name that it has; None takes any table.
-        bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`; those of Parquet before they are read.
+        columns: names of the columns to read; the digest is checked only if all are read.
+        study: identity of the study that the table must belong to, under its own name; None accepts any table.
+        bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`.
 
     Raises:
-        StudyError: a file that is missing, of another kind, another one's, too long, or damaged, a name that several
-            columns have, or numbers with decimal commas; one line.
+        StudyError: a file that is missing, of another kind or study, too long or damaged, a repeated column name, or
+            decimal commas; one line.
     """
     import pyarrow as pa
 
@@ -95,20 +94,20 @@ def read_table(
 
             with parquet.ParquetFile(path, page_checksum_verification=True) as file:
                 if bounded:
-                    _check_length(file.metadata.num_rows, file.metadata.num_columns, path)
+                    _check_table_size(file.metadata.num_rows, file.metadata.num_columns, path)
                 table = file.read(columns)
-            _check_names(table, path)
+            _check_unique_columns(table, path)
             if columns is None:
                 table.validate(full=True)
-            return _known(table, path, columns is None, study)
+            return _verified_table(table, path, columns is None, study)
         if path.suffix == ".csv":
             from pyarrow import csv
 
             table = csv.read_csv(path)
             if bounded:
-                _check_length(table.num_rows, table.num_columns, path)
-            _check_names(table, path)
-            _check_points(table, path)
+                _check_table_size(table.num_rows, table.num_columns, path)
+            _check_unique_columns(table, path)
+            _check_decimal_points(table, path)
             return table
     except FileNotFoundError as error:
         raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
@@ -119,15 +118,15 @@ def read_table(
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
 
 
-def _check_length(rows: int, columns: int, path: Path) -> None:
-    """Refuses more rows or cells than a table that is given may have; a small file can say any number of equal ones."""
+def _check_table_size(rows: int, columns: int, path: Path) -> None:
+    """Refuses a given table with more than `MOST_ROWS` rows or `MOST_CELLS` cells."""
     if rows > MOST_ROWS or rows * columns > MOST_CELLS:
         most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
         raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
 
 
-def _check_names(table: pa.Table, path: Path) -> None:
-    """Refuses a name that stands twice."""
+def _check_unique_columns(table: pa.Table, path: Path) -> None:
+    """Refuses a table with two columns of one name."""
     for k, name in enumerate(table.column_names):
         first = table.column_names.index(name)
         if first < k:
@@ -136,8 +135,8 @@ def _check_names(table: pa.Table, path: Path) -> None:
             )
 
 
-def _check_points(table: pa.Table, path: Path) -> None:
-    """Refuses a CSV file with decimal commas, which would be texts, or with semicolons, which would be one column."""
+def _check_decimal_points(table: pa.Table, path: Path) -> None:
+    """Refuses a CSV table with decimal commas, or with semicolons or tabs between cells."""
     text = "cells are separated by commas, and numbers have decimal points"
     if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
         raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
@@ -148,45 +147,47 @@ def _check_points(table: pa.Table, path: Path) -> None:
                     raise StudyError(f"{path}: column {name}, row {row}: {cell!r}: {text}")
 
 
-def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
-    """A table without its note, which is right."""
+def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
+    """A table without its note, after the note's study and digest have been checked."""
     held = dict(table.schema.metadata or {})
-    note = parse_json(held.pop(NOTE, b"{}"))
+    note = parse_json(held.pop(NOTE_KEY, b"{}"))
     table = table.replace_schema_metadata(held or None)
     if study is not None and (note.get("table"), note.get("study")) != (path.stem, study):
-        raise StudyError(f"{path}: is another table, of shard {note.get('table')!r}, or of another study; {AGAIN}")
+        raise StudyError(
+            f"{path}: is another table, of shard {note.get('table')!r}, or of another study; {REMEDY_RERUN}"
+        )
     own = note.get("table") == path.stem
-    if whole and (own or note.get("shape") == list(table.shape)) and note.get("digest") != digest_of(table):
-        raise StudyError(f"{path}: is damaged (its digest is wrong); {AGAIN if own else AFRESH}")
+    if whole and (own or note.get("shape") == list(table.shape)) and note.get("digest") != table_digest(table):
+        raise StudyError(f"{path}: is damaged (its digest is wrong); {REMEDY_RERUN if own else REMEDY_COPY}")
     return table
 
 
-def read_ended(path: Path, study: str, rows: int) -> Ended:
-    """Statuses and reasons of one of a study's tables, from its note; from the table itself where that has none.
+def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
+    """Reads the statuses and reasons of a shard's rows, from its table's note or else from the table.
 
     Args:
-        study: the study that it must belong to; "" takes any table.
-        rows: how many it must have.
+        study: identity of the study that the table must belong to; "" accepts any.
+        rows: number of rows that it must have.
 
     Raises:
-        StudyError: a file that is missing, another one's, or damaged; one line.
+        StudyError: a file that is missing, of another study, or damaged; one line.
     """
-    note = _note(path) if study else {}
+    note = _footer_note(path) if study else {}
     try:
         held = note["ended"]
-        known = note["mark"] == _mark(note) and (note["table"], note["study"]) == (path.stem, study)
-        ended = Ended(dict(held["counts"]), [(status, text, int(n)) for status, text, n in held["reasons"]])
+        known = note["mark"] == _note_digest(note) and (note["table"], note["study"]) == (path.stem, study)
+        ended = RowOutcomes(dict(held["counts"]), [(status, text, int(n)) for status, text, n in held["reasons"]])
     except (KeyError, TypeError, ValueError):  # of an earlier version, or damaged
         known = False
     if not known:
-        ended = Ended.of(read_table(path, list(OUTCOME), study or None))
+        ended = RowOutcomes.of_table(read_table(path, list(OUTCOME_COLUMNS), study or None))
     if sum(ended.counts.values()) != rows:
         raise StudyError(f"{path}: has {sum(ended.counts.values())} rows, its shard {rows}")
     return ended
 
 
-def _note(path: Path) -> dict[str, Any]:
-    """The note in a Parquet file's footer, found without reading the file; empty where there is none."""
+def _footer_note(path: Path) -> dict[str, Any]:
+    """The note in a Parquet file's footer, found without reading the table; empty if there is none."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -194,20 +195,20 @@ def _note(path: Path) -> dict[str, Any]:
             length = int.from_bytes(file.read(4), "little")
             file.seek(max(size - 8 - length, 0))
             footer = file.read(length)
-        at = footer.rindex(PAIR) + len(PAIR)
+        at = footer.rindex(NOTE_HEAD) + len(NOTE_HEAD)
         return dict(json.JSONDecoder().raw_decode(footer[footer.index(b"{", at) :].decode("utf-8", "replace"))[0])
     except (OSError, ValueError, TypeError, RecursionError):  # said when the table is read
         return {}
 
 
-def _mark(note: Mapping[str, Any]) -> str:
-    """Digest of a note, without itself."""
+def _note_digest(note: Mapping[str, Any]) -> str:
+    """SHA-256 of a note's entries but for `mark`, which holds this digest."""
     held = {name: value for name, value in note.items() if name != "mark"}
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
 
-def digest_of(table: pa.Table) -> str:
-    """SHA-256 of a table's names, types, metadata and values, however they lie in memory."""
+def table_digest(table: pa.Table) -> str:
+    """SHA-256 of a table's names, types, metadata and values, independent of its layout in memory."""
     import numpy as np
     import pyarrow as pa
 
@@ -224,13 +225,13 @@ def digest_of(table: pa.Table) -> str:
     return found.hexdigest()
 
 
-def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", ended: bool = False) -> None:
-    """Writes a Parquet file, whole or not at all, with checksums and a note.
+def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", note_outcomes: bool = False) -> None:
+    """Writes a table as a Parquet file with checksums and a note, whole or not at all.
 
     Args:
-        keep: leave a file of that name as it is, so that of several processes the first one decides.
-        study: the study that it belongs to.
-        ended: whether to note how its rows ended.
+        keep: leave an existing file as it is, so that the first of several processes decides.
+        study: identity of the study that the table belongs to.
+        note_outcomes: whether the note lists the statuses of the rows.
 
     Raises:
         StudyError: a symbolic link in its place, or a folder or disk that refuses.
@@ -238,20 +239,25 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     import pyarrow as pa
     from pyarrow import parquet
 
-    check_no_link(path)
-    held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
-    note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table), "shape": list(table.shape)}
-    if ended:
-        note["ended"] = asdict(Ended.of(table))
-        note["mark"] = _mark(note)
-    noted = table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()})
+    check_no_symlink(path)
+    held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE_KEY}
+    note: dict[str, Any] = {
+        "table": path.stem,
+        "study": study,
+        "digest": table_digest(table),
+        "shape": list(table.shape),
+    }
+    if note_outcomes:
+        note["ended"] = asdict(RowOutcomes.of_table(table))
+        note["mark"] = _note_digest(note)
+    noted = table.replace_schema_metadata(held | {NOTE_KEY: json.dumps(note).encode()})
     repeating = [field.name for field in noted.schema if not pa.types.is_floating(field.type)]
-    with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
+    with _refusals_as_study_errors(path, keep), whole_file(path, not keep, PATIENCE) as file:
         parquet.write_table(noted, file, compression="zstd", write_page_checksum=True, use_dictionary=repeating)
 
 
-def check_no_link(path: Path) -> None:
-    """Refuses to write through a symbolic link, which in a folder made elsewhere could lead anywhere.
+def check_no_symlink(path: Path) -> None:
+    """Refuses to write a study's file through a symbolic link, which could lead out of the folder.
 
     Raises:
         StudyError: in one line.
@@ -261,7 +267,7 @@ def check_no_link(path: Path) -> None:
 
 
 def check_archive_name(name: object) -> None:
-    """Refuses the file of a recorded variant that does not lie in its study's folder.
+    """Refuses a name of a variant's archive that leads out of the study's folder.
 
     Raises:
         StudyError: in one line.
@@ -282,19 +288,19 @@ def file_digest(path: Path) -> str:
         raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
 
 
-def write_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file, whole or not at all; see `write_table`.
+def write_study_text(path: Path, text: str, keep: bool = False) -> None:
+    """Writes a text file of a study, whole or not at all; `keep` leaves an existing file as it is.
 
     Raises:
         StudyError: a folder or disk that refuses.
     """
-    with _kept(path, keep):
+    with _refusals_as_study_errors(path, keep):
         files.write_text(path, text, not keep)
 
 
 @contextmanager
-def _kept(path: Path, keep: bool) -> Iterator[None]:
-    """Reports refusals of the system in one line; that a file to be kept is there is none."""
+def _refusals_as_study_errors(path: Path, keep: bool) -> Iterator[None]:
+    """Context in which refusals of the system become a StudyError; with `keep`, an existing file is none."""
     with refusals(path, StudyError):
         try:
             yield

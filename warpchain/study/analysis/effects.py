@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student
-from warpchain.study.results import Array, Results, varies
+from warpchain.study.results import Array, Results, is_varying
 
 BINS = 8
 """Most groups that a factor of many values is cut into; they hold equally many variants each."""
@@ -117,20 +117,20 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
     """
-    results.check_sample()
-    rows = results.rows_for(metric)
+    results.check_sampled()
+    rows = results.usable_rows(metric)
     if rows.sum() < 2:
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
     y = results.values(metric)
     effects = []
     runs, deviation = None, 0.0
-    if results.replicated:
+    if results.has_replicates:
         with suppress(StudyError):
             deviation = pure_error(results, metric).deviation
-            runs = lambda group, held: np.bincount(group, results.counts[held])  # noqa: E731
-    tied = results.ties()
+            runs = lambda group, held: np.bincount(group, results.run_counts[held])  # noqa: E731
+    tied = results.factor_ties()
     for factor in [f for f in results.factors if f not in tied] if factors is None else factors:
-        held = results.rows_for(metric, [factor])
+        held = results.usable_rows(metric, [factor])
         group, labels, centers = _groups(results, factor, held)
         if len(labels) > 1:
             effect = _effect(factor, labels, centers, group, y[held])
@@ -140,8 +140,8 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
 
 def _groups(results: Results, factor: str, rows: NDArray[np.bool_]) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
     """Group of each chosen row, with the groups' labels and centers."""
-    if not results.numeric(factor):
-        words = [word for word, row in zip(results.labels(factor), rows, strict=True) if row]
+    if not results.is_numeric(factor):
+        words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
         return group, tuple(labels.tolist()), np.arange(len(labels), dtype=float)
     x = results.values(factor)[rows]
@@ -221,9 +221,9 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     """
     from scipy.stats import rankdata
 
-    results.check_sample()
+    results.check_sampled()
     factors = results.independent_factors()
-    chosen = tuple(m for m in metrics or results.metrics if varies(results.values(m)[results.ok]))
+    chosen = tuple(m for m in metrics or results.metrics if is_varying(results.values(m)[results.ok]))
     if not factors or not chosen:
         raise StudyError("correlation: needs a factor and a metric that hold numbers and vary")
     shape = (len(factors), len(chosen))
@@ -231,7 +231,7 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     inputs = [results.values(factor) for factor in factors]
     ranks: dict[bytes, list[Array]] = {}  # of the factors, by which rows a metric has
     for b, metric in enumerate(chosen):
-        rows, y = results.rows_for(metric, factors), results.values(metric)
+        rows, y = results.usable_rows(metric, factors), results.values(metric)
         counts[b] = rows.sum()
         if counts[b] < 3:
             raise StudyError(f"metric {metric!r}: {counts[b]} variants have a value, at least 3 are needed")
@@ -263,7 +263,7 @@ def transformed(results: Results, metric: str, how: str) -> Results:
     import pyarrow as pa
     from scipy.stats import rankdata
 
-    values, rows = results.values(metric), results.rows_for(metric)
+    values, rows = results.values(metric), results.usable_rows(metric)
     found, errors = np.full(len(values), np.nan), np.full(len(values), np.nan)
     if how == "rank":
         found[rows] = rankdata(values[rows])
@@ -331,13 +331,13 @@ def median_effects(results: Results, metric: str) -> list[MedianEffect]:
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
     """
-    results.check_sample()
-    y, tied = results.values(metric), results.ties()
-    if results.rows_for(metric).sum() < 2:
+    results.check_sampled()
+    y, tied = results.values(metric), results.factor_ties()
+    if results.usable_rows(metric).sum() < 2:
         raise StudyError(f"metric {metric!r}: fewer than 2 variants have a value")
     effects = []
     for factor in (name for name in results.factors if name not in tied):
-        rows = results.rows_for(metric, [factor])
+        rows = results.usable_rows(metric, [factor])
         group, labels, centers = _groups(results, factor, rows)
         if len(labels) < 2:
             continue

@@ -53,10 +53,10 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
     """
     from scipy.special import fdtrc
 
-    results.check_sample()
-    tied = results.ties()
+    results.check_sampled()
+    tied = results.factor_ties()
     factors = [name for name in results.factors if name not in tied]
-    rows = results.rows_for(metric, factors)
+    rows = results.usable_rows(metric, factors)
     alone = {name: terms for name in factors if (terms := _terms(results, name, rows)).shape[1]}
     y = results.values(metric)[rows]
     base = np.hstack([np.ones((len(y), 1)), *(_with_square(terms) for terms in alone.values())])
@@ -82,10 +82,10 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
 
 def _terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
     """A factor's terms (R, p) of mean 0 and deviation 1: its value, or one for each word but the first."""
-    if results.numeric(name):
+    if results.is_numeric(name):
         of = results.values(name)[rows][:, None]
     else:
-        words = np.array(results.labels(name))[rows]
+        words = np.array(results.text_values(name))[rows]
         of = (words[:, None] == np.unique(words)[1:]).astype(float)
     of = of - of.mean(axis=0)
     deviation = of.std(axis=0)

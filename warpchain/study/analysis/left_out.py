@@ -125,7 +125,7 @@ class LeftOut:
 
     def _reasons(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
         held = self.results.table.filter(rows)
-        return Results(held, self.results.factors, self.results.metrics).reasons()
+        return Results(held, self.results.factors, self.results.metrics).reason_counts()
 
 
 def _parts_words(parts: list[LostPart]) -> str:
@@ -137,7 +137,9 @@ def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bo
     """The part of each factor's range at which rows were left out most, the surest first."""
     if not lost.any():
         return []
-    words = [name for name in results.factors if not results.numeric(name) and len(set(results.labels(name))) > 1]
+    words = [
+        name for name in results.factors if not results.is_numeric(name) and len(set(results.text_values(name))) > 1
+    ]
     numbers = results.independent_factors()
     tests = len(numbers) + len(words)
     found = [_of_numbers(results, name, lost, others, tests) for name in numbers]
@@ -148,7 +150,7 @@ def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bo
 def _of_numbers(
     results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int
 ) -> LostPart:
-    values, unit = results.values(name), results.unit(name)
+    values, unit = results.values(name), results.column_unit(name)
     known = np.isfinite(values)
     out, rest = np.sort(values[lost & known]), np.sort(values[others & known])
     levels = np.unique(np.concatenate([out, rest]))
@@ -166,7 +168,7 @@ def _of_numbers(
 def _of_words(results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int) -> LostPart:
     from scipy.stats import chi2_contingency
 
-    words = np.array(results.labels(name))
+    words = np.array(results.text_values(name))
     kinds = np.unique(words[lost | others])
     counts = np.array([[(words[rows] == kind).sum() for kind in kinds] for rows in (lost, others)])
     worst = int(np.argmax(counts[0] / counts.sum(axis=0)))

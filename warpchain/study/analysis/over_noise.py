@@ -33,7 +33,7 @@ from warpchain.study.analysis.paired import LEAST as FEWEST_PAIRS
 from warpchain.study.analysis.paired import MeanDifference, mean_difference
 from warpchain.study.analysis.pareto import SENSES, Goals
 from warpchain.study.analysis.pure_error import CONFIDENCE
-from warpchain.study.results import ARCHIVED, Array, Results
+from warpchain.study.results import ARCHIVE_COLUMNS, Array, Results
 from warpchain.study.spec.noise import Statistic, metric_in, statistic_of
 from warpchain.study.spec.study_tables import Bound, Objective
 
@@ -79,7 +79,7 @@ class Designs(Results):
     @cached_property
     def _by_noise(self) -> list[dict[tuple[Any, ...], int]]:
         """Row of `runs` of each design, by its values of the noise factors."""
-        columns = [self.runs.table[name].to_pylist() for name in self.runs.noise_sources]
+        columns = [self.runs.table[name].to_pylist() for name in self.runs.free_noise_factors]
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def pairs(self, first: int, second: int, metric: str) -> Array:
@@ -185,8 +185,8 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     """
     import pyarrow as pa
 
-    results.check_sample()
-    noise = results.noise if noise is None else noise
+    results.check_sampled()
+    noise = results.noise_factors if noise is None else noise
     if not noise:
         return results, goals
     chosen = tuple(name for name in results.factors if name not in noise)
@@ -196,7 +196,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
         raise StudyError(f"noise: a design has {least} runs; to compare designs, each needs at least {LEAST}")
     over = goals_over(goals, chosen)
     worst = [_worst(results, of, goals) for of in rows]
-    kept = [name for name in ("variant", *chosen, *ARCHIVED, "round") if name in results.table.column_names]
+    kept = [name for name in ("variant", *chosen, *ARCHIVE_COLUMNS, "round") if name in results.table.column_names]
     table = results.table.select(kept).take(worst)
     for name in ("status", "reason"):
         if name in results.table.column_names:
@@ -206,7 +206,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
         values = _values(results, statistic.metric)
         found = np.array([_taken(values[of], statistic) for of in rows])
         name = f"{statistic.word}({statistic.metric})"
-        facts = {"unit": results.unit(statistic.metric)}
+        facts = {"unit": results.column_unit(statistic.metric)}
         for suffix, role, column in (("", "metric", found[:, 0]), (ERROR, ROLE_OF_ERRORS, found[:, 1])):
             field = pa.field(name + suffix, pa.float64(), metadata={"role": role, **facts})
             table = table.append_column(field, pa.array(np.where(np.isfinite(column), column, np.nan)))
@@ -227,7 +227,7 @@ def spread(designs: Designs, design: int, metric: str) -> Spread:
     found = {}
     for word in SHOWN:
         found[word] = _taken(_values(runs, metric)[rows], _statistic(word, metric))
-    return Spread(metric, found, _parts(runs, rows[runs.rows_for(metric)[rows]], metric))
+    return Spread(metric, found, _parts(runs, rows[runs.usable_rows(metric)[rows]], metric))
 
 
 def _groups(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
@@ -318,7 +318,7 @@ def _quantile_weights(count: int, level: float) -> Array:
 
 def _parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
     """Part of a metric's variance over runs of one design by noise factor, eq. (b)."""
-    terms = {name: of for name in results.noise_sources if (of := _terms(results, rows, name)).shape[1]}
+    terms = {name: of for name in results.free_noise_factors if (of := _terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y
     count = sum(of.shape[1] for of in terms.values())
@@ -339,8 +339,8 @@ def _parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, f
 
 def _terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
     """Terms (n, p) of a noise factor, each of mean 0: its value and its square, or one for each word but the first."""
-    if not results.numeric(name):
-        words = np.array(results.labels(name))[rows]
+    if not results.is_numeric(name):
+        words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))
     else:
         values = results.values(name)[rows]

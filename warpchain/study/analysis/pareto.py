@@ -62,7 +62,7 @@ def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np
     errors = np.zeros_like(costs)
     for k, metric in enumerate(objectives):
         with suppress(StudyError):
-            errors[:, k] = pure_error(results, metric).deviation / np.sqrt(results.counts[rows])
+            errors[:, k] = pure_error(results, metric).deviation / np.sqrt(results.run_counts[rows])
     best, worst = costs - BEYOND * errors, costs + BEYOND * errors
     edge = worst[non_dominated(worst)]
     near = np.array([not ((edge < row).all(axis=1)).any() for row in best])

@@ -138,8 +138,8 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
     """
     from scipy.special import fdtri
 
-    results.check_sample()
-    chosen = results.rows_for(metric) if rows is None else rows
+    results.check_sampled()
+    chosen = results.usable_rows(metric) if rows is None else rows
     means, counts, freedom, variance = _rows(results, metric, chosen)
     if not freedom:
         raise StudyError(f"metric {metric!r}: no row was run several times; give design.replicates to the study")
@@ -164,14 +164,14 @@ def _scatter_share(ratio: float, weight: float) -> float:
 def _rows(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
     """Means of rows, runs of each, degrees of freedom, and variance of one run."""
     values = results.values(metric)[chosen]
-    if results.replicated:
-        counts, errors = results.counts[chosen].astype(float), results.errors(metric)[chosen]
+    if results.has_replicates:
+        counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
         several = np.isfinite(errors) & (counts > 1)
         counts = np.where(several, counts, 1.0)
         freedom = float((counts - 1.0).sum())
         square = float(((counts - 1.0) * counts * np.where(several, errors, 0.0) ** 2).sum())
         return values, counts, round(freedom), square / freedom if freedom else 0.0
-    labels = list(zip(*(results.labels(factor) for factor in results.factors), strict=True))
+    labels = list(zip(*(results.text_values(factor) for factor in results.factors), strict=True))
     known: dict[tuple[str, ...], int] = {}
     group = np.array([known.setdefault(label, len(known)) for label, row in zip(labels, chosen, strict=True) if row])
     counts = np.bincount(group).astype(float)
@@ -198,13 +198,13 @@ def standard_errors(results: Results, metric: str) -> Array | None:
     Those of means of several runs are by eq. (c).
     """
     name = metric + ERROR
-    if not (name in results.table.column_names and results.numeric(name)):
+    if not (name in results.table.column_names and results.is_numeric(name)):
         return None
-    if not results.replicated:
+    if not results.has_replicates:
         return results.values(name)
-    rows = results.rows_for(metric)
-    found = results.errors(metric)
-    found[rows] = _moderated(found[rows], results.counts[rows].astype(float))
+    rows = results.usable_rows(metric)
+    found = results.standard_errors(metric)
+    found[rows] = _moderated(found[rows], results.run_counts[rows].astype(float))
     return found
 
 
@@ -259,11 +259,11 @@ def weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> A
 
 def repeats(results: Results) -> bool:
     """Whether rows are means of several runs, or some rows have equal factors."""
-    if results.replicated:
+    if results.has_replicates:
         return True
     group = np.zeros(len(results.status), dtype=np.intp)
     for name in results.factors:
-        column = results.values(name) if results.numeric(name) else np.array(results.labels(name))
+        column = results.values(name) if results.is_numeric(name) else np.array(results.text_values(name))
         values, place = np.unique(column, return_inverse=True)
         held, group = np.unique(group * len(values) + place, return_inverse=True)
         if len(held) == len(group):
@@ -282,7 +282,7 @@ def scatter_share(results: Results, metric: str) -> float | None:
         error = pure_error(results, metric)
     except StudyError:
         return None
-    rows = results.rows_for(metric)
+    rows = results.usable_rows(metric)
     spread = float(results.values(metric)[rows].var(ddof=1))
-    chance = error.deviation**2 * float(np.mean(1.0 / results.counts[rows]))
+    chance = error.deviation**2 * float(np.mean(1.0 / results.run_counts[rows]))
     return min(1.0, chance / spread) if spread > 0.0 else 0.0

@@ -228,7 +228,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
         raise StudyError(f"Sobol' indices of {metric!r}: the rows are no Saltelli design of {', '.join(names)}")
     order = np.argsort(results.variants, kind="stable")
     values = results.values(metric)[order].reshape(-1, block)
-    whole = results.rows_for(metric)[order].reshape(-1, block).all(axis=1)
+    whole = results.usable_rows(metric)[order].reshape(-1, block).all(axis=1)
     if whole.sum() < 2:
         raise StudyError(f"Sobol' indices of {metric!r}: {int(whole.sum())} whole blocks, at least 2 are needed")
     y = values[whole].ravel()
@@ -239,7 +239,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     first, total, first_error, total_error = (
         np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")
     )
-    errors = standard_errors(results, metric) if results.replicated else None
+    errors = standard_errors(results, metric) if results.has_replicates else None
     known = None if errors is None else errors[order].reshape(-1, block)[whole]
     if known is not None and np.isfinite(known).all():  # eq. (b)
         variance, chance = float(values[whole][:, [0, -1]].var()), float(np.mean(known**2))

@@ -145,7 +145,7 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
             design does not separate.
     """
     chosen = tuple(factors or results.independent_factors())
-    rows = results.rows_for(metric, chosen)
+    rows = results.usable_rows(metric, chosen)
     if not chosen:
         raise StudyError(f"response surface of {metric!r}: no factor holds numbers that vary")
     values = np.stack([results.values(factor)[rows] for factor in chosen], axis=1)
@@ -222,14 +222,14 @@ def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
     """
     from scipy.special import fdtrc
 
-    rows = results.rows_for(surface.metric, surface.factors)
+    rows = results.usable_rows(surface.metric, surface.factors)
     pure = pure_error(results, surface.metric, rows)
     if not surface.freedom:
         raise StudyError(f"response surface of {surface.metric!r}: has as many terms as variants: nothing is left over")
     values = np.stack([results.values(factor)[rows] for factor in surface.factors], axis=1)
     missed = results.values(surface.metric)[rows] - surface.predict(values)
-    square, freedom = float(results.counts[rows] @ missed**2), surface.freedom
-    if not results.replicated:  # rows are single runs, and what they miss holds their scatter
+    square, freedom = float(results.run_counts[rows] @ missed**2), surface.freedom
+    if not results.has_replicates:  # rows are single runs, and what they miss holds their scatter
         square, freedom = square - pure.freedom * pure.deviation**2, freedom - pure.freedom
     if freedom < 1:
         raise StudyError(f"response surface of {surface.metric!r}: has as many terms as unlike variants")

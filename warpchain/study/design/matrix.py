@@ -32,7 +32,7 @@ from warpchain.study.design.factor_values import (
     tied,
 )
 from warpchain.study.design.noise import crossed, noise_rows
-from warpchain.study.results import DISTRIBUTION, NOISE, TIED
+from warpchain.study.results import DISTRIBUTION_KEY, NOISE, TIED_NOISE
 from warpchain.study.store import MOST_ROWS
 
 if TYPE_CHECKING:
@@ -283,7 +283,7 @@ def distribution(factor: Factor) -> dict[str, str]:
         return {}
     keys = ("distribution", "range", "mean", "std", "sample", "integer")
     given = factor.model_dump(include=set(keys), exclude_none=True, exclude_defaults=True)
-    return {DISTRIBUTION: json.dumps(given, sort_keys=True)}
+    return {DISTRIBUTION_KEY: json.dumps(given, sort_keys=True)}
 
 
 def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
@@ -301,7 +301,7 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
         facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.shown_unit, **distribution(factor)}
         if factor.name in noise:
-            facts["kind"] = TIED if factor.form == "expression" else NOISE
+            facts["kind"] = TIED_NOISE if factor.form == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]

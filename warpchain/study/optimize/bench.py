@@ -24,7 +24,7 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
-from warpchain.study.results import ARCHIVED, ROUND, SEARCH_TARGET, Results, read_results
+from warpchain.study.results import ARCHIVE_COLUMNS, ROUND_COLUMN, SEARCH_TARGET_KEY, Results, read_results
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.run.prepare import drive_file, read_study, shard_size
 from warpchain.study.run.row_drives import Variant, build
@@ -71,7 +71,7 @@ def together(folder: Path, rounds: int) -> pa.Table:
     tables = []
     for number in range(rounds):
         table = read_table(round_file(folder, number))
-        tables.append(table.append_column(ROUND, pa.array([number] * table.num_rows, pa.int64())))
+        tables.append(table.append_column(ROUND_COLUMN, pa.array([number] * table.num_rows, pa.int64())))
     table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
     facts: dict[str, dict[bytes, bytes]] = {}
     for part in tables:
@@ -197,7 +197,7 @@ class Bench:
         if not self._search_target:
             return design
         fields = [
-            field.with_metadata(field.metadata | {SEARCH_TARGET.encode(): self._search_target.encode()})
+            field.with_metadata(field.metadata | {SEARCH_TARGET_KEY.encode(): self._search_target.encode()})
             if field.name in self.study.noise_names
             else field
             for field in design.schema
@@ -233,7 +233,7 @@ class Bench:
         table = self.run_table(folder, progress)
         if self.study.record.every == 1:
             table = self._with_recorded(table, place)
-        archive = ARCHIVED[0]
+        archive = ARCHIVE_COLUMNS[0]
         if archive in table.column_names:
             table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
@@ -283,8 +283,8 @@ class Bench:
         if missing:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
         design = table_of_rows(self.study, table.select(self.factors).to_pylist())
-        if ARCHIVED[0] in table.column_names:  # recordings stay where they are
-            for name in ARCHIVED:
+        if ARCHIVE_COLUMNS[0] in table.column_names:  # recordings stay where they are
+            for name in ARCHIVE_COLUMNS:
                 table = with_column(table, name, [None] * table.num_rows)
         if DIGEST in table.column_names:
             table = table.drop_columns([DIGEST])

@@ -128,7 +128,7 @@ class Better:
     @property
     def unit(self) -> str:
         """Unit of the metric."""
-        return self.results[0].unit(self.metric)
+        return self.results[0].column_unit(self.metric)
 
     def won(self, name: str) -> int:
         """In how many pairs a drive is better."""
@@ -138,8 +138,8 @@ class Better:
     def lost(self, name: str) -> tuple[int, str]:
         """Number of a drive's runs that are not ok or lack the metric, and why."""
         results = self.results[DRIVES.index(name)]
-        reasons = results.reasons()
-        return int((~results.rows_for(self.metric)).sum()), reasons[0][1] if reasons else f"no {self.metric}"
+        reasons = results.reason_counts()
+        return int((~results.usable_rows(self.metric)).sum()), reasons[0][1] if reasons else f"no {self.metric}"
 
 
 @checked(StudyError)
@@ -211,7 +211,7 @@ def _differences(
     values = np.array([_values(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:
-        reasons = [text for each in both for _, text, _ in each.reasons()] or [f"runs have no {metric}"]
+        reasons = [text for each in both for _, text, _ in each.reason_counts()] or [f"runs have no {metric}"]
         raise StudyError(f"{metric}: {int(whole.sum())} of {len(whole)} pairs have both runs ok: {reasons[0]}")
     found = mean_difference(differences[whole], by.level, by.event)
     return differences, found, tuple(values[:, whole].mean(axis=1).tolist())

@@ -47,7 +47,7 @@ from warpchain.study.run.recordings import recorded_variants
 from warpchain.study.spec import Study
 from warpchain.study.spec.calibration import Calibrate, Measurement
 from warpchain.study.spec.study_tables import Recording
-from warpchain.study.store import read_table, write_table, write_text
+from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian import Process, fit_process, one_thread
 
 REACH = 3.0
@@ -224,7 +224,7 @@ class Rig:
         for of in self.of:
             if of.metric is not None:
                 assert of.value is not None  # its own rule
-                found.append(self._number(of, of.metric, results.unit(of.metric), of.value, 0.0))
+                found.append(self._number(of, of.metric, results.column_unit(of.metric), of.value, 0.0))
                 continue
             signal, features = self.signals[str(of.signal)], _features(of)
             values, errors = (form(signal.time, signal.values, turns) for form in (features.of, features.errors))
@@ -319,7 +319,7 @@ class Runs:
             self._numbers.append(self.rig.of_run(self.results, row, trajectory))
         self.normals = np.vstack([self.normals, u])
         if not self.results.ok.any():
-            raise StudyError(f"no run is ok: {self.results.reasons()[0][1]}")
+            raise StudyError(f"no run is ok: {self.results.reason_counts()[0][1]}")
 
     @property
     def numbers(self) -> Array:
@@ -419,9 +419,9 @@ def _write(folder: Path, runs: Runs, mean: Array, after: Array) -> Path:
         ",".join(columns),
         *(",".join(f"{value:.15g}" for value in row) for row in zip(*columns.values(), strict=True)),
     ]
-    write_text(folder / "posterior.csv", "\n".join(lines) + "\n")
+    write_study_text(folder / "posterior.csv", "\n".join(lines) + "\n")
     drive = folder / "calibrated.toml"
-    write_text(drive, drive_text(runs.bench.drive_text, runs.bench.drives(runs.rows_at(mean[None]))[0]))
+    write_study_text(drive, drive_text(runs.bench.drive_text, runs.bench.drives(runs.rows_at(mean[None]))[0]))
     return drive
 
 
@@ -430,7 +430,7 @@ def _predictions(runs: Runs, settings: Calibrate, before: Array, after: Array, r
     results = runs.results
     named = settings.predict or [of.metric for of in runs.bench.study.measured if of.metric is not None]
     for metric in dict.fromkeys(named):
-        values = np.where(results.rows_for(metric), results.values(metric), np.nan)
+        values = np.where(results.usable_rows(metric), results.values(metric), np.nan)
         of = Emulated(runs.normals, values[:, None], [metric])
         drawn = []
         for u in (before, after):

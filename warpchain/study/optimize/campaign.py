@@ -33,11 +33,11 @@ from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.matrix import table_of_rows
 from warpchain.study.optimize.bench import Bench, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
-from warpchain.study.results import ARCHIVED, Results, read_results
+from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
 from warpchain.study.run.folder import DRIVE_TEXT
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.study_tables import Recording, Search
-from warpchain.study.store import read_table, write_table, write_text
+from warpchain.study.store import read_table, write_study_text, write_table
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ def made_folder(path: Path, bench: Bench) -> Path:
         raise StudyError(f"{path}: holds a study that was run; give another folder")
     sweep(leftovers(path))
     fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
-    write_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
-    write_text(path / DRIVE_TEXT, bench.drive_text, keep=True)
-    write_text(path / "study.toml", dumps_study(fixed), keep=True)
+    write_study_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
+    write_study_text(path / DRIVE_TEXT, bench.drive_text, keep=True)
+    write_study_text(path / "study.toml", dumps_study(fixed), keep=True)
     held, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     differing = [name for name in Study.model_fields if _fixed(held, name) != _fixed(fixed, name)]
     differing += ["its base drive"] if drive != bench.drive else []
@@ -174,7 +174,7 @@ def _line(results: Results, goals: Goals) -> str:
     for k, objective in enumerate(goals.objectives):
         if rows.any():
             best = float(measured.costs[rows, k].min() * goals.signs[k])
-            words += f"; {objective.sense} {objective.metric} {quantity(best, results.unit(objective.metric))}"
+            words += f"; {objective.sense} {objective.metric} {quantity(best, results.column_unit(objective.metric))}"
     return words
 
 
@@ -189,7 +189,7 @@ def _recorded(
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):
         files.append(place / f"design-{k}.toml")
-        write_text(files[-1], drive_text(bench.drive_text, drive))
-    names, numbers = (table[name].to_pylist() for name in ARCHIVED)
+        write_study_text(files[-1], drive_text(bench.drive_text, drive))
+    names, numbers = (table[name].to_pylist() for name in ARCHIVE_COLUMNS)
     archives = [None if name is None else (place / name, number) for name, number in zip(names, numbers, strict=True)]
     return tuple(files), tuple(archives)

@@ -81,7 +81,7 @@ class Recommended:
 
 def believed(results: Results, metric: str) -> Believed:
     """A metric at the rows: as their runs gave it where that is known, else by a surrogate, else as measured."""
-    values, rows = results.values(metric), results.rows_for(metric)
+    values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
     own, errors = np.where(rows, values, np.nan), standard_errors(results, metric)
@@ -90,9 +90,9 @@ def believed(results: Results, metric: str) -> Believed:
     with suppress(StudyError):
         found = best_surrogate(results, metric, 0.0)  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
-        taken = rows & results.rows_for(metric, found.factors)
+        taken = rows & results.usable_rows(metric, found.factors)
         mean[taken], deviation[taken] = found.predict(results.table.filter(taken))
-        if results.replicated and errors is not None:
+        if results.has_replicates and errors is not None:
             known = rows & (errors < deviation)
             mean, deviation = np.where(known, own, mean), np.where(known, errors, deviation)
         return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
@@ -239,7 +239,7 @@ def _passed_over(results: Results, judged: Judged, row: int) -> list[str]:
     better = []
     for m, objective in enumerate(judged.goals.objectives):
         if _compared(results, judged, row, np.array([other]), m)[0] < 0.0:
-            unit, values = results.unit(objective.metric), results.values(objective.metric)
+            unit, values = results.column_unit(objective.metric), results.values(objective.metric)
             better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
     why = f"keeps the limits with {_chance(judged, other)} confidence only, this one with {_chance(judged, row)}"
     if isinstance(results, Designs) and not judged.held[other]:

@@ -42,7 +42,7 @@ from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import Rerun, recording_of
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Risk
-from warpchain.study.store import write_table, write_text
+from warpchain.study.store import write_study_text, write_table
 
 SUMMARY = "risk.json"
 NOT_OK = ("", "")
@@ -205,7 +205,7 @@ def estimate_risk(
     again = recording_of(folder, found["variant"])
     if isinstance(again, Rerun):
         again.run(workers=workers, memory=memory)
-    write_text(folder / SUMMARY, json.dumps(found, indent=1))
+    write_study_text(folder / SUMMARY, json.dumps(found, indent=1))
     return read_risk(folder)
 
 

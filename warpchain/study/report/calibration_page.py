@@ -18,7 +18,7 @@ from warpchain.study.optimize.calibrate import Calibrated
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
 from warpchain.study.results import Array
 from warpchain.study.run.recordings import recorded_variants
-from warpchain.study.store import write_text
+from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 FAR = 3.0
@@ -34,7 +34,7 @@ def write_calibration(found: Calibrated) -> Path:
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
     sections = [_summary(found), _unknowns(found), _fit(found), *_signals(found), _open(found), _predicted(found)]
-    write_text(page, report_page(title, [*(s for s in sections if s), _course(found)]))
+    write_study_text(page, report_page(title, [*(s for s in sections if s), _course(found)]))
     return page
 
 
@@ -54,7 +54,7 @@ def _spread(found: Calibrated, name: str, values: dict[str, Array]) -> str:
 
 
 def _unit(found: Calibrated, name: str) -> str:
-    return found.results.unit(name)
+    return found.results.column_unit(name)
 
 
 def _combination(found: Calibrated, of: Direction) -> str:
@@ -303,7 +303,7 @@ def _predicted(found: Calibrated) -> html.PageSection | None:
         return None
     rows, figures = [], []
     for k, of in enumerate(found.predictions):
-        unit = found.results.unit(of.metric)
+        unit = found.results.column_unit(of.metric)
         cells = []
         for values in (of.before, of.after):
             low, high = (float(end) for end in np.percentile(values, (2.5, 97.5)))

@@ -20,13 +20,13 @@ from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
-from warpchain.study.results import ARCHIVED, Results
+from warpchain.study.results import ARCHIVE_COLUMNS, Results
 from warpchain.study.run.folder import DRIVE_TEXT
 from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.spec import load_study
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Bound, Objective
-from warpchain.study.store import write_text
+from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -93,7 +93,7 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
         bounds_held = tuple(b for b in found.bounds if metric_in(b.metric) in held)
         found = replace(found, objectives=objectives_held, bounds=bounds_held)
     for metric in found.goals.metrics:
-        results.values(metric_in(metric) if results.noise else metric)
+        results.values(metric_in(metric) if results.noise_factors else metric)
     return found
 
 
@@ -103,7 +103,7 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
     Args:
         first: a word for each row, before its number; none has no such column.
     """
-    axes = {name: Axis(results, name, rows) for name in columns if results.numeric(name)}
+    axes = {name: Axis(results, name, rows) for name in columns if results.is_numeric(name)}
     heads = [*([""] if first else []), "variant", *(axes[name].name if name in axes else name for name in columns)]
     lines = []
     for k, row in enumerate(rows):
@@ -147,14 +147,14 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection 
 
 
 def _bound_words(results: Results, bound: Bound) -> str:
-    unit = results.unit(bound.metric)
+    unit = results.column_unit(bound.metric)
     ends = (("at least", bound.min), ("at most", bound.max))
     return f"{bound.metric} {' and '.join(f'{word} {quantity(end, unit)}' for word, end in ends if end is not None)}"
 
 
 def noise_words(designs: Designs, keep: float) -> str:
     """The noise that designs are compared over, in words."""
-    names, count = ", ".join(designs.runs.noise), max(len(rows) for rows in designs.rows)
+    names, count = ", ".join(designs.runs.noise_factors), max(len(rows) for rows in designs.rows)
     held = [_bound_words(designs.runs, bound) for bound in designs.bounds]
     limits = f" Each run is held to: {'; '.join(held)}; in {100.0 * keep:g} % of the noise at least." if held else ""
     return (
@@ -176,7 +176,7 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
     lines = []
     for name in goals.metrics:
         mean, deviation = one.believed[name]
-        unit, is_set = results.unit(name), name in results.factors
+        unit, is_set = results.column_unit(name), name in results.factors
         words = [quantity(mean, unit) if is_set else quantity(mean, unit, deviation)]
         if not one.spreads:
             words.append("" if is_set else quantity(one.measured[name], unit))
@@ -199,7 +199,7 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, wante
 def factor_words(results: Results, name: str, row: int) -> str:
     """A factor and its value in a row, in words."""
     value = results.table[name][row].as_py()
-    words = quantity(value, results.unit(name)) if isinstance(value, float) else str(value)
+    words = quantity(value, results.column_unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"
 
 
@@ -207,7 +207,7 @@ def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
     """Statistics of the metrics of a design's runs spread: a line a statistic, a column a metric."""
     lines = []
     for word, head in zip(SHOWN, SHOWN_HEADS, strict=True):
-        held = [(of.statistics[word], results.unit(f"mean({of.metric})")) for of in one.spreads]
+        held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
         lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
     return [*lines, ("spread comes from", *(of.parts_words() for of in one.spreads))]
 
@@ -235,7 +235,7 @@ def front_section(results: Results, objectives: Mapping[str, str], by_default: b
 
 def ends_section(results: Results, left_out: LeftOut) -> html.PageSection:
     """The section on how the variants ended, why, which ones are not to be trusted, and what is lost with them."""
-    reasons = results.reasons()
+    reasons = results.reason_counts()
     if not reasons:
         return html.page_section("ends", "How the variants ended", html.paragraph_html("Every variant is ok."))
     status = results.status
@@ -328,8 +328,8 @@ def rows_data(
 
 
 def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
-    if not results.numeric(name):
-        labels = results.labels(name)
+    if not results.is_numeric(name):
+        labels = results.text_values(name)
         words = sorted(set(labels))
         place = {word: k for k, word in enumerate(words)}
         return {"name": name, "unit": "", "words": words, "values": [place[word] for word in labels]}
@@ -340,9 +340,9 @@ def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
 
 
 def _archives(results: Results) -> list[list[Any] | None] | None:
-    if not set(ARCHIVED) <= set(results.table.column_names):
+    if not set(ARCHIVE_COLUMNS) <= set(results.table.column_names):
         return None
-    files, numbers = (results.table[name].to_pylist() for name in ARCHIVED)
+    files, numbers = (results.table[name].to_pylist() for name in ARCHIVE_COLUMNS)
     return [None if file is None else [file, int(number)] for file, number in zip(files, numbers, strict=True)]
 
 
@@ -378,5 +378,5 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
         words = ", ".join(factor_words(designs, name, one.row) for name in designs.factors)
         head = f"# Design {letter} of {page.name}, variant {one.variant} of {folder}: {words}\n"
         files.append(page.with_name(f"{page.stem}-{letter}.toml"))
-        write_text(files[-1], head.replace("\r", " ") + drive_text(text, variant.drive))
+        write_study_text(files[-1], head.replace("\r", " ") + drive_text(text, variant.drive))
     return files

@@ -92,12 +92,12 @@ class Axis:
     """
 
     def __init__(self, results: Results, column: str, rows: Sequence[int] | None = None) -> None:
-        values = results.values(column) if results.numeric(column) else np.zeros(0)
+        values = results.values(column) if results.is_numeric(column) else np.zeros(0)
         if rows is not None:
             values = values[list(rows)] if values.size else values
-        elif column not in results.factors and values.size and results.rows_for(column).any():
-            values = values[results.rows_for(column)]
-        self.unit, self.factor = shown_unit(results.unit(column), values)
+        elif column not in results.factors and values.size and results.usable_rows(column).any():
+            values = values[results.usable_rows(column)]
+        self.unit, self.factor = shown_unit(results.column_unit(column), values)
         self.decimals = decimals(values * self.factor)
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
@@ -122,7 +122,7 @@ def distributions(results: Results, metrics: Sequence[str]) -> list[Panel]:
     panels = []
     for k, metric in enumerate(metrics):
         axis = Axis(results, metric)
-        values = results.values(metric)[results.rows_for(metric)]
+        values = results.values(metric)[results.usable_rows(metric)]
         counts, edges = np.histogram(values, bins=min(40, max(6, int(np.sqrt(len(values))))))
         label = {"label": "median"} if k == 0 else {}
         series = [
@@ -174,10 +174,10 @@ def effects(
     inside = [m.medians for e in shown if (m := of_medians.get(e.factor)) is not None]
     low, high = min(low, *(float(m.min()) for m in inside)), max(high, *(float(m.max()) for m in inside))
     pad = 0.06 * ((high - low) or abs(high) or 1.0)
-    all_rows = results.values(metric)[results.rows_for(metric)]
+    all_rows = results.values(metric)[results.usable_rows(metric)]
     panels = []
     for k, (effect, bar) in enumerate(zip(shown, bars, strict=True)):
-        words = not results.numeric(effect.factor)
+        words = not results.is_numeric(effect.factor)
         across = Axis(results, effect.factor)
         x = effect.centers.tolist() if words else across.of(effect.centers)
         first = k == 0
@@ -220,12 +220,12 @@ def interactions(
         together: pairs that are drawn before these.
     """
     axis, panels = Axis(results, metric), []
-    factors = [effect.factor for effect in found if results.numeric(effect.factor)]
+    factors = [effect.factor for effect in found if results.is_numeric(effect.factor)]
     pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]
     pairs += [pair for pair in combinations(factors[:3], 2) if pair not in pairs and pair[::-1] not in pairs]
     y = results.values(metric)
     for a, b in pairs[:3]:
-        rows = results.rows_for(metric, [a, b])
+        rows = results.usable_rows(metric, [a, b])
         if rows.sum() < 24:
             continue
         z = results.values(b)[rows]
@@ -301,11 +301,11 @@ def _middle(results: Results, surrogate: Surrogate) -> dict[str, Any]:
     """A row midway between the ends of the numeric factors, with the most frequent words."""
     row: dict[str, Any] = {}
     for name in surrogate.factors:
-        if results.numeric(name):
+        if results.is_numeric(name):
             values = results.values(name)
             row[name] = 0.5 * (float(np.nanmin(values)) + float(np.nanmax(values)))
         else:
-            words, counts = np.unique(results.labels(name), return_counts=True)
+            words, counts = np.unique(results.text_values(name), return_counts=True)
             row[name] = str(words[int(counts.argmax())])
     return row
 
@@ -323,14 +323,14 @@ def surrogate(results: Results, found: Surrogate, checked: CrossValidation) -> l
     """
     axis, middle = Axis(results, found.metric), _middle(results, found)
     cuts: list[tuple[float, Panel]] = []
-    dots = _dots(results.rows_for(found.metric))
+    dots = _dots(results.usable_rows(found.metric))
     y = results.values(found.metric)
     least, most_y = float(y[dots].min()), float(y[dots].max())
     pad = 0.5 * (most_y - least)
     left_out = ~results.ok & np.isfinite(y)
     drawn = left_out & (y >= least - pad) & (y <= most_y + pad)
     near, far = _dots(drawn), int((left_out & ~drawn).sum())
-    for name in (factor for factor in found.factors if results.numeric(factor)):
+    for name in (factor for factor in found.factors if results.is_numeric(factor)):
         values = results.values(name)
         x = np.linspace(float(np.nanmin(values)), float(np.nanmax(values)), 41)
         mean, deviation = found.predict([middle | {name: float(v)} for v in x])

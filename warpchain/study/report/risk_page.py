@@ -14,7 +14,7 @@ from warpchain.study.analysis.failure_probability import Estimate
 from warpchain.study.optimize.risk import NOT_OK, DesignPoint, Limit, Risked
 from warpchain.study.report.panels import ACCENT, MARK, PALE, Axis, Panel, chart, report_page, rounded
 from warpchain.study.spec.factor import Factor
-from warpchain.study.store import write_text
+from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 PAGE = "risk.html"
@@ -31,17 +31,17 @@ def write_risk(found: Risked, page: str | Path | None = None, title: str | None 
     target = found.folder / PAGE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
     sections = [_summary(found), _failures(found), _noise(found), _methods(found)]
-    write_text(target, report_page(name, sections))
+    write_study_text(target, report_page(name, sections))
     return target
 
 
 def risk_lines(found: Risked) -> list[str]:
     """The result, a line each: the probability by each way, what differs, what fails, and how it most likely does."""
     results, row = found.results, _row(found, found.variant)
-    held = _values(found, row, [name for name in results.factors if name not in results.noise])
+    held = _values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
     lines = [
-        f"over the noise of {', '.join(results.noise)}{at}",
+        f"over the noise of {', '.join(results.noise_factors)}{at}",
         *(f"limit: {words}" for words in _limit_words(found)),
         *(
             f"P(a limit is exceeded) = {_estimate_words(of)}: {way}"
@@ -54,9 +54,9 @@ def risk_lines(found: Risked) -> list[str]:
         f"what fails: {_shares_words(found)}",
         f"most likely way to fail: variant {found.variant}, {found.distance:.3g} standard deviations from the medians",
     ]
-    lines += [f"  {name} = {value}" for name, value in _values(found, row, results.noise)]
+    lines += [f"  {name} = {value}" for name, value in _values(found, row, results.noise_factors)]
     for metric in dict.fromkeys(bound.metric for bound in found.study.bounds):
-        lines.append(f"  {metric}: {quantity(float(results.values(metric)[row]), results.unit(metric))}")
+        lines.append(f"  {metric}: {quantity(float(results.values(metric)[row]), results.column_unit(metric))}")
     return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}"]
 
 
@@ -68,7 +68,8 @@ def warning_lines(found: Risked) -> list[str]:
     lost, results = int((~found.results.ok).sum()), found.results
     if lost:
         lines.append(
-            f"LOOK AT: {lost} of {len(results.status)} runs are not ok and count as failures: {results.reasons()[0][1]}"
+            f"LOOK AT: {lost} of {len(results.status)} runs are not ok and count as failures: "
+            f"{results.reason_counts()[0][1]}"
         )
     return lines
 
@@ -101,7 +102,7 @@ def _row(found: Risked, variant: int) -> int:
 def _values(found: Risked, row: int, names: Any) -> list[tuple[str, str]]:
     """Values of factors in a row, with their units."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
-    return [(n, quantity(v, found.results.unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
+    return [(n, quantity(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
 def _limit_words(found: Risked) -> list[str]:
@@ -109,7 +110,7 @@ def _limit_words(found: Risked) -> list[str]:
     lines = []
     for bound in found.study.bounds:
         ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
-        words = " and ".join(f"{word} {quantity(end, found.results.unit(bound.metric))}" for word, end in ends)
+        words = " and ".join(f"{word} {quantity(end, found.results.column_unit(bound.metric))}" for word, end in ends)
         lines.append(f"{bound.metric} {words}")
     return lines
 
@@ -215,10 +216,10 @@ def _point(found: Risked, point: DesignPoint) -> list[str]:
     deviations = {name: point.deviations.get(axis) for name, axis in members.items()}
     values = [
         (name, value, "" if (off := deviations.get(name)) is None else f"{off:+.2f}")
-        for name, value in _values(found, row, results.noise)
+        for name, value in _values(found, row, results.noise_factors)
     ]
     metrics = [
-        (bound.metric, quantity(float(results.values(bound.metric)[row]), results.unit(bound.metric)), words)
+        (bound.metric, quantity(float(results.values(bound.metric)[row]), results.column_unit(bound.metric)), words)
         for bound, words in zip(found.study.bounds, _limit_words(found), strict=True)
     ]
     return [
@@ -259,8 +260,12 @@ def _noise(found: Risked) -> html.PageSection:
     """Assumptions: distributions and correlations of the noise, values that are held, what counts as a failure."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
-    rows = [(of.name, _place(of), _distribution(of, "" if of.hidden else results.unit(of.name))) for of in factors]
-    held = _values(found, _row(found, found.variant), [name for name in results.factors if name not in results.noise])
+    rows = [
+        (of.name, _place(of), _distribution(of, "" if of.hidden else results.column_unit(of.name))) for of in factors
+    ]
+    held = _values(
+        found, _row(found, found.variant), [name for name in results.factors if name not in results.noise_factors]
+    )
     lines = ["Factors are independent of each other."]
     if noise is not None and noise.correlated:
         pairs = combinations(range(len(noise.correlated)), 2)

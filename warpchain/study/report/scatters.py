@@ -142,7 +142,7 @@ def log_scatters(
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = np.zeros(0, dtype=np.intp)
-    if objectives and not results.noise:
+    if objectives and not results.noise_factors:
         front = pareto_front(results, objectives)
     played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
@@ -155,7 +155,7 @@ def log_scatters(
             stream,
             "study",
             AxisQuantity(factor, results.values(factor)),
-            AxisQuantity(metric, results.values(metric), results.unit(metric)),
+            AxisQuantity(metric, results.values(metric), results.column_unit(metric)),
             groups,
             results.variants,
             results.ok,

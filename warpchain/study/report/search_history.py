@@ -12,7 +12,7 @@ from warpchain.study.analysis.pareto import Measured
 from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel, chart, rounded
-from warpchain.study.results import ROUND, Results
+from warpchain.study.results import ROUND_COLUMN, Results
 from warpchain.view import html
 
 MOST_FACTORS = 12
@@ -26,9 +26,9 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
 
     Rows stand in the order in which they were evaluated.
     """
-    if not wanted.objectives or ROUND not in results.table.column_names:
+    if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
-    measured, rounds = wanted.goals.measured(results), results.values(ROUND)
+    measured, rounds = wanted.goals.measured(results), results.values(ROUND_COLUMN)
     kept = int(measured.kept.sum())
     counts = f"{len(rounds)} variants in {int(rounds.max()) + 1} rounds, {int(results.ok.sum())} ok"
     lines = [counts + (f", {kept} of which keep the limits" if wanted.bounds else "")]
@@ -62,7 +62,7 @@ def _best(measured: Measured, k: int) -> np.ndarray:
 def _best_line(results: Results, wanted: Wanted, measured: Measured, rounds: np.ndarray, k: int) -> str:
     """When the best value of an objective was found, and what the design alone had."""
     objective, sign, best = wanted.objectives[k], wanted.goals.signs[k], _best(measured, k)
-    unit, at = results.unit(objective.metric), int(np.argmin(best))
+    unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
     before = f" ({quantity(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
     found = f"evaluation {at + 1} of {len(best)}, round {int(rounds[at]) + 1}"
@@ -97,12 +97,12 @@ def _places(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray,
     """Values of a factor over the evaluations: the design's, those that were proposed, those recommended."""
     count = np.arange(1, len(rounds) + 1)
     y: dict[str, Any]
-    if results.numeric(name):
+    if results.is_numeric(name):
         axis = Axis(results, name)
         shown, y = np.array(axis.of(results.values(name)), dtype=float), {"label": axis.name}
     else:
-        words = sorted(set(results.labels(name)))
-        shown = np.array([words.index(word) for word in results.labels(name)], dtype=float)
+        words = sorted(set(results.text_values(name)))
+        shown = np.array([words.index(word) for word in results.text_values(name)], dtype=float)
         y = {"label": name, "words": words}
     design, picked = rounds == rounds[0], np.isin(np.arange(len(rounds)), chosen)
     series = []

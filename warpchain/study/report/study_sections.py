@@ -34,10 +34,10 @@ from warpchain.study.report.decisions import (
     write_drives,
 )
 from warpchain.study.report.search_history import search_section
-from warpchain.study.results import ROUND, STATUSES, Results, read_results
+from warpchain.study.results import ROUND_COLUMN, ROW_STATUSES, Results, read_results
 from warpchain.study.spec.noise import metric_in
 from warpchain.study.spec.study_tables import Objective
-from warpchain.study.store import write_text
+from warpchain.study.store import write_study_text
 from warpchain.study.surrogate import Surrogate, best_surrogate
 from warpchain.study.surrogate.indices import best_indices
 from warpchain.view import html
@@ -71,7 +71,7 @@ EXTREMES = 3
 def telling_metrics(results: Results) -> tuple[str, ...]:
     """The metrics to show: what `TELLING` names, then the others, of those that vary and most variants have."""
     enough = results.ok.sum() / 2
-    varying = [m for m in results.varying_metrics() if results.rows_for(m).sum() > enough]
+    varying = [m for m in results.varying_metrics() if results.usable_rows(m).sum() > enough]
     ordered = [m for pattern in TELLING for m in varying if _tells(m, pattern)] + list(varying)
     return tuple(dict.fromkeys(ordered))[:SHOWN]
 
@@ -127,9 +127,9 @@ def _report(
     sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))
     designs, over = designs_of(results, sought.goals)
     chosen = over.senses
-    enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
-    sample = results.sample()
-    analyzed = tuple(m for m in enough if sample.rows_for(m).sum() >= 3)
+    enough = tuple(m for m in shown if results.usable_rows(m).sum() >= 3)
+    sample = results.sampled_rows()
+    analyzed = tuple(m for m in enough if sample.usable_rows(m).sum() >= 3)
     left_out = LeftOut(sample)
     unranked = frozenset(metric for metric in analyzed if left_out.selects(metric))
     effects = {metric: _effects_of(sample, metric, metric not in unranked) for metric in analyzed}
@@ -171,7 +171,7 @@ def _report(
     ]
     ranked = {metric: found for metric, found in effects.items() if metric not in unranked}
     telling = [name for name in _telling_factors(ranked) or results.factors if name in designs.factors]
-    explored = designs.metrics if results.noise else shown
+    explored = designs.metrics if results.noise_factors else shown
     data = rows_data(designs, explored, telling, chosen, judged, recommended)
     return panels.report_page(title, [section for section in sections if section], data), designs, recommended
 
@@ -224,7 +224,7 @@ def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Map
     effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
-        f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in STATUSES
+        f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in ROW_STATUSES
     )
     lines = left_out.lines()
     for metric, found in effects.items():
@@ -238,8 +238,8 @@ def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Map
 
 def _range(results: Results, metric: str) -> str:
     """The least and the most of a metric, and the variants that have them."""
-    rows = np.flatnonzero(results.rows_for(metric))
-    values, unit = results.values(metric)[rows], results.unit(metric)
+    rows = np.flatnonzero(results.usable_rows(metric))
+    values, unit = results.values(metric)[rows], results.column_unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
     return (
         f"{metric}: from {quantity(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
@@ -278,8 +278,8 @@ def _verdict(
             return f"{alone}, but {'; '.join(named)}; {scatter}".removesuffix("; ") + "."
         together = "three or more factors act together, or all in ways that so few variants do not tell"
         return f"{alone}, yet {scatter} only, and no pair shows: {together}." if scatter else f"{alone}."
-    axis = panels.Axis(results, best.factor) if results.numeric(best.factor) else None
-    unit = results.unit(metric)
+    axis = panels.Axis(results, best.factor) if results.is_numeric(best.factor) else None
+    unit = results.column_unit(metric)
     least, most = (
         f"{quantity(float(best.means[g]), unit)} ({best.labels[g] if axis is None else axis.words(best.labels[g])})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
@@ -292,11 +292,11 @@ def _verdict(
 
 
 def _inputs(results: Results) -> html.PageSection:
-    rows, tied = [], results.ties()
+    rows, tied = [], results.factor_ties()
     for factor in results.factors:
-        words = results.labels(factor)
+        words = results.text_values(factor)
         distinct, unit = len(set(words)), ""
-        if not results.numeric(factor):
+        if not results.is_numeric(factor):
             span = ", ".join(sorted(set(words))[:8])
         else:
             values = results.values(factor)
@@ -305,7 +305,7 @@ def _inputs(results: Results) -> html.PageSection:
             unit = axis.unit
             span = ends[0] if distinct == 1 else " to ".join(ends)
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
-        note = "noise" if factor in results.noise else note
+        note = "noise" if factor in results.noise_factors else note
         rows.append((factor, unit, span, distinct, note))
     return html.page_section(
         "inputs", "What was varied", html.table_html(("factor", "unit", "range", "values", ""), rows)
@@ -315,7 +315,7 @@ def _inputs(results: Results) -> html.PageSection:
 def _spread(results: Results, metrics: tuple[str, ...]) -> str:
     rows = []
     for metric in metrics:
-        values = results.values(metric)[results.rows_for(metric)]
+        values = results.values(metric)[results.usable_rows(metric)]
         axis = panels.Axis(results, metric)
         parts = [axis.text(value) for value in np.percentile(values, (0, 5, 50, 95, 100)).tolist()]
         rows.append((metric, axis.unit, *parts, len(values)))
@@ -364,8 +364,8 @@ def _error_line(results: Results, metric: str, chance: float | None) -> str:
         error = pure_error(results, metric)
     except StudyError as refused:
         return str(refused)
-    scatter = quantity(error.deviation, results.unit(metric))
-    means = chance is not None and results.replicated
+    scatter = quantity(error.deviation, results.column_unit(metric))
+    means = chance is not None and results.has_replicates
     rows = f", as of single runs; of the rows' means {100.0 * (chance or 0.0):.0f} %" if means else ""
     return f"{error}{rows}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
 
@@ -376,7 +376,7 @@ CORRELATED = 40
 
 def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
-    usable = tuple(m for m in names if results.rows_for(m).sum() >= 3)
+    usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
         return None
     both = correlation(results, usable[:CORRELATED])
@@ -462,7 +462,7 @@ def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], f
 
 def _more(results: Results, folder: str) -> str:
     """Commands that bring the variants that indices are in want of."""
-    if ROUND in results.table.column_names:
+    if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
     else:
         going_on = (
@@ -479,7 +479,7 @@ def _more(results: Results, folder: str) -> str:
 def _extremes(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
     parts = [rest]
     for metric in metrics:
-        rows = np.flatnonzero(results.rows_for(metric))
+        rows = np.flatnonzero(results.usable_rows(metric))
         order = rows[np.argsort(results.values(metric)[rows], kind="stable")]
         ends = dict.fromkeys([*order[:EXTREMES].tolist(), *order[-EXTREMES:].tolist()])
         parts += [html.heading_html(metric), rows_table(results, list(ends), (metric, *results.factors))]
@@ -522,5 +522,5 @@ def write_report(
     files = []
     if wanted is not None and wanted.folder is not None and wanted.page is not None:
         files = write_drives(wanted.folder, target, designs, recommended)
-    write_text(target, text)
+    write_study_text(target, text)
     return [target, *files]

@@ -32,14 +32,14 @@ from warpchain.errors import StudyError
 from warpchain.results.statuses import alike_reasons, by_frequency
 from warpchain.study.run.shard_plan import Numbers, Part, check_file, plan_file, read_plan, write_plan
 from warpchain.study.store import (
-    AGAIN,
-    STATUSES,
-    Ended,
+    REMEDY_RERUN,
+    ROW_STATUSES,
+    RowOutcomes,
     check_archive_name,
-    read_ended,
+    read_row_outcomes,
     read_table,
+    write_study_text,
     write_table,
-    write_text,
 )
 
 if TYPE_CHECKING:
@@ -201,13 +201,13 @@ class Folder:
             raise StudyError(f"{path}: has {table.num_rows} rows, its shard {self.size(shard)}")
         return table
 
-    def ended(self, shard: int) -> Ended:
+    def ended(self, shard: int) -> RowOutcomes:
         """Statuses and reasons of the runs of a shard that is done.
 
         Raises:
             StudyError: its table is missing, damaged, or another one's.
         """
-        return read_ended(self.table_path(shard), self.part(shard).identity, self.size(shard))
+        return read_row_outcomes(self.table_path(shard), self.part(shard).identity, self.size(shard))
 
     def write(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
         """Writes one of the study's tables, or a shard's.
@@ -218,7 +218,7 @@ class Folder:
         if shard is None:
             write_table(path, table, study=self.identity)
         else:
-            write_table(path, table, study=self.part(shard).identity, ended=path == self.table_path(shard))
+            write_table(path, table, study=self.part(shard).identity, note_outcomes=path == self.table_path(shard))
 
     def mark(self, shard: int | str) -> dict[str, bytes]:
         """Attachment of a shard's archive that says whose it is."""
@@ -248,7 +248,9 @@ class Folder:
             return
         archive = read_archive(path)
         if MARK in archive.attachments and json.loads(archive.attachment(MARK)) != self._owner(path.stem):
-            raise StudyError(f"{path}: is the archive of another shard, or of another study; {AGAIN} without its table")
+            raise StudyError(
+                f"{path}: is the archive of another shard, or of another study; {REMEDY_RERUN} without its table"
+            )
 
     def recorded(self) -> frozenset[int]:
         """Variants that are recorded when they are first simulated."""
@@ -283,8 +285,8 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
         raise StudyError(f"{path}: cannot be made ({error.strerror or error})") from None
     fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
     if not (path / "plan.json").exists():
-        write_text(path / "study.toml", dumps_study(fixed), keep=True)
-        write_text(path / "drive.toml", dumps_drive(drive), keep=True)
+        write_study_text(path / "study.toml", dumps_study(fixed), keep=True)
+        write_study_text(path / "drive.toml", dumps_drive(drive), keep=True)
         write_table(path / "design.parquet", design, keep=True)
         more = {"blocks": [[0, design.num_rows, 0, study.design.copies]]} if study.design.copies > 1 else {}
         write_plan(path, 0, {"rows": design.num_rows, "shard": shard, **more})
@@ -361,7 +363,7 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     """
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shards if folder.done(shard)]
-    counts = Counter(dict.fromkeys(STATUSES, 0))
+    counts = Counter(dict.fromkeys(ROW_STATUSES, 0))
     reasons: list[tuple[str, str, int]] = []
     for shard in done:
         ended = folder.ended(shard)

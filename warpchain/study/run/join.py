@@ -29,7 +29,7 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.results.replicate_metrics import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.design import make_design
-from warpchain.study.results import ARCHIVED, search_target_of
+from warpchain.study.results import ARCHIVE_COLUMNS, search_target_of
 from warpchain.study.run.checkpoints import states_of, write_joined
 from warpchain.study.run.folder import DRIVE_TEXT, Folder, Outcome, open_folder, plan_file, study_status, write_plan
 from warpchain.study.run.runner import finish, runs_of
@@ -38,7 +38,7 @@ from warpchain.study.spec import Study, dumps_study
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.places import places
 from warpchain.study.spec.study_tables import Design, for_file
-from warpchain.study.store import write_table, write_text
+from warpchain.study.store import write_study_text, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -304,17 +304,17 @@ def _write(place: Path, opened: Sequence[Folder], study: Study, pool: _Pool) -> 
     done = sorted(pool.runs)
     every = ((row, copy) for row in range(len(pool.rows)) for copy in range(copies))
     missing = [task for task in every if task not in pool.runs]
-    write_text(place / "drive.toml", dumps_drive(opened[0].drive))
+    write_study_text(place / "drive.toml", dumps_drive(opened[0].drive))
     if (text := opened[0].path / DRIVE_TEXT).exists():
-        write_text(place / DRIVE_TEXT, drive_text(read_drive_text(text), opened[0].drive))
-    write_text(place / "study.toml", dumps_study(study))
+        write_study_text(place / DRIVE_TEXT, drive_text(read_drive_text(text), opened[0].drive))
+    write_study_text(place / "study.toml", dumps_study(study))
     design = make_design(study, place / "study.toml")
     size = max(folder.shard for folder in opened)
     parts = [blocks_of(tasks, copies) for tasks in (done, missing) if tasks]
     after = ""
     for number, blocks in enumerate(parts):
         if number:
-            write_text(place / plan_file("study.toml", number), dumps_study(study))
+            write_study_text(place / plan_file("study.toml", number), dumps_study(study))
         write_table(place / plan_file("design.parquet", number), design)
         listed = [[*block.rows, *block.copies] for block in blocks]
         facts = {"rows": len(pool.rows), "shard": size, "blocks": listed, **({"after": after} if number else {})}
@@ -376,7 +376,7 @@ def _write_shard(
     table = pa.concat_tables(pieces, promote_options="permissive").combine_chunks()
     place = sorted(range(len(order)), key=lambda i: order[i][0])
     table, owners = table.take(pa.array(place, pa.int64())), [order[i][1] for i in place]
-    if set(ARCHIVED) <= set(table.column_names):
+    if set(ARCHIVE_COLUMNS) <= set(table.column_names):
         table = _with_recordings(joined, shard, table, [opened[f] for f in owners])
     table = table.drop_columns(["before"] if joined.copies > 1 else ["before", COPY])
     joined.write(joined.table_path(shard), table.replace_schema_metadata(None), shard)
@@ -418,7 +418,7 @@ def _with_recordings(joined: Folder, shard: int, table: pa.Table, owners: Sequen
     from warpchain.archive import read_archive, write_archive
     from warpchain.archive.options import ArchiveOptions
 
-    names, places = (table[name].to_pylist() for name in ARCHIVED)
+    names, places = (table[name].to_pylist() for name in ARCHIVE_COLUMNS)
     rows = [k for k, name in enumerate(names) if name is not None]
     path = joined.archive_path(shard)
     if rows:
@@ -435,6 +435,6 @@ def _with_recordings(joined: Folder, shard: int, table: pa.Table, owners: Sequen
         write_archive(run, path, True, ArchiveOptions(numbers=numbers, attachments=joined.mark(shard)))
     files = [f"shards/{path.name}" if name is not None else None for name in names]
     numbers_ = [v if name is not None else None for v, name in zip(table["variant"].to_pylist(), names, strict=True)]
-    for name, values in zip(ARCHIVED, (files, numbers_), strict=True):
+    for name, values in zip(ARCHIVE_COLUMNS, (files, numbers_), strict=True):
         table = with_column(table, name, values)
     return table

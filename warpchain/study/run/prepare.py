@@ -54,7 +54,7 @@ from warpchain.study.spec.study_tables import (
     RunOptions,
     of_file,
 )
-from warpchain.study.store import write_table, write_text
+from warpchain.study.store import write_study_text, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -87,7 +87,7 @@ def prepare(
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     if not grow or not (Path(out) / "plan.json").exists():
         folder = make_folder(Path(out), study, drive, design, size)
-        write_text(folder.path / DRIVE_TEXT, text_alone(drive_file(study, source)), keep=True)
+        write_study_text(folder.path / DRIVE_TEXT, text_alone(drive_file(study, source)), keep=True)
         return folder
     folder = open_folder(Path(out))
     fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
@@ -365,7 +365,7 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
             if table.exists() and not other.exists():
                 with refusals(other, StudyError), whole_file(other) as file:
                     file.write(table.read_bytes())
-    write_text(path / plan_file("study.toml", number), dumps_study(fixed))
+    write_study_text(path / plan_file("study.toml", number), dumps_study(fixed))
     write_table(path / plan_file("design.parquet", number), design)
     write_plan(path, number, {**facts, "restart": True} if restart else facts)
     return open_folder(path)

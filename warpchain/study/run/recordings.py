@@ -15,12 +15,12 @@ from warpchain.errors import StudyError
 from warpchain.progress import Progress
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
-from warpchain.study.results import ARCHIVED, Results, read_results
+from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
 from warpchain.study.run.folder import open_folder
 from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Worst
-from warpchain.study.store import write_text
+from warpchain.study.store import write_study_text
 from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
 SHOWN = 4
@@ -34,9 +34,9 @@ def places(results: Results) -> dict[int, tuple[str, int]]:
         StudyError: the table has no such columns.
     """
     names = results.table.column_names
-    if not set(ARCHIVED) <= set(names):
+    if not set(ARCHIVE_COLUMNS) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
-    archives, numbers = (results.table[name].to_pylist() for name in ARCHIVED)
+    archives, numbers = (results.table[name].to_pylist() for name in ARCHIVE_COLUMNS)
     rows = zip(results.variants.tolist(), archives, numbers, strict=True)
     return {variant: (archive, int(number)) for variant, archive, number in rows if archive is not None}
 
@@ -140,7 +140,7 @@ class Rerun:
         """The command that runs it again, of a drive file that is written beside the recording."""
         file = self.archive.with_suffix(".toml")
         self.archive.parent.mkdir(exist_ok=True)
-        write_text(file, dumps_drive(self.drive))
+        write_study_text(file, dumps_drive(self.drive))
         run = self.study.run
         words = ["warpchain", "run", str(file), "-o", str(self.archive), "--overwrite", "--precision", run.precision]
         for option in ("device", "duration", "step"):

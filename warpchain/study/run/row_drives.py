@@ -22,7 +22,7 @@ from warpchain.errors import DriveError, StudyError, WarpchainError
 from warpchain.progress import look_for_stop
 from warpchain.study.design.factor_values import evaluate
 from warpchain.study.spec.study_tables import named_adjustments
-from warpchain.study.store import reason_of
+from warpchain.study.store import reason_from_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -265,7 +265,7 @@ class Variant:
 
     def fail(self, error: WarpchainError) -> None:
         """Makes it infeasible."""
-        self.drive, self.reason = None, reason_of(error)
+        self.drive, self.reason = None, reason_from_error(error)
 
     @property
     def status(self) -> str:

@@ -39,7 +39,7 @@ from warpchain.progress import (
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
 from warpchain.results.replicate_metrics import COPY, summary
-from warpchain.study.results import ARCHIVED, read_results
+from warpchain.study.results import ARCHIVE_COLUMNS, read_results
 from warpchain.study.run.folder import REPLICATES, Folder, Outcome, open_folder, study_status
 from warpchain.study.run.prepare import prepare
 from warpchain.study.run.recordings import with_recorded_objectives
@@ -167,7 +167,7 @@ def runs_of(folder: Folder) -> pa.Table:
 
 def _archives(table: pa.Table) -> list[str]:
     """The archives that hold a table's recorded variants."""
-    name, _ = ARCHIVED
+    name, _ = ARCHIVE_COLUMNS
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
 
@@ -250,7 +250,7 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     if keys[1:] and COPY not in second.column_names:
         second = second.append_column(COPY, pa.array(np.zeros(second.num_rows, dtype=np.int64)))
     place_of = {key: i for i, key in enumerate(zip(*(table[key].to_pylist() for key in keys), strict=True))}
-    for name in ARCHIVED:
+    for name in ARCHIVE_COLUMNS:
         values = table[name].to_pylist()
         for row in second.select(["variant", *keys[1:], name]).to_pylist():
             values[place_of[tuple(row[key] for key in keys)]] = row[name]

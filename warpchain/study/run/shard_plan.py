@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from warpchain.errors import StudyError
 from warpchain.files import parse_json
-from warpchain.study.store import file_digest, write_text
+from warpchain.study.store import file_digest, write_study_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -132,7 +132,7 @@ def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
     names = FIXED if not number else [name if name == "drive.toml" else plan_file(name, number) for name in FIXED]
     plan: dict[str, Any] = {"format": FORMAT, **facts, "digests": {name: file_digest(path / name) for name in names}}
     plan["digest"] = _identity(plan)
-    write_text(path / plan_file("plan.json", number), json.dumps(plan) + "\n", keep=True)
+    write_study_text(path / plan_file("plan.json", number), json.dumps(plan) + "\n", keep=True)
 
 
 def read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Part, bool]:

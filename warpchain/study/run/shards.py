@@ -24,12 +24,12 @@ from warpchain.gc_tuning import rare_collections
 from warpchain.progress import RUNNING, Report, nothing, part_of
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
-from warpchain.study.results import ADJUSTED, ARCHIVED, RUN_COLUMNS
+from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COLUMNS
 from warpchain.study.run.checkpoints import begin_with, write_states
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.row_drives import Variant, build, try_alone
 from warpchain.study.spec.study_tables import named_adjustments
-from warpchain.study.store import OUTCOME, check_no_link
+from warpchain.study.store import OUTCOME_COLUMNS, check_no_symlink
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -321,7 +321,7 @@ def _write(
         begin_with(folder, variants)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
-        check_no_link(folder.archive_path(shard))
+        check_no_symlink(folder.archive_path(shard))
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
     table = results_table(study, rows, variants)
     if isinstance(shard, int) and (study.run.keep_states or any(variant.gone_on for variant in variants)):
@@ -333,13 +333,13 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     """Inputs and metrics of variants: a row a variant, fields marked role = "factor" and "metric", with their units."""
     import pyarrow as pa
 
-    status, reason = OUTCOME
+    status, reason = OUTCOME_COLUMNS
     extra: dict[str, tuple[Any, list[Any], str]] = {
         status: (pa.string(), [variant.status for variant in variants], ""),
         reason: (pa.string(), [variant.outcome() for variant in variants], ""),
     }
     for _, before, adjust in named_adjustments(study.adjust):
-        count, travel = (before + name for name in ADJUSTED)
+        count, travel = (before + name for name in ADJUSTMENT_COLUMNS)
         if adjust.links is not None:
             extra[count] = (pa.int64(), [variant.adjusted.get(count) for variant in variants], "")
         if adjust.sprocket is not None:
@@ -347,11 +347,11 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     record = study.record
     if record.variants or record.every or record.worst:
         archives = [variant.archive or (None, None) for variant in variants]
-        file, place = ARCHIVED
+        file, place = ARCHIVE_COLUMNS
         extra[file] = (pa.string(), [name and f"shards/{name}" for name, _ in archives], "")
         extra[place] = (pa.int64(), [number for _, number in archives], "")
-    columns = [rows[name].combine_chunks() for name in rows.column_names if name not in OUTCOME]
-    fields = [field for field in rows.schema if field.name not in OUTCOME]
+    columns = [rows[name].combine_chunks() for name in rows.column_names if name not in OUTCOME_COLUMNS]
+    fields = [field for field in rows.schema if field.name not in OUTCOME_COLUMNS]
     for name, (kind, values, unit) in extra.items():
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
@@ -366,7 +366,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
 
 def _metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
     """The metrics that the study keeps, a row a variant; as they came, where all came of one run."""
-    patterns, dropped = kept_patterns(study), {"variant", "diverged", *OUTCOME}
+    patterns, dropped = kept_patterns(study), {"variant", "diverged", *OUTCOME_COLUMNS}
 
     @cache
     def kept(name: str) -> bool:

@@ -27,10 +27,10 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
-from warpchain.study.results import BOOKKEEPING
+from warpchain.study.results import BOOKKEEPING_COLUMNS
 from warpchain.study.spec.expression import RESERVED
 
-TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING) | {"shard", "and", "or", "not"}
+TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
 """Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 AUTO = "auto"

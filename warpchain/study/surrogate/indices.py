@@ -74,7 +74,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
 
 def _wanting(results: Results, metric: str) -> str:
     """Advice where no surrogate predicts a metric."""
-    rows = results.rows_for(metric)
+    rows = results.usable_rows(metric)
     count = int(rows.sum())
     needed = f"{TRUSTED:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
     chance = scatter_share(results, metric)
@@ -85,7 +85,7 @@ def _wanting(results: Results, metric: str) -> str:
         return f"{scatter} only, so more variants help"
     if chance >= WITHOUT_EFFECT:
         return f"{scatter}, so no factor has an effect that shows"
-    runs = math.ceil(results.counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED) * 2.0)
+    runs = math.ceil(results.run_counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED) * 2.0)
     return f"{scatter}, so Q\u00b2 stays below {1.0 - chance:.2f}: replicates help, some {runs} a row"
 
 

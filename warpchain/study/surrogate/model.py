@@ -122,15 +122,15 @@ def features_of(results: Results) -> Features:
     Raises:
         StudyError: none varies.
     """
-    tied = results.ties()
+    tied = results.factor_ties()
     axes = []
     for name in (factor for factor in results.factors if factor not in tied):
-        if results.numeric(name):
+        if results.is_numeric(name):
             values = results.values(name)
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             if high > low:
                 axes.append(Axis(name, low, high))
-        elif len(words := sorted(set(results.labels(name)))) > 1:
+        elif len(words := sorted(set(results.text_values(name)))) > 1:
             axes.append(Axis(name, words=tuple(words)))
     if not axes:
         raise StudyError("surrogate: no factor varies")
@@ -183,7 +183,7 @@ def fit_quadratic(results: Results, metric: str) -> Quadratic:
         StudyError: as `fit_surface`.
     """
     surface = fit_surface(results, metric)
-    rows = results.rows_for(metric, surface.factors)
+    rows = results.usable_rows(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
     y = results.values(metric)[rows]
     errors = standard_errors(results, metric)
@@ -321,7 +321,7 @@ def fit_surrogate(
     if kind not in KINDS:
         raise StudyError(f"surrogate: kind {kind!r}: allowed are {', '.join(KINDS)}")
     values, errors = results.values(metric), standard_errors(results, metric)
-    rows = results.rows_for(metric)
+    rows = results.usable_rows(metric)
     if logarithm and not (values[rows] > 0.0).all():
         raise StudyError(f"surrogate of {metric!r}: a logarithm needs values above 0")
     if kind == "quadratic":
@@ -330,7 +330,7 @@ def fit_surrogate(
         taken = transformed(results, metric, "log") if logarithm else results
         return Surrogate(metric, kind, fit_quadratic(taken, metric), None, logarithm)
     features = features_of(results)
-    rows &= results.rows_for(metric, features.factors)
+    rows &= results.usable_rows(metric, features.factors)
     y = values[rows]
     known = None if errors is None else errors[rows]
     if logarithm:
@@ -354,7 +354,7 @@ def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Sur
     Raises:
         StudyError: neither can be had, or both predict worse.
     """
-    many = results.rows_for(metric).sum() > PROCESS_ROWS
+    many = results.usable_rows(metric).sum() > PROCESS_ROWS
     reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
     for kind, needed in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", least), ("quadratic", least)):
         look_for_stop()

@@ -1,9 +1,8 @@
-"""Forecast of a study before it runs: rows and runs, how many are infeasible, cost, expected precision.
+"""Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision.
 
-Rows that constraints rule out are counted; of the others some are built and assembled, evenly spread over the design.
-The cost comes from two short runs of some of them, of which one is longer: what it takes longer is the rate, and what
-the shorter one takes beyond that is each variant's own (packing, settling). Scatter is known from runs only: an
-earlier study of the same metrics gives the expected precision, else it is in units of one run's scatter.
+Rows that constraints rule out are counted; some of the others, evenly spread over the design, are built and assembled.
+The rate comes from two short runs of different length, and each variant's overhead from what the shorter one takes
+beyond that. Scatter is known from an earlier study of the same metrics, else it is in units of one run's scatter.
 """
 
 from __future__ import annotations
@@ -31,25 +30,25 @@ from warpchain.study.run.prepare import gpus_of, read_study, seconds_besides, sh
 from warpchain.study.run.row_drives import Variant, try_out
 from warpchain.study.spec import Study
 
-BUILT = 200
-"""Rows that are built."""
-PROBES = 4
-"""Variants a core in a calibration, and in all on a GPU a thousand times as many."""
+MOST_BUILT_ROWS = 200
+"""Most rows whose drives are built for the forecast."""
+PROBES_PER_CORE = 4
+"""Variants a core in a measurement of the rate; on a GPU a thousand times as many in all."""
 PROBE_SECONDS = 0.7
-"""Time that the longer run of a calibration should take."""
-REASONS = 3
+"""Time that the longer run of the measurement should take [s]."""
+MOST_REASONS = 3
 """Most reasons that are listed."""
 
 
 @dataclass(frozen=True)
-class Cost:
-    """Cost of the runs.
+class RunCost:
+    """Cost of a study's runs.
 
     Attributes:
         work: roller-steps of all runs.
         rate: roller-steps a second.
-        each: what a run takes besides [s]: its part of packing and settling.
-        seconds: of all runs.
+        each: overhead of a run [s]: its part of packing and settling.
+        seconds: time of all runs [s].
         measured: whether the rate was measured here; else it is a stored one.
     """
 
@@ -61,21 +60,21 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Forecast:
     """Forecast of a study.
 
     Attributes:
-        rows: of the design.
-        copies: how often each is run.
-        ruled_out: rows that constraints rule out, or that have no value.
-        built: number of the others that were built, and
-        refused: number of these that cannot be assembled or stepped.
-        reasons: the most frequent (reason, how many).
-        cost: of the runs that are expected to be feasible.
+        rows: number of rows of the design.
+        copies: number of runs of each row.
+        ruled_out: number of rows that constraints rule out, or that have no value.
+        built: number of other rows that were built.
+        refused: number of built rows that cannot be assembled or stepped.
+        reasons: the most frequent (reason, number).
+        cost: cost of the runs that are expected to be feasible.
         shards: number of shards.
-        recorded: rows that are recorded, apart from the worst.
-        precision: what is known of the metrics' scatter, from an earlier study; the noisiest first.
-        window: length of the window of that study [s], None where it is unknown.
+        recorded: number of rows that are recorded, without the worst.
+        precision: scatter of the metrics in an earlier study; the noisiest first.
+        window: length of that study's window [s], None if unknown.
     """
 
     rows: int
@@ -84,45 +83,45 @@ class Plan:
     built: int
     refused: int
     reasons: tuple[tuple[str, int], ...]
-    cost: Cost
+    cost: RunCost
     shards: int
     recorded: int
     precision: tuple[PureError, ...] = ()
     window: float | None = None
 
     @property
-    def runs(self) -> int:
-        """Number of runs, also of rows that turn out to be infeasible."""
+    def run_count(self) -> int:
+        """Number of runs, including rows that turn out to be infeasible."""
         return self.rows * self.copies
 
     @property
-    def infeasible(self) -> float:
+    def infeasible_share(self) -> float:
         """Expected share of rows that are infeasible."""
         part = self.refused / self.built if self.built else 0.0
         return (self.ruled_out + part * (self.rows - self.ruled_out)) / max(self.rows, 1)
 
     @property
     def infeasible_interval(self) -> tuple[float, float]:
-        """95 % interval of that share (Clopper and Pearson 1934)."""
+        """95 % interval of the share of infeasible rows (Clopper and Pearson 1934)."""
         from scipy.special import betaincinv
 
         others, n, k = self.rows - self.ruled_out, self.built, self.refused
         if n >= others:
-            return self.infeasible, self.infeasible
+            return self.infeasible_share, self.infeasible_share
         low = betaincinv(k, n - k + 1, 0.025) if k else 0.0
         high = betaincinv(k + 1, n - k, 0.975) if k < n else 1.0
         return tuple((self.ruled_out + part * others) / self.rows for part in (low, high))  # type: ignore[return-value]
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of the 95 % interval of a row's mean, over the standard deviation of one run; None of one run."""
+        """Half width of the 95 % interval of a row's mean over one run's standard deviation; None of one run."""
         if self.copies < 2:
             return None
-        rows = max(1.0, (1.0 - self.infeasible) * self.rows)
+        rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
         return student(rows * (self.copies - 1)) / math.sqrt(self.copies)
 
 
-def plan_study(
+def forecast_study(
     source: str | os.PathLike[str],
     *,
     like: str | os.PathLike[str] | None = None,
@@ -130,14 +129,14 @@ def plan_study(
     calibrate: bool = True,
     workers: int | None = None,
     memory: int = MEMORY,
-) -> Plan:
+) -> Forecast:
     """Forecasts a study: rows, runs, cost, precision.
 
     Args:
         source: the study file.
-        like: table of an earlier study with replicates, whose metrics scatter as those of this one will.
+        like: table of an earlier study with replicates, whose metrics scatter alike.
         metrics: those whose precision is wanted; none takes all, the noisiest first.
-        calibrate: measure the rate by short runs; else stored rates do.
+        calibrate: measure the rate by short runs; else take stored rates.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
 
@@ -148,24 +147,24 @@ def plan_study(
     cores = workers or available_cores()
     rows = design.to_pylist()
     open_rows = [row for row in rows if row["reason"] is None]
-    drives, reasons = _built(study, drive, open_rows)
+    drives, reasons = _built_drives(study, drive, open_rows)
     built = len(drives) + len(reasons)
     excluded = [("infeasible", row["reason"]) for row in rows if row["reason"] is not None]
-    often = common_reasons([*excluded, *(("infeasible", reason) for reason in reasons)])[:REASONS]
+    often = common_reasons([*excluded, *(("infeasible", reason) for reason in reasons)])[:MOST_REASONS]
     share = len(drives) / built if built else 0.0
     count = share * len(open_rows) * study.design.copies
     record = study.record
     every = set(range(0, len(rows), record.every)) if record.every else set()
     size = study.run.shard or shard_size(study, drive, len(rows) * study.design.copies, 1, cores, memory)
-    earlier, window = _earlier(like, metrics)
-    return Plan(
+    earlier, window = _earlier_scatter(like, metrics)
+    return Forecast(
         rows=len(rows),
         copies=study.design.copies,
         ruled_out=len(rows) - len(open_rows),
         built=built,
         refused=len(reasons),
         reasons=tuple((reason, number) for _, reason, number in often),
-        cost=_cost(study, drives, count, cores, calibrate),
+        cost=_run_cost(study, drives, count, cores, calibrate),
         shards=-(-len(rows) * study.design.copies // size),
         recorded=len(every | set(record.variants)),
         precision=earlier,
@@ -173,9 +172,9 @@ def plan_study(
     )
 
 
-def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
-    """Drives of some rows, evenly spread, and why others of these give none."""
-    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), BUILT)).tolist()})
+def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
+    """Drives of some rows, evenly spread, and the reasons for which others of these give none."""
+    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), MOST_BUILT_ROWS)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -184,25 +183,27 @@ def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[l
     return drives, [variant.reason or "no reason given" for variant in variants if variant.drive is None]
 
 
-def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> Cost:
-    """Cost of `count` runs like these drives."""
+def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> RunCost:
+    """Cost of `count` runs of such drives, with measured or stored rates."""
     gpus = gpus_of(study.run.device)
     if not drives:
-        return Cost(0.0, 0.0, 0.0, 0.0, False)
+        return RunCost(0.0, 0.0, 0.0, 0.0, False)
     steps = [(study.run.duration or drive.run.duration) / resolve_step(drive, study.run.step) for drive in drives]
     work = count * float(np.mean([n * drive.links for n, drive in zip(steps, drives, strict=True)]))
     rate = stored_rate(gpus, cores)
     each = float(np.mean([seconds_besides(study, drive, gpus, cores) for drive in drives]))
     if calibrate:
-        rate, each = _measured(study, drives, 1000 * PROBES * gpus if gpus else PROBES * cores, min(steps), cores)
-    return Cost(work, rate, each, count * each + work / rate, calibrate)
+        rate, each = _measured_rate(
+            study, drives, 1000 * PROBES_PER_CORE * gpus if gpus else PROBES_PER_CORE * cores, min(steps), cores
+        )
+    return RunCost(work, rate, each, count * each + work / rate, calibrate)
 
 
-def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
-    """Roller-steps a second, and what a variant takes besides [s], from runs of `count` variants of few steps.
+def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
+    """Measured roller-steps a second, and overhead of a variant [s], from short runs of `count` variants.
 
     Args:
-        most: steps that the shortest run of the study has.
+        most: steps of the shortest run of the study.
     """
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
@@ -211,7 +212,8 @@ def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, co
     finest = min(resolve_step(drive, study.run.step) for drive in chosen)
     rollers = sum(drive.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
 
-    def seconds(steps: int) -> float:
+    def run_seconds(steps: int) -> float:
+        """Time that the chosen variants take to run for a number of steps [s]."""
         begin = time.perf_counter()
         simulate(
             chosen,
@@ -228,18 +230,20 @@ def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, co
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         short = max(2, min(200, int(most) // 4))
-        seconds(short)  # loads the kernels
-        first = seconds(short)
+        run_seconds(short)  # loads the kernels
+        first = run_seconds(short)
         long = min(max(1000, 4 * short), max(int(most), 2 * short))
-        second = seconds(long)
+        second = run_seconds(long)
         if 4 * long <= most and second < 0.5 * PROBE_SECONDS:
             long = int(min(most, long * PROBE_SECONDS / max(second - first, 1e-3)))
-            second = seconds(long)
+            second = run_seconds(long)
     rate = rollers * (long - short) / max(second - first, 1e-6)
     return rate, max(0.0, first - rollers * short / rate) / count
 
 
-def _earlier(like: str | os.PathLike[str] | None, metrics: Sequence[str]) -> tuple[tuple[PureError, ...], float | None]:
+def _earlier_scatter(
+    like: str | os.PathLike[str] | None, metrics: Sequence[str]
+) -> tuple[tuple[PureError, ...], float | None]:
     """Scatter of the metrics in an earlier study, and the length of its window [s]."""
     if like is None:
         return (), None
@@ -248,10 +252,11 @@ def _earlier(like: str | os.PathLike[str] | None, metrics: Sequence[str]) -> tup
     chosen = tuple(pure_error(results, metric) for metric in metrics) or tuple(pure_errors(results))
     if not chosen:
         raise StudyError(f"{like}: no row was run several times; only studies with design.replicates tell the scatter")
-    return chosen, _window(results)
+    return chosen, _window_length(results)
 
 
-def _window(results: Results) -> float | None:
+def _window_length(results: Results) -> float | None:
+    """Median length of the metrics' window in results [s]; None if the table does not say."""
     try:
         lengths = results.values("window_end") - results.values("window_start")
     except WarpchainError:
@@ -259,51 +264,55 @@ def _window(results: Results) -> float | None:
     return float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else None
 
 
-def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[str]:
-    """A plan in words, as lines.
+def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None) -> list[str]:
+    """Lines of text that say a forecast.
 
     Args:
-        wanted: half width of the 95 % interval that is wanted of a metric, by its name.
+        wanted: wanted half width of the 95 % interval by metric.
     """
-    lines = [f"rows: {plan.rows}, each run {plan.copies} times: {plan.runs} runs in {plan.shards} shards"
-             if plan.copies > 1 else f"rows: {plan.rows} in {plan.shards} shards"]  # fmt: skip
-    low, high = (f"{100.0 * part:.3g}" for part in plan.infeasible_interval)
+    lines = [f"rows: {forecast.rows}, each run {forecast.copies} times: {forecast.run_count} runs in "
+             f"{forecast.shards} shards"
+             if forecast.copies > 1 else f"rows: {forecast.rows} in {forecast.shards} shards"]  # fmt: skip
+    low, high = (f"{100.0 * part:.3g}" for part in forecast.infeasible_interval)
     sure = "" if low == high else f" ({low} to {high} %)"
     lines.append(
-        f"infeasible: {100.0 * plan.infeasible:.3g} %{sure}: {plan.ruled_out} rows by constraints, and {plan.refused} "
-        f"of {plan.built} rows that were built"
+        f"infeasible: {100.0 * forecast.infeasible_share:.3g} %{sure}: {forecast.ruled_out} rows by constraints, and "
+        f"{forecast.refused} "
+        f"of {forecast.built} rows that were built"
     )
-    lines += [f"  {reason_words(number, reason)}" for reason, number in plan.reasons]
-    cost = plan.cost
+    lines += [f"  {reason_words(number, reason)}" for reason, number in forecast.reasons]
+    cost = forecast.cost
     how = "measured here" if cost.measured else "assumed"
     besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""
     length = f"{cost.seconds:.2g} s" if cost.seconds < 10.0 else duration(cost.seconds)
     lines.append(f"cost: {cost.work:.3g} roller-steps at {cost.rate:.3g} a second ({how}){besides}: {length}")
-    if plan.recorded:
-        lines.append(f"recorded: {plan.recorded} rows")
-    if plan.relative_precision is None:
+    if forecast.recorded:
+        lines.append(f"recorded: {forecast.recorded} rows")
+    if forecast.relative_precision is None:
         lines.append("precision: one run a row does not tell it; give design.replicates")
     else:
-        lines.append(f"precision: means of {plan.copies} runs are known to +-{plan.relative_precision:.2g} of the "
+        lines.append(f"precision: means of {forecast.copies} runs are known to "
+                     f"+-{forecast.relative_precision:.2g} of the "
                      "standard deviation of one run (95 %)")  # fmt: skip
-    lines += [_precision_line(plan, error) for error in plan.precision[:12]]
-    return lines + [_wanted_line(plan, metric, half) for metric, half in (wanted or {}).items()]
+    lines += [_scatter_line(forecast, error) for error in forecast.precision[:12]]
+    return lines + [_replicates_line(forecast, metric, half) for metric, half in (wanted or {}).items()]
 
 
-def _precision_line(plan: Plan, error: PureError) -> str:
+def _scatter_line(forecast: Forecast, error: PureError) -> str:
+    """Line of a forecast on a metric's scatter in the earlier study."""
     return (
         f"  {error.metric}: one run scatters by {error.deviation:.3g} ({error.low:.3g} to {error.high:.3g}); "
-        f"+-{error.interval(plan.copies):.3g} with {plan.copies}"
+        f"+-{error.interval(forecast.copies):.3g} with {forecast.copies}"
     )
 
 
-def _wanted_line(plan: Plan, metric: str, half: float) -> str:
-    """Replicates, or length of the window, for a wanted precision of a metric."""
-    found = next((error for error in plan.precision if error.metric == metric), None)
+def _replicates_line(forecast: Forecast, metric: str, half: float) -> str:
+    """Line of a forecast on the replicates, or window, that a wanted precision of a metric takes."""
+    found = next((error for error in forecast.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")
     line = f"  {metric} to +-{half:g}: {found.replicates_for(half)} replicates"
-    if plan.window is None or not metric.rpartition(".")[2].endswith("_mean"):
+    if forecast.window is None or not metric.rpartition(".")[2].endswith("_mean"):
         return line
-    length = found.window_for(half, plan.window, plan.copies)
-    return f"{line}, or {plan.copies} and a window of {length:.3g} s (the earlier one had {plan.window:.3g} s)"
+    length = found.window_for(half, forecast.window, forecast.copies)
+    return f"{line}, or {forecast.copies} and a window of {length:.3g} s (the earlier one had {forecast.window:.3g} s)"
