@@ -17,7 +17,7 @@ from warpchain.assembly.frequencies import orders
 from warpchain.assembly.timestep import step_limit
 from warpchain.modal.campbell import Campbell, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes
-from warpchain.modal.mode_figures import campbell_figure, shapes_figure
+from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import seen_at
 from warpchain.view.figures.figure_style import strand_label
@@ -38,9 +38,9 @@ def mode_shapes(asked: argparse.Namespace) -> Iterator[Line]:
     found = campbell(example("engine"), np.linspace(0.0, 600.0, 25).tolist(), 10)
     car = modes(example("car"), 30)
     yield {
-        "modes-engine": shapes_figure(found.modes[0].first(8)),
-        "campbell-engine": campbell_figure(found),
-        "modes-car": shapes_figure(car.chosen(np.array([car.names.index(name) for name in CAR]))),
+        "modes-engine": mode_shapes_figure(found.modes[0].first(8)),
+        "campbell-engine": mode_campbell_figure(found),
+        "modes-car": mode_shapes_figure(car.chosen(np.array([car.names.index(name) for name in CAR]))),
     }
 
 

@@ -13,7 +13,7 @@ from warpchain.assembly.arm_balance import StillArm, chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
-from warpchain.modal.system import system
+from warpchain.modal.small_motion import drive_motion
 from warpchain.results.scene import arm_outline
 from warpchain.view.rerun import view
 
@@ -135,7 +135,7 @@ def test_statics_settling_and_assembly_agree():
 def test_derivatives_by_an_arm_that_carries_a_sprocket():
     # gradient and Hessian by the arm's angle, its sprocket's center on the circle; and the kernels' stiffness about it
     drive = swing()
-    (found,) = system(drive).parts
+    (found,) = drive_motion(drive).parts
     potential = Potential(drive, 0.0, load_moments(drive, 0.0), hanging=True)
     angles = found.state.bodies[0, :, 2]
     x = np.concatenate([found.state.position[0].ravel(), found.state.bodies[0, :3, :2].ravel(), angles])

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from warpchain import modes
 from warpchain.assembly.statics import at_rest, running
 from warpchain.drive import Drive
-from warpchain.modal.system import standing
+from warpchain.modal.small_motion import standing_chains
 
 G = 9.81
 
@@ -81,8 +81,8 @@ def segments():
 def test_a_state_nearby_is_found_from_another():
     """What stands at a speed stands there when it is sought from what stands at another speed."""
     drive = segments()
-    ((_, _, slow, _),) = standing(drive, 20.0)
-    ((_, _, one, first),), ((_, _, two, second),) = standing(drive, 40.0, [slow]), standing(drive, 40.0)
+    ((_, _, slow, _),) = standing_chains(drive, 20.0)
+    ((_, _, one, first),), ((_, _, two, second),) = standing_chains(drive, 40.0, [slow]), standing_chains(drive, 40.0)
     assert one.bodies["angle"] == pytest.approx(two.bodies["angle"], abs=1e-9)
     assert one.bodies["center"] == pytest.approx(two.bodies["center"], abs=1e-10)
     assert first == pytest.approx(second, rel=1e-6)

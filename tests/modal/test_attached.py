@@ -9,13 +9,13 @@ from tensioner_rig import oil_modulus
 from warpchain.drive.oil import static_force, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.errors import SimulationError
-from warpchain.modal.campbell import base_modes, campbell, mode_metrics
-from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.mode_figures import moved_lines, shapes_figure, swing
-from warpchain.modal.mode_page import page
-from warpchain.modal.mode_recording import save_recording
-from warpchain.modal.system import system
-from warpchain.modal.tensioner_modes import elements
+from warpchain.modal.campbell import base_drive_modes, campbell, mode_metrics
+from warpchain.modal.eigenmodes import lowest_modes, modes
+from warpchain.modal.mode_figures import carried_part_lines, mode_shapes_figure, mode_swing
+from warpchain.modal.mode_page import modes_page
+from warpchain.modal.mode_recording import write_mode_recording
+from warpchain.modal.small_motion import drive_motion
+from warpchain.modal.tensioner_modes import tensioner_elements
 
 AREA = 0.25 * np.pi * 0.016**2
 ARM = {
@@ -132,8 +132,8 @@ def test_oil_shows_in_the_table():
     """Thick oil is a spring that holds nearly all; its pressure is -(E A / V) x c s / (c s + k_o). The plunger has its
     own share, m h^2 of I. 1 %: the oil that the plunger drags along, 0.6 %."""
     drive = apart([OIL]).with_values({"tensioners.pusher.oil.viscosity": 2e-4})
-    found = system(drive)
-    result, (part,) = modes_of(found, 80), found.parts
+    found = drive_motion(drive)
+    result, (part,) = lowest_modes(found, 80), found.parts
     k = of(result, "lever")
     tensioner, pressure = drive.tensioners[0], static_pressure(drive.tensioners[0])
     volume = 1e-6 + AREA * found.parts[0].extension[0]
@@ -145,7 +145,7 @@ def test_oil_shows_in_the_table():
     assert result.lost[k, 0] > 0.5
     share = result.participation[k, result.parts.index("pusher")]
     assert share == pytest.approx(0.5 * drive.tensioner_lever(0) ** 2 / drive.arm_inertia(0), rel=1e-6)
-    assert elements(part).force[0] == pytest.approx(static_force(tensioner, part.extension[0]), rel=1e-9)
+    assert tensioner_elements(part).force[0] == pytest.approx(static_force(tensioner, part.extension[0]), rel=1e-9)
     assert "check valve shut" in result.standing[1]
 
 
@@ -181,9 +181,9 @@ def test_a_sprocket_on_a_slider_with_a_tensioner():
         spring = {"stiffness": stiffness, "preload": preload}
         return base.with_values({"tensioners": [{**push, "spring": spring}]})
 
-    found = system(pushed(0.0, 9000.0))
+    found = drive_motion(pushed(0.0, 9000.0))
     x = found.parts[0].extension[0]
-    soft = modes_of(found, 12)
+    soft = lowest_modes(found, 12)
     stiff = modes(pushed(4e6, 9000.0 + 4e6 * x), 12)
     square = [(2 * np.pi * m.frequency[of(m, "driven.mount")]) ** 2 for m in (soft, stiff)]
     assert square[1] - square[0] == pytest.approx(4e6 / 20000.0, rel=0.01)
@@ -223,8 +223,8 @@ def test_an_arm_pressed_on_a_strand():
     1 %: the strand's ends give way on their seats by less than a link, and its sag is 0.4 % of its length.
     """
     drive = pressed(8.0)
-    found = system(drive)
-    result = modes_of(found, 4)
+    found = drive_motion(drive)
+    result = lowest_modes(found, 4)
     k = of(result, "lever")
     probe = Probe(found.parts[0].packed)
     on = np.flatnonzero(probe.contacts(found.parts[0].state)[2])
@@ -249,17 +249,17 @@ def car():
 
 
 def test_pictures_page_and_arrays_have_arms(car, tmp_path):
-    found = system(car)
-    result = modes_of(found, 26)
+    found = drive_motion(car)
+    result = lowest_modes(found, 26)
     k = of(result, "arm")
     assert result.damping_ratio[k] > 0.05
-    out, back = (moved_lines(car, swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
+    out, back = (carried_part_lines(car, mode_swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
     assert len(out) == 5  # three lines of the arm, its blade, the plunger
     assert all(np.abs(one - other).max() > 1e-4 for one, other in zip(out, back, strict=True))
     one = result.chosen(np.array([k]))
-    assert len(shapes_figure(one).axes) == 1
-    assert "tensioner holds" in page(one)
-    assert save_recording(one, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
+    assert len(mode_shapes_figure(one).axes) == 1
+    assert "tensioner holds" in modes_page(one)
+    assert write_mode_recording(one, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
     assert result.lost.min() > -1e-6 and result.lost.max() < 1.0 + 1e-6
     arrays = result.arrays()
     assert arrays["stroke"].shape == arrays["pressure"].shape == (26, 1)
@@ -269,7 +269,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
 @pytest.mark.long
 def test_a_campbell_diagram_and_metrics_follow_an_arm(car):
     """A heavier arm's mode is lower, by its share of the kinetic energy: d omega / omega = -share dI / 2 I."""
-    wanted = base_modes(car, 26)
+    wanted = base_drive_modes(car, 26)
     k = wanted.names.index("arm 1")
     mine = "modes.arm 1.frequency"
     heavier = car.with_values({"arms.arm.inertia": 1.1 * car.arms[0].inertia})

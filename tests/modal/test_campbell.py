@@ -7,12 +7,12 @@ from drives import example, of_long, two_sprockets
 
 from warpchain.assembly.frequencies import Order, orders
 from warpchain.errors import SimulationError
-from warpchain.modal.campbell import Campbell, assurance, campbell, over_a_pitch
-from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.mode_figures import campbell_figure, shapes_figure
-from warpchain.modal.mode_page import page
-from warpchain.modal.mode_recording import save_recording
-from warpchain.modal.system import system
+from warpchain.modal.campbell import Campbell, campbell, modal_assurance, over_a_pitch
+from warpchain.modal.eigenmodes import lowest_modes, modes
+from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
+from warpchain.modal.mode_page import modes_page
+from warpchain.modal.mode_recording import write_mode_recording
+from warpchain.modal.small_motion import drive_motion
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +98,9 @@ def test_crossings_and_tongues_lie_where_lines_meet(taut):
 
 def test_a_mode_is_alike_to_itself_alone():
     """Modes of a drive at rest that hardly damps are orthogonal: but for damping, the assurance is the identity."""
-    found = system(two_sprockets(links=58, span=19.03, damping=0.0, restitution=1.0, gravity=-3.0))
-    result = modes_of(found, 8)
-    assert np.allclose(assurance(result, result, found), np.eye(8), atol=1e-3)
+    found = drive_motion(two_sprockets(links=58, span=19.03, damping=0.0, restitution=1.0, gravity=-3.0))
+    result = lowest_modes(found, 8)
+    assert np.allclose(modal_assurance(result, result, found), np.eye(8), atol=1e-3)
 
 
 def test_speeds_must_ascend():
@@ -111,12 +111,12 @@ def test_speeds_must_ascend():
 def test_figures_page_and_recording(taut, tmp_path):
     result = taut.modes[0].first(3)
     assert len(result) == 3
-    assert len(shapes_figure(result).axes) == 3
-    assert len(campbell_figure(taut).axes) == 1
-    text = page(result, taut)
+    assert len(mode_shapes_figure(result).axes) == 3
+    assert len(mode_campbell_figure(taut).axes) == 1
+    text = modes_page(result, taut)
     assert text.count("<img ") == 2
     assert all(name.replace(">", "&gt;") in text for name in result.names)
-    assert save_recording(result, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
+    assert write_mode_recording(result, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
 
 
 def test_the_command_prints_the_table_and_writes_arrays(tmp_path, capsys):

@@ -9,8 +9,16 @@ from tensioner_rig import oil_modulus
 from warpchain.drive.oil import static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.modal.eigenmodes import eigenpairs
-from warpchain.modal.matrices import SPEED, colors, coordinates, damping, leakage, stiffness, travelling
-from warpchain.modal.system import conductances, standing, system
+from warpchain.modal.matrices import (
+    MOST_VELOCITY_STEP,
+    damping_matrix,
+    free_coordinates,
+    leakage_matrix,
+    separate_roller_sets,
+    stiffness_matrix,
+    travel_matrix,
+)
+from warpchain.modal.small_motion import drive_motion, oil_conductances, standing_chains
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
 LENGTH = PITCH + TENSION / STIFFNESS
@@ -27,9 +35,13 @@ def strand():
         )
         packed.drives["sprockets"] = packed.drives["bodies"] = 0
         probe = Probe(packed)
-        at = coordinates(probe, probe.start())
+        at = free_coordinates(probe, probe.start())
         inner = slice(2, 2 * n + 2)
-        pair = stiffness(probe, at, probe.start(), PITCH), damping(probe, at, probe.start()), at.masses
+        pair = (
+            stiffness_matrix(probe, at, probe.start(), PITCH),
+            damping_matrix(probe, at, probe.start()),
+            at.mass_matrix,
+        )
         probe.close()
         return [matrix[inner, inner] for matrix in pair]
 
@@ -80,7 +92,7 @@ def test_a_strand_that_travels_swings_as_a_travelling_string(strand, share):
     # what `engine.standing` does to links, eq. (a): their force on straight strands is -m f^2 D2
     second = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     k = k - MASS * rate**2 * np.kron(second, np.eye(2))
-    travel = travelling(n, MASS, rate, np.arange(n) < n - 1, 2 * n)
+    travel = travel_matrix(n, MASS, rate, np.arange(n) < n - 1, 2 * n)
     value, _ = eigenpairs(m, travel, type(m)(k), 3, 2 * np.pi * wave / (2 * n * LENGTH))
     length = (n + 1) * LENGTH
     expected = np.arange(1, 4) * (wave**2 - speed**2) / (2 * length * wave)
@@ -89,7 +101,7 @@ def test_a_strand_that_travels_swings_as_a_travelling_string(strand, share):
 
 def test_rollers_moved_together_are_three_apart():
     for n in range(9, 16):
-        sets = colors(n)
+        sets = separate_roller_sets(n)
         assert sorted(np.concatenate(sets)) == list(range(n))
         for some in sets:
             gaps = np.diff(np.append(some, some[0] + n))
@@ -99,8 +111,8 @@ def test_rollers_moved_together_are_three_apart():
 def plain(at, probe, base, moved, steps):
     """The derivative of the forces column by column, without any of its structure."""
     change = np.diag(steps)
-    both = at.forces(probe, moved(base, np.concatenate([change, -change])))
-    return -0.5 * ((both[: at.count] - both[at.count :]) / steps[:, None]).T
+    both = at.generalized_forces(probe, moved(base, np.concatenate([change, -change])))
+    return -0.5 * ((both[: at.coordinate_count] - both[at.coordinate_count :]) / steps[:, None]).T
 
 
 @pytest.mark.parametrize("mount", ['{ kind = "fixed" }', '{ kind = "slider", direction = [1.0, 0.3], stiffness = 1e6,'
@@ -118,18 +130,18 @@ def test_structure_changes_nothing(mount):
             "sprockets.driven.balance_wheel": {"mass": 0.5, "radius": 0.1, "phase": 0.4},
         }
     )
-    ((_, _, packed, _),) = standing(drive)
+    ((_, _, packed, _),) = standing_chains(drive)
     probe = Probe(packed)
     try:
         base = probe.start()
-        at = coordinates(probe, base)
+        at = free_coordinates(probe, base)
         step = 2.0**-25
-        k = plain(at, probe, base, at.moved, np.full(at.count, step))
-        c = plain(at, probe, base, at.moving, np.full(at.count, SPEED))
-        own = stiffness(probe, at, base, drive.chain.pitch).toarray()
-        assert at.count - 2 * at.rollers == {"fixed": 1, "slider": 2, "elastic": 3}[kind["kind"]]
+        k = plain(at, probe, base, at.displaced_states, np.full(at.coordinate_count, step))
+        c = plain(at, probe, base, at.accelerated_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
+        own = stiffness_matrix(probe, at, base, drive.chain.pitch).toarray()
+        assert at.coordinate_count - 2 * at.rollers == {"fixed": 1, "slider": 2, "elastic": 3}[kind["kind"]]
         assert np.abs(own - k).max() < 1e-6 * np.abs(k).max()
-        assert np.abs(damping(probe, at, base).toarray() - c).max() < 1e-6 * np.abs(c).max()
+        assert np.abs(damping_matrix(probe, at, base).toarray() - c).max() < 1e-6 * np.abs(c).max()
         assert np.abs(c).max() > 0.0
     finally:
         probe.close()
@@ -152,7 +164,9 @@ def test_contacts_damp_along_their_normals(values, damper):
     """C = sum of c g g': g the closing speed of a contact for a unit of each coordinate, c = d F / v_min or the law's
     own. A roller is pressed by F along the normal n against what its two links pull."""
     drive = two_sprockets(links=58, span=19.03, torque=100.0, damping=0.0)
-    (found,) = system(drive.with_values({f"contact.sprocket.{name}": value for name, value in values.items()})).parts
+    (found,) = drive_motion(
+        drive.with_values({f"contact.sprocket.{name}": value for name, value in values.items()})
+    ).parts
     place = found.state.position[0]
     along = np.roll(place, -1, axis=0) - place
     pull = found.tension[:, None] * along / np.hypot(*along.T)[:, None]
@@ -160,7 +174,7 @@ def test_contacts_damp_along_their_normals(values, damper):
     force = np.hypot(*push.T)
     on = np.flatnonzero(force > 0.1)
     normal, lever = push[on] / force[on, None], place[on] - drive.sprockets[1].center
-    closing = np.zeros((len(on), found.at.count))
+    closing = np.zeros((len(on), found.at.coordinate_count))
     closing[np.arange(len(on)), 2 * on], closing[np.arange(len(on)), 2 * on + 1] = -normal.T
     turning = lever[:, 0] * normal[:, 1] - lever[:, 1] * normal[:, 0]
     closing[:, -1] = np.where(found.layout.arc[on] == 1, turning, 0.0)
@@ -173,19 +187,19 @@ def test_structure_changes_nothing_for_arms_and_oil():
     """As above, of the example `car`: an arm that carries a curved guide, and a chamber
     of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
     drive = example("car")
-    (found,) = system(drive).parts
+    (found,) = drive_motion(drive).parts
     probe = Probe(found.packed)
     try:
         base, at = probe.start(), found.at
-        steps = np.full(at.count, 2.0**-30)
-        steps[2 * at.rollers : at.solid] = 2.0**-26
-        k = plain(at, probe, base, at.moved, steps)
-        c = plain(at, probe, base, at.moving, np.full(at.count, SPEED))
+        steps = np.full(at.coordinate_count, 2.0**-30)
+        steps[2 * at.rollers : at.oil_start] = 2.0**-26
+        k = plain(at, probe, base, at.displaced_states, steps)
+        c = plain(at, probe, base, at.accelerated_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
         assert np.abs(found.stiffness.toarray() - k).max() < 1e-6 * np.abs(k).max()
-        c += leakage(probe, at, conductances(drive, "shut")).toarray()
+        c += leakage_matrix(probe, at, oil_conductances(drive, "shut")).toarray()
         assert np.abs(found.damping.toarray() - c).max() < 1e-6 * np.abs(c).max()
-        arm, oil = at.solid - 1, at.solid
-        assert at.count == oil + 1
+        arm, oil = at.oil_start - 1, at.oil_start
+        assert at.coordinate_count == oil + 1
         assert found.stiffness[arm, oil] == pytest.approx(at.strokes[0, arm] * found.stiffness[oil, oil], rel=1e-6)
         (part, *_), x = drive.tensioners, found.extension[0]
         held = oil_modulus(part, static_pressure(part)) * part.area**2 / (part.chamber.volume + part.area * x)

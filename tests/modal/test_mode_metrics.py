@@ -6,7 +6,7 @@ from drives import of_long, two_sprockets
 
 from warpchain.drive import dumps_drive
 from warpchain.engine import processes
-from warpchain.modal.campbell import base_modes, mode_metrics
+from warpchain.modal.campbell import base_drive_modes, mode_metrics
 from warpchain.study.run import run_study
 
 
@@ -18,7 +18,7 @@ def base():
 
 def test_a_sprocket_of_other_inertia_keeps_its_name(base):
     """The turning mode's frequency falls with the root of the inertia, but for the chain's, 1.5 of 40 kg m^2: 2 %."""
-    wanted = base_modes(base, 6)
+    wanted = base_drive_modes(base, 6)
     turning = next(name for name in wanted.names if name.startswith("driven "))
     light = mode_metrics(wanted, base)
     heavy = mode_metrics(wanted, base.with_values({"sprockets.driven.inertia": 160.0}))
@@ -32,7 +32,7 @@ def test_a_sprocket_of_other_inertia_keeps_its_name(base):
 
 @pytest.mark.long
 def test_other_links_are_told_by_name(base):
-    wanted = base_modes(base, 3)
+    wanted = base_drive_modes(base, 3)
     longer = base.with_values({"chain.links": 60, "sprockets.driven.center": [20.03 * 0.05, 0.0]})
     assert set(mode_metrics(wanted, longer)) <= set(mode_metrics(wanted, base))
 
@@ -60,7 +60,7 @@ def test_a_study_follows_modes(base, tmp_path, workers, monkeypatch):
     )
     run_study(tmp_path / "study.toml", tmp_path / "out", workers=workers)
     table = pq.read_table(tmp_path / "out" / "results.parquet")
-    names = [f"modes.{name}.frequency" for name in base_modes(base, 3).names]
+    names = [f"modes.{name}.frequency" for name in base_drive_modes(base, 3).names]
     assert set(names) <= set(table.column_names)
     assert table.schema.field(names[0]).metadata[b"unit"] == b"Hz"
     assert table.num_rows == 2

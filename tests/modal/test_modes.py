@@ -10,9 +10,9 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import fill_steps
 from warpchain.errors import SimulationError
-from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.system import system
-from warpchain.modal.tensioner_modes import elements
+from warpchain.modal.eigenmodes import lowest_modes, modes
+from warpchain.modal.small_motion import drive_motion
+from warpchain.modal.tensioner_modes import tensioner_elements
 
 KICK = 1e-9
 """Amplitude [m]: less than what holds any contact closed."""
@@ -43,7 +43,7 @@ def swung(found, result, chosen, cycles=2.5, fed=True):
         mine["velocity"], mine["speed"] = size * (s * bodies[:, :2]).real, size * (s * bodies[:, 2]).real
         if found.drive.tensioners:
             wet, every = part.at.chambers, len(found.drive.tensioners)
-            leaked = -result.pressure[k, wet] * part.at.area / elements(part).oil[wet] - result.stroke[k, wet]
+            leaked = -result.pressure[k, wet] * part.at.area / tensioner_elements(part).oil[wet] - result.stroke[k, wet]
             packed.oil["content"][v * every + wet] += size * (part.at.content_rate * leaked).real
         weights.append(shape.T.real / np.abs(shape).max() / KICK)
     engine = CpuEngine(packed, 1)
@@ -105,8 +105,8 @@ def fitted(times, signal, guess):
 )
 def test_a_kicked_drive_swings_as_its_modes(name, chosen):
     """Frequency and damping to a tenth of the 2 % that are asked for."""
-    found = system(example(name))
-    result = modes_of(found, max(chosen) + 1)
+    found = drive_motion(example(name))
+    result = lowest_modes(found, max(chosen) + 1)
     run = np.array(swung(found, result, chosen))
     assert (np.abs(run - result.eigenvalue[chosen]) < 2e-3 * np.abs(run)).all()
 
@@ -118,8 +118,8 @@ def test_rollers_on_their_seats_damp_a_sprocket_that_swings(restitution, zeta, e
                          speed=0.0, restitution=restitution, clearance=5e-5, mass=0.0088)  # fmt: skip
     own = {"chain.pitch": 0.0127, "chain.roller_radius": 0.004255, "contact.sprocket.restitution_means": "rebound"}
     place = {"sprockets.driven.center": [26.5 * 1.004 * 0.0127, 0.0], "contact.sprocket.seat_angle": None}
-    found = system(base.with_values(own | place))
-    result = modes_of(found, 6)
+    found = drive_motion(base.with_values(own | place))
+    result = lowest_modes(found, 6)
     k = result.names.index("driven 1")
     assert result.damping_ratio[k] == pytest.approx(zeta, rel=exact)
     (run,) = swung(found, result, [k])
@@ -143,8 +143,8 @@ def test_a_slide_on_oil_swings_as_its_modes():
     element = timing().tensioners[0].model_dump() | place
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
     drive = example("engine").with_values({"tensioners": [element], **elastic})
-    found = system(drive)
-    result = modes_of(found, 10)
+    found = drive_motion(drive)
+    result = lowest_modes(found, 10)
     chosen = [0, int(np.argmax(result.stored[:, 0]))]
     assert result.damping_ratio[chosen[1]] > 0.02
     run = np.array(swung(found, result, chosen))
@@ -155,10 +155,10 @@ def test_the_faintest_motion_of_a_car_has_its_valve_open():
     """As above, of the drive as it is: a kick of 1 nm changes the pressure by some Pa; 3 kPa would shut the valve,
     which passes fifty times what the gap does. The arm's mode then has 104 Hz instead of 580, and 7 % instead of 11."""
     elastic = {"contact.sprocket.restitution": 1.0, "contact.guide.restitution": 1.0}
-    found = system(example("car").with_values(elastic), valve="open")
-    result = modes_of(found, 30)
+    found = drive_motion(example("car").with_values(elastic), valve="open")
+    result = lowest_modes(found, 30)
     chosen = [0, int(np.argmax(result.participation[:, result.parts.index("arm")]))]
-    shut = modes_of(system(found.drive), 30)
+    shut = lowest_modes(drive_motion(found.drive), 30)
     run = np.array(swung(found, result, chosen, fed=False))
     assert (np.abs(run - result.eigenvalue[chosen]) < 2e-3 * np.abs(run)).all()
     own = int(np.argmax(shut.participation[:, shut.parts.index("arm")]))
@@ -218,8 +218,8 @@ def test_a_strand_with_a_moving_end_runs_away_within_its_tongue():
     """
     amplitude = 5e-5
 
-    found = system(swaying(0.0))
-    result = modes_of(found, 2)
+    found = drive_motion(swaying(0.0))
+    result = lowest_modes(found, 2)
     frequency = result.frequency[0]
     share = swing_of_tension(amplitude, 0)
     detuned = np.array([0.0, 0.15, -0.15, 0.4]) * share
@@ -289,8 +289,8 @@ def test_a_damped_strand_runs_away_beyond_four_zeta():
     ratio, threshold = [], []
     for drag in (130.0, 450.0, 1000.0):
         held = {"mass": 5.0, "mount": {"kind": "slider", "direction": [0.0, 1.0], "stiffness": 1.5e4, "damping": drag}}
-        found = system(swaying(0.0, **held))
-        result = modes_of(found, 1)
+        found = drive_motion(swaying(0.0, **held))
+        result = lowest_modes(found, 1)
         zeta, tried = result.damping_ratio[0], 1e-4
         packed = found.parts[0].packed.taken([0] * len(near))
         packed.mounts["amplitude"][1::2] = near * 4.0 * zeta * tried / swing_of_tension(tried, 0, **held)

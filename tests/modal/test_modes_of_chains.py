@@ -11,10 +11,10 @@ from parts import coupling, gears, shaft
 from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.frequencies import orders
 from warpchain.cli import main
-from warpchain.modal.campbell import assurance, campbell, mode_metrics, over_a_pitch
-from warpchain.modal.eigenmodes import modes, modes_of
-from warpchain.modal.mode_figures import campbell_figure
-from warpchain.modal.system import system
+from warpchain.modal.campbell import campbell, modal_assurance, mode_metrics, over_a_pitch
+from warpchain.modal.eigenmodes import lowest_modes, modes
+from warpchain.modal.mode_figures import mode_campbell_figure
+from warpchain.modal.small_motion import drive_motion
 
 
 def test_equal_chains_side_by_side_have_the_modes_of_one_of_twice_all():
@@ -115,19 +115,19 @@ def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     mean, every = over_a_pitch(drive, [5.0, 6.0], 2, 2)
     assert np.isfinite(mean.frequency).all()
     assert every.shape == (2, 2, 2)
-    whole = system(drive, 5.0)
-    result = modes_of(whole, 6)
-    assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+    whole = drive_motion(drive, 5.0)
+    result = lowest_modes(whole, 6)
+    assert np.diag(modal_assurance(result, result, whole)) == pytest.approx(1.0)
 
 
 def test_modes_of_geared_chains_are_followed_and_drawn():
     # the home of the train has shafts that stand for sprockets of the other chain
     drive = example("balance_shafts")
-    whole = system(drive)
-    result = modes_of(whole, 6)
-    assert np.diag(assurance(result, result, whole)) == pytest.approx(1.0)
+    whole = drive_motion(drive)
+    result = lowest_modes(whole, 6)
+    assert np.diag(modal_assurance(result, result, whole)) == pytest.approx(1.0)
     for part, own in zip(whole.parts, result.of_chains(), strict=True):
-        there = part.at.split(part.at.vector(own.shape, own.bodies))
+        there = part.at.roller_and_body_parts(part.at.coordinate_vector(own.shape, own.bodies))
         turning = part.at.basis.reshape(-1, 3, part.at.basis.shape[1])[:, 2].any(axis=1)
         assert there[0] == pytest.approx(own.shape) and there[1][:, turning, 2] == pytest.approx(
             own.bodies[:, turning, 2]
@@ -166,7 +166,7 @@ def test_valves_are_among_the_orders_of_their_chain_and_of_the_others():
 
 
 def test_names_of_slow_orders_lie_apart_in_the_diagram():
-    figure = campbell_figure(campbell(example("balance_shafts"), [0.0, 30.0], 3))
+    figure = mode_campbell_figure(campbell(example("balance_shafts"), [0.0, 30.0], 3))
     figure.canvas.draw()
     names = [text for text in figure.axes[0].texts if "revolution of" in text.get_text()]
     boxes = sorted(text.get_window_extent().y0 for text in names if text.get_rotation() == 0.0)

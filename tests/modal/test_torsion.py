@@ -10,7 +10,7 @@ from parts import coupling, gears, part, shaft
 
 from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.modal.eigenmodes import modes
-from warpchain.modal.mode_page import remarks
+from warpchain.modal.mode_page import state_remarks
 
 SOFT = shaft("a", inertia=0.5) + coupling("soft", ["driven", "a"], 1e3)
 MANY = 100
@@ -100,7 +100,7 @@ def test_the_polygon_of_the_chain_does_not_hold_a_free_drive():
     found = modes(example("motorcycle_drivetrain"), count=4, speed=900.0)
     assert found.rotations == 1 and not len(found.growing)
     assert found.participation[:, found.parts.index("vehicle")].max() < 0.05
-    assert [line for line in remarks(found) if "0 Hz" in line] == [
+    assert [line for line in state_remarks(found) if "0 Hz" in line] == [
         "rigid rotation at 0 Hz, as nothing prescribes a speed there: left out"
     ]
 

@@ -185,11 +185,11 @@ def fit(arguments: argparse.Namespace) -> int:
 
 
 def modes(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.modes_command import mode_lines
+    from warpchain.cli.modes_command import mode_command_lines
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _said(mode_lines(_load(arguments), arguments))
+    return _said(mode_command_lines(_load(arguments), arguments))
 
 
 def tensioner(arguments: argparse.Namespace) -> int:

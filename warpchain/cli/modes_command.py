@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 KINDS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 
-def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """Finds the modes, writes what was asked for, and returns the lines to print."""
     from warpchain.modal.campbell import MOST_PHASES, MOST_POINTS
     from warpchain.modal.eigenmodes import modes
-    from warpchain.modal.mode_page import campbell_lines, lines
+    from warpchain.modal.mode_page import campbell_lines, mode_lines
 
     path, speeds = arguments.output, arguments.speed
     if path is not None and path.suffix not in KINDS:
@@ -41,7 +41,7 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         result = found.modes[0].first(arguments.count)
     else:
         result = modes(drive, arguments.count, speeds[0], arguments.valve)
-    said = lines(result) + (campbell_lines(found) if found is not None else [])
+    said = mode_lines(result) + (campbell_lines(found) if found is not None else [])
     if path is not None:
         _write(path, result, found)
         said.append(str(path))
@@ -68,14 +68,14 @@ def _write(path: Path, result: Modes, found: Campbell | None) -> None:
     from warpchain.view.figures.figure_style import save_figure
 
     if path.suffix == ".html":
-        from warpchain.modal.mode_page import page
+        from warpchain.modal.mode_page import modes_page
 
         with refusals(path, ArchiveError):
-            write_text(path, page(result, found))
+            write_text(path, modes_page(result, found))
     elif path.suffix == ".rrd":
-        from warpchain.modal.mode_recording import save_recording
+        from warpchain.modal.mode_recording import write_mode_recording
 
-        save_recording(result, path)
+        write_mode_recording(result, path)
     elif path.suffix == ".npz":
         import numpy as np
 
@@ -83,4 +83,6 @@ def _write(path: Path, result: Modes, found: Campbell | None) -> None:
         with refusals(path, ArchiveError), whole_file(path) as file:
             np.savez(file, **arrays)
     else:
-        save_figure(mode_figures.shapes_figure(result) if found is None else mode_figures.campbell_figure(found), path)
+        save_figure(
+            mode_figures.mode_shapes_figure(result) if found is None else mode_figures.mode_campbell_figure(found), path
+        )

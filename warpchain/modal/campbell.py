@@ -29,23 +29,23 @@ from warpchain.arguments import Count, NonNegativeNumber, Range, checked
 from warpchain.assembly.frequencies import Order, orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.modal.eigenmodes import Modes, modes_of
+from warpchain.modal.eigenmodes import Modes, lowest_modes
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import Whole, system
+from warpchain.modal.small_motion import DriveMotion, drive_motion
 from warpchain.progress import Progress, reporter
 
-SPARE = 10
+SPARE_MODES = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
-ALIKE = 0.35
+LEAST_ASSURANCE = 0.35
 """Least modal assurance with which a mode is followed from one speed to the next."""
 
 MOST_PHASES, MOST_POINTS = 1000, 10_000
 """Phases that a diagram is a mean of, and its speeds where they are counted, at most."""
-Phases = Annotated[int, Range(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
+PhaseCount = Annotated[int, Range(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
 @dataclass(frozen=True)
-class Crossing:
+class OrderCrossing:
     """A speed at which a mode crosses an order."""
 
     mode: str
@@ -56,7 +56,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class Tongue:
+class InstabilityTongue:
     """A speed at which the tooth frequency is twice a mode's: an instability of the mode grows there for e > 4 zeta."""
 
     mode: str
@@ -87,25 +87,25 @@ class Campbell:
     orders: tuple[Order, ...]
     modes: tuple[Modes, ...]
 
-    def crossings(self) -> list[Crossing]:
+    def crossings(self) -> list[OrderCrossing]:
         """Crossings of modes and orders, by speed; straight lines between the speeds."""
         found = []
         for order in self.orders:
-            for k, speed, frequency, ratio in self._crossings(order.value, 1.0):
-                found.append(Crossing(self.names[k], order, speed, frequency, ratio))
+            for k, speed, frequency, ratio in self._crossings_of_order(order.value, 1.0):
+                found.append(OrderCrossing(self.names[k], order, speed, frequency, ratio))
         return sorted(found, key=lambda crossing: crossing.speed)
 
-    def tongues(self) -> list[Tongue]:
+    def tongues(self) -> list[InstabilityTongue]:
         """Where the tooth frequency is twice that of a mode, by speed; of several chains that of a strand's own."""
         found = [
-            Tongue(self.names[k], s, f, 4.0 * r)
+            InstabilityTongue(self.names[k], s, f, 4.0 * r)
             for chain, teeth in tooth_orders(self.drive).items()
-            for k, s, f, r in self._crossings(teeth, 2.0)
+            for k, s, f, r in self._crossings_of_order(teeth, 2.0)
             if not chain or self.names[k].startswith(f"{chain}.")
         ]
         return sorted(found, key=lambda tongue: tongue.speed)
 
-    def _crossings(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
+    def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
         """Modes whose frequency times `multiple` crosses an order: mode, speed, frequency, damping ratio."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
@@ -139,16 +139,16 @@ def campbell(
     """
     if len(speeds) < 2 or not (np.diff(speeds) > 0.0).all():
         raise SimulationError("speeds: must be at least two, ascending")
-    found: list[Whole] = []
+    found: list[DriveMotion] = []
     shown: list[Modes] = []
     frequency, ratio = np.full((2, len(speeds), count), np.nan)
     which = np.arange(count)
     with reporter(progress) as report:
         for p, speed in enumerate(speeds):
-            found = [*found[-1:], system(drive, float(speed), found[-1] if found else None)]
-            shown.append(modes_of(found[-1], count + SPARE))
+            found = [*found[-1:], drive_motion(drive, float(speed), found[-1] if found else None)]
+            shown.append(lowest_modes(found[-1], count + SPARE_MODES))
             if p > 0:
-                which = followed(shown[-2], shown[-1], which, found[-1])
+                which = followed_modes(shown[-2], shown[-1], which, found[-1])
             seen = which >= 0
             frequency[p, seen], ratio[p, seen] = (
                 shown[-1].frequency[which[seen]],
@@ -160,43 +160,43 @@ def campbell(
     )
 
 
-def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: Whole) -> NDArray[np.int64]:
+def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
     """The modes `after` that those of indices `which` (-1: lost) became; -1 where none is alike."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
-    result[kept] = matched(before.chosen(which[kept]), after, at)
+    result[kept] = matched_modes(before.chosen(which[kept]), after, at)
     return result
 
 
-def matched(these: Modes, those: Modes, at: Whole) -> NDArray[np.int64]:
+def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
     """(K,) which of `those` modes each of `these` is, one to one, by the largest sum of assurance; -1 where none is
     alike."""
-    alike = assurance(these, those, at)
+    alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
-    good = alike[rows, columns] >= ALIKE
+    good = alike[rows, columns] >= LEAST_ASSURANCE
     result[rows[good]] = columns[good]
     return result
 
 
-def assurance(a: Modes, b: Modes, at: Whole) -> Array:
+def modal_assurance(a: Modes, b: Modes, at: DriveMotion) -> Array:
     """(K, L) modal assurance between the modes of two states of one drive, with the masses of `at`."""
     product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
     for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
-        first, second = (part.at.vector(modes.shape, modes.bodies) for modes in both)
+        first, second = (part.at.coordinate_vector(modes.shape, modes.bodies) for modes in both)
         product += first.conj() @ (part.mass @ second.T)
         for v, own in zip((first, second), size, strict=True):
             own += np.einsum("ij,ij->i", v.conj(), (part.mass @ v.T).T).real
     return np.asarray(np.abs(product) ** 2 / np.outer(*size))
 
 
-PREFIX = "modes."
+METRIC_PREFIX = "modes."
 
 
 @lru_cache(maxsize=4)
-def base_modes(drive: Drive, count: int) -> Modes:
+def base_drive_modes(drive: Drive, count: int) -> Modes:
     """The lowest modes of a study's base drive, at rest."""
-    return modes_of(system(drive), count)
+    return lowest_modes(drive_motion(drive), count)
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
@@ -206,19 +206,19 @@ def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
     name. One that is not found again is left out, all are if the variant does not settle at rest.
     """
     try:
-        found = system(drive)
+        found = drive_motion(drive)
     except SimulationError:
         return {}
-    own = modes_of(found, len(base) + SPARE)
+    own = lowest_modes(found, len(base) + SPARE_MODES)
     if own.shape.shape[1:] == base.shape.shape[1:]:
-        which = matched(base, own, found).tolist()
+        which = matched_modes(base, own, found).tolist()
     else:
         which = [own.names.index(name) if name in own.names else -1 for name in base.names]
     result = {}
     for name, k in zip(base.names, which, strict=True):
         if k >= 0:
-            result[f"{PREFIX}{name}.frequency"] = float(own.frequency[k])
-            result[f"{PREFIX}{name}.damping_ratio"] = float(own.damping_ratio[k])
+            result[f"{METRIC_PREFIX}{name}.frequency"] = float(own.frequency[k])
+            result[f"{METRIC_PREFIX}{name}.damping_ratio"] = float(own.damping_ratio[k])
     return result
 
 
@@ -227,7 +227,7 @@ def over_a_pitch(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
     count: Count,
-    phases: Phases = 4,
+    phases: PhaseCount = 4,
     *,
     progress: Progress = False,
 ) -> tuple[Campbell, Array]:
@@ -250,12 +250,12 @@ def over_a_pitch(
     with reporter(progress) as report:
         first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)
         report("phases", 1, phases)
-        at = system(first.drive, float(speeds[0]))
+        at = drive_motion(first.drive, float(speeds[0]))
         frequency, ratio = [first.frequency], [first.damping_ratio]
         for k in range(1, phases):
             phase = k / phases - float(2 * k > phases)
-            other = campbell(drive.with_values({"run.phase": phase}), speeds, count + SPARE)
-            which = matched(first.modes[0].first(count), other.modes[0].first(count + SPARE), at)
+            other = campbell(drive.with_values({"run.phase": phase}), speeds, count + SPARE_MODES)
+            which = matched_modes(first.modes[0].first(count), other.modes[0].first(count + SPARE_MODES), at)
             for values, own in ((frequency, other.frequency), (ratio, other.damping_ratio)):
                 values.append(np.where(which >= 0, own[:, which], np.nan))
             report("phases", k + 1, phases)

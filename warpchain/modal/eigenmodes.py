@@ -35,17 +35,17 @@ from warpchain.engine.processes import each
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.modal.matrices import Array
-from warpchain.modal.rotations import freed, turning_freely
-from warpchain.modal.system import System, Whole, common_shafts, system
-from warpchain.modal.tensioner_modes import Plungers, plungers, stand
+from warpchain.modal.rigid_rotation import free_rotations, stiffness_without_rotation
+from warpchain.modal.small_motion import ChainMotion, DriveMotion, common_shafts, drive_motion
+from warpchain.modal.tensioner_modes import PlungerMotion, plunger_motion, standing_lines
 from warpchain.progress import Progress, interruptible, reporter
 
-Share = tuple[str, Array]
-WHOLE = 120
+PartEnergy = tuple[str, Array]
+SMALL_PENCIL = 120
 """Coordinates up to which a pencil is solved whole."""
-SHIFT = 1e-2
+EIGENVALUE_SHIFT = 1e-2
 """Where eigenvalues are sought nearest to, of the unit of time; not at zero, which may be one of them."""
-INFINITE = 1e-9
+INFINITE_EIGENVALUE = 1e-9
 """Its inverse is an eigenvalue, of the unit of time, that is none: rounding makes it of one at infinity."""
 
 
@@ -62,40 +62,40 @@ def eigenpairs(
     """
     n = mass.shape[0]
     m, c, k = mass, damping / unit, stiffness / unit**2
-    if n <= WHOLE:
+    if n <= SMALL_PENCIL:
         above = np.hstack([np.zeros((n, n)), np.eye(n)])
         below = np.hstack([-k.toarray(), -c.toarray()])
         right = scipy.linalg.block_diag(np.eye(n), m.toarray())
         (top, bottom), vector = scipy.linalg.eig(np.vstack([above, below]), right, homogeneous_eigvals=True)
-        finite = np.abs(bottom) > INFINITE * np.abs(top)
+        finite = np.abs(bottom) > INFINITE_EIGENVALUE * np.abs(top)
         value, vector = top[finite] / bottom[finite], vector[:, finite]
     else:
-        value, vector = _nearest(m, c, k, min(2 * wanted + 8, n))
+        value, vector = _nearest_eigenpairs(m, c, k, min(2 * wanted + 8, n))
     upper = np.flatnonzero(value.imag >= 0.0)
     upper = upper[np.argsort(np.abs(value[upper]))]
     return unit * value[upper], vector[:n, upper]
 
 
-def _nearest(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
+def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
     """Eigenvalues of the linearized pencil nearest to the shift."""
     n = m.shape[0]
-    factor = splu((k + SHIFT * c + SHIFT**2 * m).tocsc())
-    drag = (c + SHIFT * m).tocsr()
+    factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
+    drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
     def apply(vector: Array) -> Array:
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
-        return np.concatenate([x, first + SHIFT * x])
+        return np.concatenate([x, first + EIGENVALUE_SHIFT * x])
 
     inverse = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(2 * n)
     value, vector = eigs(inverse, k=count, v0=start, ncv=min(2 * n - 1, max(3 * count, 60)), maxiter=2000)
-    return SHIFT + 1.0 / value, vector
+    return EIGENVALUE_SHIFT + 1.0 / value, vector
 
 
-ZERO = 1e-5
+ZERO_FREQUENCY = 1e-5
 """A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
-RESISTED = 1e-7
+RESTORING_STIFFNESS = 1e-7
 """Of a link's stiffness: more than what rounding gives to a motion that nothing restores."""
 
 
@@ -181,7 +181,7 @@ class Modes:
         which = np.asarray(which, dtype=np.int64)
         if len(which) and not which.max() < len(self):
             raise SimulationError(f"which = {which.max()}: must be a mode from 0, below {len(self)}")
-        kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
+        kept = {name: getattr(self, name)[which] for name in MODE_FIELDS if name != "names"}
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
@@ -192,7 +192,7 @@ class Modes:
         for ring in rings_of(self.drive):
             rollers = slice(first, first + ring.drive.chain.links)
             bodies, pushed = bodies_of(self.drive, ring), list(ring.places["tensioners"])
-            own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in PUSHED}
+            own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in TENSIONER_FIELDS}
             own |= {"position": self.position[rollers], "tension": self.tension[rollers], "placed": self.placed[bodies]}
             own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": ring.drive}
             found.append(replace(self, **own))
@@ -202,14 +202,14 @@ class Modes:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All arrays by name, with `frequency` and `damping_ratio`."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
-        tensioned = PER_MODE if self.drive.tensioners else MOVING
+        tensioned = MODE_FIELDS if self.drive.tensioners else MOTION_FIELDS
         result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
         return {**result, "frequency": self.frequency, "damping_ratio": self.damping_ratio}
 
 
-MOVING = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
-PUSHED = ("stroke", "pressure", "stored", "lost")
-PER_MODE = (*MOVING, *PUSHED)
+MOTION_FIELDS = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
+TENSIONER_FIELDS = ("stroke", "pressure", "stored", "lost")
+MODE_FIELDS = (*MOTION_FIELDS, *TENSIONER_FIELDS)
 """Fields of `Modes` that have a row for each mode."""
 
 
@@ -268,7 +268,7 @@ def modes(
         SimulationError: a drive that does not settle, or an argument that is not allowed; one line.
         KeyboardInterrupt: the user stopped it.
     """
-    work = partial(_modes_at, count=count, speed=speed, valve=valve)
+    work = partial(_modes_at_speed, count=count, speed=speed, valve=valve)
     if isinstance(drives, Drive):
         return work(drives)
     with interruptible(), reporter(progress) as report:
@@ -281,11 +281,11 @@ def modes(
     ]
 
 
-def _modes_at(drive: Drive, count: int, speed: float, valve: str) -> Modes:
-    return modes_of(system(drive, speed, valve=valve), count)
+def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes:
+    return lowest_modes(drive_motion(drive, speed, valve=valve), count)
 
 
-def _carry(found: System, bodies: NDArray[Any]) -> None:
+def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
     """Moves arms on arms, and the centers of sprockets on arms, with these, in bodies (K, B, 3)."""
     drive, placed = found.drive, found.state.bodies[0]
     first = drive.first_arm_body
@@ -297,62 +297,68 @@ def _carry(found: System, bodies: NDArray[Any]) -> None:
             bodies[:, b, :2] = bodies[:, first + arm, :2] + bodies[:, first + arm, 2, None] * np.array([-y, x])
 
 
-def modes_of(found: Whole, count: int) -> Modes:
+def lowest_modes(found: DriveMotion, count: int) -> Modes:
     """The lowest modes of small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
-    every, groups = found.mass.shape[0], turning_freely(found)
-    found = replace(found, stiffness=freed(found, groups, (1e-2 * ZERO) ** 2 * stiff)) if groups else found
+    every, groups = found.mass.shape[0], free_rotations(found)
+    found = (
+        replace(found, stiffness=stiffness_without_rotation(found, groups, (1e-2 * ZERO_FREQUENCY) ** 2 * stiff))
+        if groups
+        else found
+    )
     while True:
         value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
         real = np.abs(value.imag) < 1e-9 * np.abs(value)
-        zero = np.abs(value) < ZERO * np.sqrt(stiff)
-        zero[zero & real] &= ~_resisted(found, vector[:, zero & real])
+        zero = np.abs(value) < ZERO_FREQUENCY * np.sqrt(stiff)
+        zero[zero & real] &= ~_has_restoring_stiffness(found, vector[:, zero & real])
         swings = np.flatnonzero(~zero & ~real)
         if len(swings) >= count or wanted >= every:
             break
         wanted = min(2 * wanted, every)
     swings = swings[:count]
     alone = value[~zero & real].real
-    vector = _normal(vector[:, swings], found.mass)
-    parts, energy, across = _participation(found, vector)
+    vector = _normalized_vectors(vector[:, swings], found.mass)
+    parts, energy, across = _kinetic_participation(found, vector)
     return Modes(
         drive=found.drive,
         speed=found.speed,
         eigenvalue=value[swings],
-        names=_names(parts, energy),
+        names=_mode_names(parts, energy),
         parts=parts,
         participation=energy,
         across=across,
-        **_moved(found, vector),
+        **_mode_shapes(found, vector),
         position=np.concatenate([part.state.position[0] for part in found.parts]),
         tension=np.concatenate([part.tension for part in found.parts]),
         rotations=len(groups),
         zeros=max(0, int(zero.sum() + 1) // 2 - len(groups)),
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
-        standing=sum((stand(part) for part in found.parts), ()),
+        standing=sum((standing_lines(part) for part in found.parts), ()),
     )
 
 
-def _each(found: Whole, vector: NDArray[np.complex128]) -> list[tuple[System, NDArray[np.complex128], Plungers]]:
+def _chain_motions(
+    found: DriveMotion, vector: NDArray[np.complex128]
+) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
     """The chains of a drive, each with its part of modes (n_c, K), and what these do to its tensioners."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
-    return [(part, v, plungers(part, v, stiff, drag)) for part, v in zip(found.parts, own, strict=True)]
+    return [(part, v, plunger_motion(part, v, stiff, drag)) for part, v in zip(found.parts, own, strict=True)]
 
 
-def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
+def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
     """Of modes (n, K) the fields of `Modes` that have rollers, bodies or tensioners of all chains."""
     drive, shapes = found.drive, []
     placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
-    kinds = zip(PUSHED, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
+    kinds = zip(TENSIONER_FIELDS, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
     pushed: dict[str, Any] = {name: np.zeros((vector.shape[1], len(drive.tensioners)), kind) for name, kind in kinds}
-    for ring, (part, own, plunger) in zip(found.rings, _each(found, vector), strict=True):
-        shape, turned = part.at.split(own.T)
-        _carry(part, turned)
+    for ring, (part, own, plunger) in zip(found.rings, _chain_motions(found, vector), strict=True):
+        shape, turned = part.at.roller_and_body_parts(own.T)
+        _move_carried_bodies(part, turned)
         shapes.append(shape)
         mine = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
         mine += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
@@ -367,22 +373,22 @@ def _moved(found: Whole, vector: NDArray[np.complex128]) -> dict[str, Any]:
     return {"shape": np.concatenate(shapes, axis=1), "bodies": bodies, "placed": placed, **pushed}
 
 
-def _resisted(found: Whole, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
+def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """(K,) whether motions are slow because dampers hold them, not because nothing restores them: K does work on
     them."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
-    return np.asarray(held > RESISTED * stiffest * (np.abs(vector) ** 2).sum(axis=0))
+    return np.asarray(held > RESTORING_STIFFNESS * stiffest * (np.abs(vector) ** 2).sum(axis=0))
 
 
-def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
+def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
     """Vectors of unit modal mass x* M x, each turned in phase so that its real part is as large as can be."""
     vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
     square = np.einsum("ij,ij->j", vector, mass @ vector)
     return vector * np.exp(-0.5j * np.angle(square))
 
 
-def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
+def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
     named: list[dict[int, str]] = [{} for _ in found.rings]
     for r, s in (first for first, *_ in common_shafts(found.rings, found.drive)):
@@ -390,10 +396,10 @@ def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[
             named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
-    for r, (part, own, plunger) in enumerate(_each(found, vector)):
+    for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
         energy = (own.conj() * (part.mass @ own)).real.T
         before = f"{found.rings[r].name}." if found.drive.chains else ""
-        for name, share in _shares(part, energy, plunger.kinetic, before, named[r]):
+        for name, share in _part_energies(part, energy, plunger.kinetic, before, named[r]):
             if name in parts:  # a sprocket that is a shaft beside another chain
                 shares[parts.index(name)] = shares[parts.index(name)] + share
                 continue
@@ -409,7 +415,9 @@ def _participation(found: Whole, vector: NDArray[np.complex128]) -> tuple[tuple[
     return tuple(parts), np.stack(shares, axis=1), off / np.maximum(roller, 1e-300)
 
 
-def _shares(found: System, energy: Array, plunger: Array, before: str, shafts: Mapping[int, str]) -> Iterator[Share]:
+def _part_energies(
+    found: ChainMotion, energy: Array, plunger: Array, before: str, shafts: Mapping[int, str]
+) -> Iterator[PartEnergy]:
     """Names of a chain's parts, and their kinetic energies in the modes (K,).
 
     Args:
@@ -421,7 +429,7 @@ def _shares(found: System, energy: Array, plunger: Array, before: str, shafts: M
     drive, at, places = found.drive, found.at, found.layout
     own = 2 * at.rollers
     roller = energy[:, :own].reshape(-1, at.rollers, 2).sum(axis=2)
-    body = energy[:, own : at.solid]
+    body = energy[:, own : at.oil_start]
     for k, name in enumerate(drive.strand_names):
         yield before + name, roller[:, places.strand == k].sum(axis=1)
     carried = np.zeros((len(energy), drive.first_arm_body + len(drive.arms)))
@@ -445,7 +453,7 @@ def _shares(found: System, energy: Array, plunger: Array, before: str, shafts: M
         yield tensioner.name, plunger[:, t]
 
 
-def _names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
+def _mode_names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
     """Each mode by the part that moves most, numbered from the lowest."""
     most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
     for part in (parts[k] for k in most):

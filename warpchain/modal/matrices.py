@@ -22,8 +22,7 @@ opposite and equal, elastic ones have a potential, and those of dampers a dissip
 
 Steps are powers of two, so that places are moved by exactly them.
 
-What leaks out of a tensioner's chamber, eq. (a) of `coordinates`, comes from the tensioner's own numbers: forces do not
-show flows.
+What leaks out of a chamber, eq. (a), comes from the tensioner's own numbers: forces do not show flows.
 """
 
 from __future__ import annotations
@@ -73,23 +72,23 @@ class Coordinates:
     strokes: Array
 
     @property
-    def count(self) -> int:
+    def coordinate_count(self) -> int:
         """n."""
-        return self.solid + len(self.chambers)
+        return self.oil_start + len(self.chambers)
 
     @property
-    def solid(self) -> int:
+    def oil_start(self) -> int:
         """2 N + m: where the coordinates of oil begin."""
         return 2 * self.rollers + len(self.owner)
 
-    def turn_of(self, b: int) -> tuple[int, float] | None:
+    def turning_coordinate(self, b: int) -> tuple[int, float] | None:
         """The coordinate that turns body b, and by how much of it that turns; None where its angle is led."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
 
     @property
-    def masses(self) -> sp.csc_array:
+    def mass_matrix(self) -> sp.csc_array:
         """(n, n) mass matrix: block diagonal, and zero for oil."""
         own = sp.diags_array(np.full(2 * self.rollers, self.mass))
         blocks = [own, self.inertia] if len(self.owner) else [own]
@@ -97,11 +96,11 @@ class Coordinates:
             blocks.append(sp.csc_array((len(self.chambers),) * 2))
         return sp.csc_array(sp.block_diag(blocks))
 
-    def moved(self, base: States, displacement: Array) -> States:
+    def displaced_states(self, base: States, displacement: Array) -> States:
         """Copies of one state, displaced by (copies, n)."""
-        straight, turned = self.split(displacement)
+        straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
-        oil[:, self.chambers] += self.content_rate * displacement[:, self.solid :]
+        oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
         return States(
             base.position + straight,
             np.zeros_like(straight) + base.velocity,
@@ -110,9 +109,9 @@ class Coordinates:
             oil,
         )
 
-    def moving(self, base: States, velocity: Array) -> States:
+    def accelerated_states(self, base: States, velocity: Array) -> States:
         """Copies of one state, their velocities changed by (copies, n)."""
-        straight, turned = self.split(velocity)
+        straight, turned = self.roller_and_body_parts(velocity)
         return States(
             np.zeros_like(straight) + base.position,
             base.velocity + straight,
@@ -121,7 +120,7 @@ class Coordinates:
             np.repeat(base.oil, len(velocity), axis=0),
         )
 
-    def forces(self, probe: Probe, states: States) -> Array:
+    def generalized_forces(self, probe: Probe, states: States) -> Array:
         """Generalized forces of states at rest, (copies, n): mass matrix times accelerations."""
         straight, turned, pressure = probe(states)
         copies = len(straight)
@@ -129,20 +128,20 @@ class Coordinates:
         oil = self.area * (pressure[:, self.chambers] - self.rest)
         return np.hstack([self.mass * straight.reshape(copies, -1), own, oil])
 
-    def vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
+    def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
         """Vectors (copies, n) of displacements of rollers (copies, N, 2) and bodies (copies, B, 3), 0 for oil."""
         own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
-    def split(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def roller_and_body_parts(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rollers' (copies, N, 2) and bodies' (copies, B, 3) parts of vectors (copies, n)."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
-        turned = vector[:, own : self.solid] @ self.basis.T
+        turned = vector[:, own : self.oil_start] @ self.basis.T
         return straight, turned.reshape(len(vector), len(self.basis) // 3, 3)
 
 
-def coordinates(probe: Probe, states: States) -> Coordinates:
+def free_coordinates(probe: Probe, states: States) -> Coordinates:
     """The free coordinates of a drive, with the bodies' inertia where they stand in `states`."""
     rows = [probe.body(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
     turned = [probe.train(b) for b in range(probe.body_count)]
@@ -169,7 +168,7 @@ def coordinates(probe: Probe, states: States) -> Coordinates:
     of = probe.base.tensioners[: probe.tensioners]
     chambers = np.flatnonzero(of["hydraulic"] == 1)
     wet = of[chambers]
-    x, change = strokes(probe, states)
+    x, change = tensioner_strokes(probe, states)
     volume = wet["volume"] + wet["area"] * np.maximum(x[chambers], wet["bottom"])
     n = 2 * probe.rollers
     moves = np.hstack([np.zeros((len(of), n)), change @ basis, np.zeros((len(of), len(chambers)))])
@@ -179,7 +178,7 @@ def coordinates(probe: Probe, states: States) -> Coordinates:
     )
 
 
-def strokes(probe: Probe, states: States) -> tuple[Array, Array]:
+def tensioner_strokes(probe: Probe, states: States) -> tuple[Array, Array]:
     """(T,) extension of each tensioner in the first of the states [m], and (T, 3 B) its derivative by the bodies'
     (x, y, theta)."""
     of = probe.base.tensioners[: probe.tensioners]
@@ -194,62 +193,68 @@ def strokes(probe: Probe, states: States) -> tuple[Array, Array]:
     return x, change.reshape(len(of), 3 * probe.body_count)
 
 
-STEP = 1e-7
+DISPLACEMENT_STEP = 1e-7
 """Displacement, of a pitch: rounding leaves 1e-9 of a link's stiffness, and contacts stay as closed or open as they are
 but for those that 1e-9 m or so would open."""
-SPEED = 2.0**-17
+MOST_VELOCITY_STEP = 2.0**-17
 """Velocity step [m/s] at most (`velocity_step`)."""
 
 
-def colors(rollers: int) -> list[NDArray[np.int64]]:
+def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
     """Sets of rollers of a closed chain, any two of a set at least three apart; together all rollers once."""
     whole = rollers - rollers % 3
     sets = [np.arange(first, whole, 3) for first in range(3)]
     return sets + [np.array([i]) for i in range(whole, rollers)]
 
 
-def stiffness(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.csc_array:
+def stiffness_matrix(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.csc_array:
     """(n, n) K [N/m, N/rad, N m/rad] about a state at rest."""
-    return _differences(probe, at, _steps(probe, at, STEP * pitch), lambda change: at.moved(base, change))
+    return _force_derivative(
+        probe,
+        at,
+        _coordinate_steps(probe, at, DISPLACEMENT_STEP * pitch),
+        lambda change: at.displaced_states(base, change),
+    )
 
 
-def damping(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
-    """(n, n) C [N s/m, ...] about a state at rest; with what leaks where `conductance` is given, as of `leakage`.
+def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
+    """(n, n) damping matrix C [N s/m, ...] of a drive about a state at rest, of dampers, mounts and contacts.
 
-    Of all dampers, contacts at the floor of their impact speed among them; joints and what slides have none.
+    Contacts are taken at the floor of their impact speed; joints and what slides have no damping. With `conductance`
+    the oil that leaks from chambers counts too (`leakage_matrix`).
     """
-    steps = _steps(probe, at, velocity_step(probe))
-    own = _differences(probe, at, steps, lambda change: at.moving(base, change))
-    return own if conductance is None else sp.csc_array(own + leakage(probe, at, conductance))
+    steps = _coordinate_steps(probe, at, velocity_step(probe))
+    own = _force_derivative(probe, at, steps, lambda change: at.accelerated_states(base, change))
+    return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))
 
 
 def velocity_step(probe: Probe) -> float:
     """Speed [m/s] at which contacts still damp linearly: hysteretic ones do up to v_min, and while they do not pull, up
     to v_min / d; half of that leaves room for what turns faster than the widest sprocket's rim."""
-    counts, step = probe.base.drives[0], SPEED
+    counts, step = probe.base.drives[0], MOST_VELOCITY_STEP
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
         limit = 0.5 * law["speed_floor"] / np.maximum(law["damping"], 1.0)
-        step = min(step, float(limit[law["form"] == FORMS["hysteretic"]].min(initial=SPEED)))
+        step = min(step, float(limit[law["form"] == FORMS["hysteretic"]].min(initial=MOST_VELOCITY_STEP)))
     return step
 
 
-def leakage(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
+def leakage_matrix(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
     """(n, n) what the oil that leaves the chambers of hydraulic tensioners adds to C: A^2 / G, and -(A d / G) x'.
 
     Args:
         conductance: (w,) G of each chamber [m^3/(s Pa)].
     """
     of = probe.base.tensioners[at.chambers]
-    places = at.solid + np.arange(len(of))
-    gap = np.zeros((len(of), at.count))
+    places = at.oil_start + np.arange(len(of))
+    gap = np.zeros((len(of), at.coordinate_count))
     gap[np.arange(len(of)), places] = of["area"] ** 2 / conductance
     gap -= (of["area"] * of["drag"] / conductance)[:, None] * at.strokes[at.chambers]
-    above = sp.csc_array((at.solid, at.count))
+    above = sp.csc_array((at.oil_start, at.coordinate_count))
     return sp.csc_array(sp.vstack([above, sp.csc_array(gap)]))
 
 
-def travelling(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
+def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
     """(n, n) G [N s/m] of a chain that passes `rate` rollers a second, on these links (N,); skew.
 
     Args:
@@ -264,23 +269,23 @@ def travelling(rollers: int, mass: float, rate: float, links: NDArray[np.bool_],
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
 
 
-def _steps(probe: Probe, at: Coordinates, step: float) -> Array:
+def _coordinate_steps(probe: Probe, at: Coordinates, step: float) -> Array:
     """(n,) steps of the coordinates, powers of two: at most `step`, of angles at the widest sprocket's rim."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
-    steps = np.full(at.count, step)
-    steps[2 * at.rollers : at.solid][at.turning] /= widest
+    steps = np.full(at.coordinate_count, step)
+    steps[2 * at.rollers : at.oil_start][at.turning] /= widest
     return np.asarray(2.0 ** np.floor(np.log2(steps)))
 
 
-def _differences(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
+def _force_derivative(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
     """Minus the derivative of the forces by central differences; symmetric."""
-    own, n = 2 * at.rollers, at.count
-    sets = [2 * some + axis for some in colors(at.rollers) for axis in (0, 1)]
+    own, n = 2 * at.rollers, at.coordinate_count
+    sets = [2 * some + axis for some in separate_roller_sets(at.rollers) for axis in (0, 1)]
     sets += [np.array([k]) for k in range(own, n)]
     change = np.zeros((len(sets), n))
     for row, some in zip(change, sets, strict=True):
         row[some] = steps[some]
-    both = at.forces(probe, states(np.concatenate([change, -change])))
+    both = at.generalized_forces(probe, states(np.concatenate([change, -change])))
     slope = -0.5 * (both[: len(sets)] - both[len(sets) :])
     rows, columns, values = [], [], []
     near = np.arange(-2, 4)  # a roller's neighbors' coordinates, from its own x

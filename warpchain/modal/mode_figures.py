@@ -20,38 +20,38 @@ if TYPE_CHECKING:
     from warpchain.modal.matrices import Array
 
 
-def closed(rollers: Array) -> Array:
+def closed_chain_line(rollers: Array) -> Array:
     """Rollers (N, 2) of a chain, and the first again."""
     return np.append(rollers, rollers[:1], axis=0)
 
 
-def moved_lines(drive: Drive, bodies: Array) -> list[Array]:
+def carried_part_lines(drive: Drive, bodies: Array) -> list[Array]:
     """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
     each time."""
-    return [part.points for part in _parts(drive, bodies) if part.carried]
+    return [part.points for part in _drive_parts(drive, bodies) if part.carried]
 
 
-def still_lines(drive: Drive) -> list[Array]:
+def fixed_part_lines(drive: Drive) -> list[Array]:
     """Lines (P, 2) [m] of guides on the ground and of tensioners' housings."""
     bodies = np.zeros((drive.first_arm_body + len(drive.arms), 3))
-    return [part.points for part in _parts(drive, bodies) if not part.carried]
+    return [part.points for part in _drive_parts(drive, bodies) if not part.carried]
 
 
-def _parts(drive: Drive, bodies: Array) -> list[Part]:
+def _drive_parts(drive: Drive, bodies: Array) -> list[Part]:
     count = len(drive.sprockets)
     return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2]))
 
 
-SWING = 0.06
+SWING_SIZE = 0.06
 """Largest displacement drawn, of the drive's size."""
-COLUMNS, MOST = 4, 12
+SHAPE_COLUMNS, MOST_SHAPES = 4, 12
 """Panels of the figure of shapes in a row, and at most."""
 
 
-def swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
+def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
     """Of each chain its modes, and rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], as large as drawings
     take it."""
-    size = SWING * float(np.ptp(modes.position, axis=0).max())
+    size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
     most = float(np.abs(modes.bodies[k, :, 2]).max(initial=0.0)) * scale
@@ -63,12 +63,12 @@ def swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.fl
     ]
 
 
-def shapes_figure(modes: Modes) -> Figure:
+def mode_shapes_figure(modes: Modes) -> Figure:
     """The first modes, each at both ends of its swing, with how far each sprocket and arm turns."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
-    count = min(len(modes), MOST)
-    columns = min(count, COLUMNS)
+    count = min(len(modes), MOST_SHAPES)
+    columns = min(count, SHAPE_COLUMNS)
     lines = -(-count // columns)
     span = np.ptp(modes.position, axis=0)
     tall = float(np.clip(3.0 * span[1] / span[0], 1.4, 5.0))
@@ -88,25 +88,25 @@ def shapes_figure(modes: Modes) -> Figure:
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
     ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     for own in modes.of_chains():
-        for line in still_lines(own.drive):
+        for line in fixed_part_lines(own.drive):
             axis.plot(*line.T, color="peru", lw=1.2)
-        axis.plot(*closed(own.position).T, color="0.75", lw=0.8)
+        axis.plot(*closed_chain_line(own.position).T, color="0.75", lw=0.8)
     for phase, color in ((np.pi, LINE_COLORS[0]), (0.0, LINE_COLORS[1])):
-        for own, rollers, bodies in swing(modes, k, phase):
-            axis.plot(*closed(rollers).T, color=color, lw=1.1)
+        for own, rollers, bodies in mode_swing(modes, k, phase):
+            axis.plot(*closed_chain_line(rollers).T, color=color, lw=1.1)
             for s in range(len(own.drive.sprockets)):
                 x, y, _ = bodies[s]
                 radius, angle = 0.82 * own.drive.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]
                 if phase == 0.0:
                     axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
                 axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
-            for line in moved_lines(own.drive, bodies):
+            for line in carried_part_lines(own.drive, bodies):
                 axis.plot(*line.T, color=color, lw=0.8)
     ratio = 100.0 * modes.damping_ratio[k]
     axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{strand_label(modes.names[k])}", fontsize=8)
 
 
-def campbell_figure(found: Campbell) -> Figure:
+def mode_campbell_figure(found: Campbell) -> Figure:
     """Frequencies of the modes over the driver's speed, with the orders that excite the drive and the tongues."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -118,14 +118,14 @@ def campbell_figure(found: Campbell) -> Figure:
     for k in range(len(found.names)):
         axis.plot(speed, found.frequency[:, k], color=LINE_COLORS[k % len(LINE_COLORS)], lw=1.4)
         ends.append(found.frequency[np.flatnonzero(np.isfinite(found.frequency[:, k]))[-1], k])
-    for k, place in enumerate(_apart(np.array(ends), 0.022 * top)):
+    for k, place in enumerate(_label_heights(np.array(ends), 0.022 * top)):
         words, color = f"{k + 1}  {strand_label(found.names[k])}", LINE_COLORS[k % len(LINE_COLORS)]
         axis.annotate(words, (speed[-1], place), (4, 0), textcoords="offset points", fontsize=7, va="center",
                       color=color, annotation_clip=False)  # fmt: skip
     last = np.array([order.value * speed[-1] / 60.0 for order in found.orders])  # where their lines end, if within
-    places = _apart(last, 0.022 * top)
+    places = _label_heights(last, 0.022 * top)
     for order, place in zip(found.orders, places, strict=True):
-        _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top, float(place))
+        _draw_order_line(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top, float(place))
     for crossing in found.crossings():
         axis.plot(rpm_of_speed(crossing.speed), crossing.frequency, "o", ms=3.0, color="black")
     for tongue in found.tongues():
@@ -142,7 +142,7 @@ def campbell_figure(found: Campbell) -> Figure:
     return figure
 
 
-def _apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     """Places moved up, where need be, to lie at least so far apart."""
     result = places.copy()
     rank = np.argsort(places)
@@ -151,7 +151,7 @@ def _apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     return result
 
 
-def _draw_order(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
+def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
     """A line of an order, with its name where it leaves the diagram: on its right at a height `place`."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)

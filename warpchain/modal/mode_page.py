@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.drive.rings import rings_of
-from warpchain.modal.mode_figures import campbell_figure, shapes_figure
+from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
 from warpchain.view import html
 from warpchain.view.figures.figure_style import rpm_of_speed
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from warpchain.modal.campbell import Campbell
     from warpchain.modal.eigenmodes import Modes
 
-SHOWN = 0.005
+LEAST_SHARE = 0.005
 """Shares of the kinetic energy below this are not listed."""
-MOST = 4
+MOST_PARTS = 4
 """Parts listed for a mode at most, by their shares."""
-DAMPING = (
+DAMPING_REMARKS = (
     "damping is that of links, mounts, arms, tensioners with their oil, loads, and contacts (hysteretic ones at the "
     "floor of their impact speed)",
     "friction of joints, teeth and guides is left out: it does not grow with the speed, so its damping ratio hangs on "
@@ -27,7 +27,7 @@ DAMPING = (
 )
 
 
-def lines(modes: Modes) -> list[str]:
+def mode_lines(modes: Modes) -> list[str]:
     """The mode table, and what else there is to say of the state, line by line."""
     state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
     tension = modes.tension
@@ -42,25 +42,27 @@ def lines(modes: Modes) -> list[str]:
     for k, (name, frequency, ratio, across, share) in enumerate(rows, 1):
         result.append(
             f"{k:>3}  {name:<{width}}  {frequency:>9.4g}  {100.0 * ratio:>7.2g}%  {across:>6.0%}  "
-            + ", ".join(f"{modes.parts[p]} {share[p]:.0%}" for p in np.argsort(-share)[:MOST] if share[p] >= SHOWN)
-            + "".join(f"; {words}" for words in pushed(modes, k - 1))
+            + ", ".join(
+                f"{modes.parts[p]} {share[p]:.0%}" for p in np.argsort(-share)[:MOST_PARTS] if share[p] >= LEAST_SHARE
+            )
+            + "".join(f"; {words}" for words in tensioner_share_texts(modes, k - 1))
         )
-    return [*result, *remarks(modes)]
+    return [*result, *state_remarks(modes)]
 
 
-def pushed(modes: Modes, k: int) -> list[str]:
+def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
     """Shares of mode k's stiffness and damping of each tensioner that holds any of it worth mentioning."""
     return [
         f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
         for t, tensioner in enumerate(modes.drive.tensioners)
-        if modes.stored[k, t] >= SHOWN
+        if modes.stored[k, t] >= LEAST_SHARE
     ]
 
 
-def remarks(modes: Modes) -> list[str]:
+def state_remarks(modes: Modes) -> list[str]:
     """Lines on the states of arms and tensioners, on what damps, and on motions that are no modes, where there are
     any."""
-    result = [*modes.standing, *DAMPING]
+    result = [*modes.standing, *DAMPING_REMARKS]
     if modes.rotations:
         many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
         result.append(f"rigid rotation at 0 Hz{many}, as nothing prescribes a speed there: left out")
@@ -99,7 +101,7 @@ def campbell_lines(found: Campbell) -> list[str]:
     return result
 
 
-def page(modes: Modes, found: Campbell | None = None) -> str:
+def modes_page(modes: Modes, found: Campbell | None = None) -> str:
     """The page's text."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
@@ -111,15 +113,15 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
         html.page_section(
             "modes", "Frequencies", html.paragraph_html(f"{links}; {tension}. {shares}"), _modes_table(modes)
         ),
-        html.page_section("shapes", "Shapes", html.picture_html(shapes_figure(modes), "mode shapes")),
-        html.page_section("state", "State and damping", html.bullets_html(remarks(modes))),
+        html.page_section("shapes", "Shapes", html.picture_html(mode_shapes_figure(modes), "mode shapes")),
+        html.page_section("state", "State and damping", html.bullets_html(state_remarks(modes))),
     ]
     if found is not None:
         swings = "A strand whose tension swings by the share e at the tooth frequency swings ever more there, once e"
         swings += " exceeds 4 zeta."
         sections += [
             html.page_section(
-                "campbell", "Campbell diagram", html.picture_html(campbell_figure(found), "Campbell diagram")
+                "campbell", "Campbell diagram", html.picture_html(mode_campbell_figure(found), "Campbell diagram")
             ),
             html.page_section("crossings", "Where orders meet modes", _crossings_table(found)),
             html.page_section(
@@ -133,16 +135,16 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
 
 
 def _modes_table(modes: Modes) -> str:
-    shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= SHOWN]
+    shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= LEAST_SHARE]
     head = ["mode", "Hz", "damping", "across", *(modes.parts[p] for p in shown)]
     tensioned = bool(modes.drive.tensioners)
     if tensioned:
         head.append("of stiffness and damping")
     rows = []
     for k, name in enumerate(modes.names):
-        share = [f"{modes.participation[k, p]:.0%}" if modes.participation[k, p] >= SHOWN else "" for p in shown]
+        share = [f"{modes.participation[k, p]:.0%}" if modes.participation[k, p] >= LEAST_SHARE else "" for p in shown]
         first = [f"{k + 1}: {name}", f"{modes.frequency[k]:.4g}", f"{100.0 * modes.damping_ratio[k]:.2g} %"]
-        held = ["; ".join(pushed(modes, k))] if tensioned else []
+        held = ["; ".join(tensioner_share_texts(modes, k))] if tensioned else []
         rows.append([*first, f"{modes.across[k]:.0%}", *share, *held])
     return html.table_html(head, rows)
 

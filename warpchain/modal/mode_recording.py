@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 from warpchain.errors import ArchiveError
 from warpchain.files import refusals, whole_file
 from warpchain.modal.eigenmodes import Modes
-from warpchain.modal.mode_figures import closed, moved_lines, still_lines, swing
+from warpchain.modal.mode_figures import carried_part_lines, closed_chain_line, fixed_part_lines, mode_swing
 from warpchain.view.rerun.streams import flipped_points
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-FRAMES = 48
+CYCLE_FRAMES = 48
 """Of a cycle."""
 CYCLES = 4
-SECONDS = 2.0
+CYCLE_SECONDS = 2.0
 """That a cycle takes, whatever the mode's frequency."""
 CHAIN, STEEL, RUBBER, REST = (90, 160, 255), (150, 155, 165), (190, 120, 60), (90, 90, 95)
 
 
-def save_recording(modes: Modes, path: str | Path) -> Path:
+def write_mode_recording(modes: Modes, path: str | Path) -> Path:
     """Writes modes as a Rerun recording, which appears under its name only when whole.
 
     Raises:
@@ -38,24 +38,24 @@ def save_recording(modes: Modes, path: str | Path) -> Path:
     stream = rr.RecordingStream("warpchain modes")
     with refusals(target, ArchiveError), whole_file(target) as file:
         stream.save(file.name)
-        stream.send_blueprint(blueprint(modes))
+        stream.send_blueprint(mode_blueprint(modes))
         log_modes(stream, modes)
         stream.flush()
         stream.disconnect()
     return target
 
 
-def entity(modes: Modes, k: int) -> str:
+def mode_entity(modes: Modes, k: int) -> str:
     """Where mode k is logged."""
     return f"modes/{k + 1:02d}"
 
 
-def title(modes: Modes, k: int) -> str:
+def mode_title(modes: Modes, k: int) -> str:
     """The title of mode k."""
     return f"{k + 1}: {modes.frequency[k]:.4g} Hz {modes.names[k]}"
 
 
-def blueprint(modes: Modes) -> rrb.Blueprint:
+def mode_blueprint(modes: Modes) -> rrb.Blueprint:
     """A tab for each mode."""
     import rerun.blueprint as rrb
 
@@ -68,8 +68,8 @@ def blueprint(modes: Modes) -> rrb.Blueprint:
     tabs = [
         rrb.Spatial2DView(
             origin="/",
-            contents=["+ /drive/**", f"+ /{entity(modes, k)}/**"],
-            name=title(modes, k),
+            contents=["+ /drive/**", f"+ /{mode_entity(modes, k)}/**"],
+            name=mode_title(modes, k),
             visual_bounds=bounds,
         )
         for k in range(len(modes))
@@ -85,26 +85,28 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
     chains = modes.of_chains()
     width = 0.08 * min(own.drive.chain.pitch for own in chains)
-    rest = rr.LineStrips2D([flipped_points(closed(own.position)) for own in chains], colors=[REST], radii=[0.5 * width])
+    rest = rr.LineStrips2D(
+        [flipped_points(closed_chain_line(own.position)) for own in chains], colors=[REST], radii=[0.5 * width]
+    )
     stream.log("drive/chain", rest, static=True)
-    still = [flipped_points(line) for own in chains for line in still_lines(own.drive)]
+    still = [flipped_points(line) for own in chains for line in fixed_part_lines(own.drive)]
     if still:
         stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
-    for frame in range(CYCLES * FRAMES + 1):
-        stream.set_time("sim_time", duration=frame * SECONDS / FRAMES)
+    for frame in range(CYCLES * CYCLE_FRAMES + 1):
+        stream.set_time("sim_time", duration=frame * CYCLE_SECONDS / CYCLE_FRAMES)
         for k in range(len(modes)):
             strips: list[Any] = []
             colors, radii = [], []
-            for own, rollers, bodies in swing(modes, k, 2.0 * np.pi * frame / FRAMES):
-                steel = _rims(own, bodies)
-                carried = [flipped_points(line) for line in moved_lines(own.drive, bodies)]
-                strips += [flipped_points(closed(rollers)), *steel, *carried]
+            for own, rollers, bodies in mode_swing(modes, k, 2.0 * np.pi * frame / CYCLE_FRAMES):
+                steel = _sprocket_rims(own, bodies)
+                carried = [flipped_points(line) for line in carried_part_lines(own.drive, bodies)]
+                strips += [flipped_points(closed_chain_line(rollers)), *steel, *carried]
                 colors += [CHAIN] + [STEEL] * len(steel) + [RUBBER] * len(carried)
                 radii += [width] + [0.6 * width] * (len(steel) + len(carried))
-            stream.log(entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))
+            stream.log(mode_entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))
 
 
-def _rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
+def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
     """Rims of a chain's sprockets, each with a spoke, where bodies (B, 3) stand."""
     strips, ring = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for s in range(len(modes.drive.sprockets)):

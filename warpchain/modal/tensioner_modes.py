@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from warpchain.modal.matrices import Array
-    from warpchain.modal.system import System
+    from warpchain.modal.small_motion import ChainMotion
 
-FAINT = 1e-9
+LEAST_DAMPING = 1e-9
 """A mode whose damping force is less than this part of its stiffness has no damping to share."""
 
 
 @dataclass(frozen=True)
-class Plungers:
+class PlungerMotion:
     """Motion and energy of the T tensioners of a drive in K modes of unit modal mass.
 
     Attributes:
@@ -36,7 +36,7 @@ class Plungers:
 
 
 @dataclass(frozen=True)
-class Elements:
+class TensionerElements:
     """The linear elements of T tensioners where they stand.
 
     Attributes:
@@ -56,9 +56,9 @@ class Elements:
     gap: Array
 
 
-def elements(found: System) -> Elements:
+def tensioner_elements(found: ChainMotion) -> TensionerElements:
     """The linear elements of the tensioners of a drive at rest."""
-    of, x = _tensioners(found), found.extension
+    of, x = _tensioner_rows(found), found.extension
     push = of["preload"] - of["stiffness"] * x
     pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,10 +66,10 @@ def elements(found: System) -> Elements:
     depth = np.maximum(of["bottom"], np.where(of["ratchet_pitch"] > 0.0, tooth, -np.inf)) - x
     on, works = depth > 0.0, pressing > 0.0
     oil, gap = np.zeros(len(of)), np.zeros(len(of))
-    places = found.at.solid + np.arange(len(found.at.chambers))
+    places = found.at.oil_start + np.arange(len(found.at.chambers))
     oil[found.at.chambers] = found.stiffness.diagonal()[places]
     gap[found.at.chambers] = found.damping.diagonal()[places]
-    return Elements(
+    return TensionerElements(
         force=np.maximum(pressing, 0.0) + np.where(on, of["stop_stiffness"] * depth, 0.0),
         stiffness=np.where(works, of["stiffness"], 0.0) + np.where(on, of["stop_stiffness"], 0.0),
         damping=np.where(works, of["damping"], 0.0) + np.where(on, of["stop_damping"], 0.0),
@@ -79,22 +79,22 @@ def elements(found: System) -> Elements:
     )
 
 
-def plungers(found: System, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> Plungers:
+def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
     """Motion and energy of the tensioners of a chain in modes of the drive.
 
     Args:
         vector: (n, K) of unit modal mass.
         stiff, drag: (K,) x* K x and x* C x of the drive.
     """
-    at, of, linear = found.at, _tensioners(found), elements(found)
+    at, of, linear = found.at, _tensioner_rows(found), tensioner_elements(found)
     stroke = (at.strokes @ vector).T
     leaked = np.zeros_like(stroke)
-    leaked[:, at.chambers] = vector[at.solid :].T
+    leaked[:, at.chambers] = vector[at.oil_start :].T
     area = np.where(of["hydraulic"] == 1, of["area"], 1.0)
     stored = linear.stiffness * np.abs(stroke) ** 2 + linear.oil * np.abs(stroke + leaked) ** 2
     through = linear.gap * (leaked - of["drag"] / area * stroke)
     lost = linear.damping * np.abs(stroke) ** 2 + (leaked.conj() * through).real
-    _, bodies = at.split(vector.T)
+    _, bodies = at.roller_and_body_parts(vector.T)
     kinetic = np.zeros(stroke.shape)
     for t, tensioner in enumerate(found.drive.tensioners):
         x, y, angle = np.abs(bodies[:, found.drive.tensioner_body(t)].T) ** 2
@@ -102,20 +102,20 @@ def plungers(found: System, vector: NDArray[np.complex128], stiff: Array, drag: 
         square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
         kinetic[:, t] = tensioner.plunger_mass * square
     stiff, drag = stiff[:, None], drag[:, None]
-    return Plungers(
+    return PlungerMotion(
         stroke=stroke,
         pressure=-linear.oil / area * (stroke + leaked),
         kinetic=kinetic,
         stored=stored / stiff,
-        lost=np.where(drag > FAINT * np.sqrt(np.abs(stiff)), lost / np.where(drag == 0.0, 1.0, drag), 0.0),
+        lost=np.where(drag > LEAST_DAMPING * np.sqrt(np.abs(stiff)), lost / np.where(drag == 0.0, 1.0, drag), 0.0),
     )
 
 
-def _tensioners(found: System) -> Any:
+def _tensioner_rows(found: ChainMotion) -> Any:
     return found.packed.tensioners[: len(found.drive.tensioners)]
 
 
-def stand(found: System) -> tuple[str, ...]:
+def standing_lines(found: ChainMotion) -> tuple[str, ...]:
     """States of arms and tensioners about which modes are, a line each."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
@@ -124,7 +124,7 @@ def stand(found: System) -> tuple[str, ...]:
         where = "lower" if angle < row["low"] else "upper" if angle > row["high"] else ""
         on = f", on its {where} stop, whose stiffness holds it" if where else ""
         said.append(f"{arm.name} stands at {np.degrees(angle):.3g} degrees{on}")
-    linear, of = elements(found), _tensioners(found)
+    linear, of = tensioner_elements(found), _tensioner_rows(found)
     for t, tensioner in enumerate(drive.tensioners):
         line = f"{tensioner.name} stands at {1e3 * found.extension[t]:.3g} mm and pushes with {linear.force[t]:.4g} N"
         if linear.force[t] == 0.0:

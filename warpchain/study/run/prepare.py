@@ -247,13 +247,13 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
 
     names, lines = metric_names(drive), []
     if study.metrics.modes is not None:
-        from warpchain.modal.campbell import PREFIX, base_modes
+        from warpchain.modal.campbell import METRIC_PREFIX, base_drive_modes
 
-        modes = base_modes(drive, study.metrics.modes).names
-        followed = [f"{PREFIX}{name}.{column.name}" for name in modes for column in OF_MODES]
+        modes = base_drive_modes(drive, study.metrics.modes).names
+        followed = [f"{METRIC_PREFIX}{name}.{column.name}" for name in modes for column in OF_MODES]
         names += followed
         if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.wanted)):
-            lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{PREFIX}*"')
+            lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{METRIC_PREFIX}*"')
     place = places(study)
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):

@@ -93,9 +93,9 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant], worker
     if study.metrics.modes is None:
         return
     from warpchain.engine.processes import each
-    from warpchain.modal.campbell import base_modes, mode_metrics
+    from warpchain.modal.campbell import base_drive_modes, mode_metrics
 
-    work = partial(mode_metrics, base_modes(base, study.metrics.modes))
+    work = partial(mode_metrics, base_drive_modes(base, study.metrics.modes))
     settled = [variant for variant in variants if variant.drive is not None and variant.measured is not None]
     drives = [variant.drive for variant in settled]
     answers = each(work, drives, workers or available_cores(), "modes", report)

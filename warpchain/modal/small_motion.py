@@ -29,12 +29,20 @@ from warpchain.drive.transmission import is_geared
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
-from warpchain.modal.matrices import Array, Coordinates, coordinates, damping, stiffness, strokes, travelling
+from warpchain.modal.matrices import (
+    Array,
+    Coordinates,
+    damping_matrix,
+    free_coordinates,
+    stiffness_matrix,
+    tensioner_strokes,
+    travel_matrix,
+)
 from warpchain.results.schedule import Schedule
 
 
 @dataclass(frozen=True)
-class Layout:
+class RollerPlaces:
     """Parts of a chain of N rollers around S sprockets.
 
     Attributes:
@@ -48,7 +56,7 @@ class Layout:
     free_links: NDArray[np.bool_]
 
 
-def layout(assembly: Assembly, touching: NDArray[np.bool_]) -> Layout:
+def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlaces:
     """The parts of a chain.
 
     Args:
@@ -74,11 +82,11 @@ def layout(assembly: Assembly, touching: NDArray[np.bool_]) -> Layout:
         end = first[(s + 1) % sprockets]
         hanging = np.arange(last[s], last[s] + (end - last[s]) % count + 1) % count
         strand[hanging[arc[hanging] < 0]] = s
-    return Layout(arc, strand, (arc < 0) | (np.roll(arc, -1) < 0))
+    return RollerPlaces(arc, strand, (arc < 0) | (np.roll(arc, -1) < 0))
 
 
 @dataclass(frozen=True)
-class System:
+class ChainMotion:
     """Small motion of a drive of one chain about a state: its matrices, and that state.
 
     Attributes:
@@ -101,24 +109,24 @@ class System:
     extension: Array
     valve: str
     at: Coordinates
-    layout: Layout
+    layout: RollerPlaces
     mass: sp.csc_array
     damping: sp.csc_array
     stiffness: sp.csc_array
     travel: sp.csc_array
 
-    def massless(self, place: int) -> System:
+    def without_inertia_of(self, place: int) -> ChainMotion:
         """The same without the inertia of a coordinate."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))
 
 
-NEAR = 1.0
+PRESSURE_STEP = 1.0
 """Change of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
 
 
-def conductances(drive: Drive, valve: str) -> Array:
+def oil_conductances(drive: Drive, valve: str) -> Array:
     """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of gaps, relief valves, vents, and check valves that
     are open.
 
@@ -129,14 +137,25 @@ def conductances(drive: Drive, valve: str) -> Array:
     for tensioner in drive.tensioners:
         if tensioner.hydraulic:
             rest = static_pressure(tensioner)
-            slope = 0.5 * (valve_flow(tensioner, rest - NEAR) - valve_flow(tensioner, rest + NEAR)) / NEAR
-            out = 0.5 * (sum(outlet_flows(tensioner, rest + NEAR)) - sum(outlet_flows(tensioner, rest - NEAR))) / NEAR
+            slope = (
+                0.5
+                * (valve_flow(tensioner, rest - PRESSURE_STEP) - valve_flow(tensioner, rest + PRESSURE_STEP))
+                / PRESSURE_STEP
+            )
+            out = (
+                0.5
+                * (
+                    sum(outlet_flows(tensioner, rest + PRESSURE_STEP))
+                    - sum(outlet_flows(tensioner, rest - PRESSURE_STEP))
+                )
+                / PRESSURE_STEP
+            )
             found.append(tensioner.leak_conductance + out + (slope if valve == "open" else 0.0))
     return np.array(found)
 
 
 @dataclass(frozen=True)
-class Whole:
+class DriveMotion:
     """Small motion of a drive of any number of chains.
 
     Attributes:
@@ -149,7 +168,7 @@ class Whole:
     drive: Drive
     speed: float
     rings: tuple[Ring, ...]
-    parts: tuple[System, ...]
+    parts: tuple[ChainMotion, ...]
     ties: tuple[sp.csc_array, ...]
     mass: sp.csc_array
     damping: sp.csc_array
@@ -170,7 +189,7 @@ def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, i
     return [members for members in groups.values() if len(members) > 1]
 
 
-def standing(
+def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[Packed] | None = None
 ) -> list[tuple[Ring, float, Packed, Array]]:
     """Each chain of a drive in static equilibrium under the means of all loads, the speed of its driver [rad/s], as it
@@ -195,17 +214,17 @@ def standing(
     still = [pack([own], [Schedule(1.0, 1, 2, 2, 0)]) for own in drives]
     near = None
     if start is not None:
-        near = [_standing_at(own, packed) for own, packed in zip(drives, start, strict=True)]
+        near = [_standing_coordinates(own, packed) for own, packed in zip(drives, start, strict=True)]
     assemblies = [packed.assemblies[0] for packed in still]
     states = zip(*equilibrium(drives, speeds, assemblies, near, common_shafts(rings, drive)), strict=True)
     found = []
     for ring, own, packed, (potential, x) in zip(rings, speeds, still, states, strict=True):
-        _lay(packed, potential, x, own)
+        _lay_in_equilibrium(packed, potential, x, own)
         found.append((ring, own, packed, potential.tensions(x)))
     return found
 
 
-def _standing_at(drive: Drive, packed: Packed) -> Array:
+def _standing_coordinates(drive: Drive, packed: Packed) -> Array:
     """The coordinates of a chain that stands, as `warpchain.assembly.potential` counts them."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
@@ -213,8 +232,8 @@ def _standing_at(drive: Drive, packed: Packed) -> Array:
     return np.concatenate([packed.rows(0)[0:2].T.ravel(), centers.ravel(), angles, pivots.ravel()])
 
 
-def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
-    """Makes a chain as packed stand in an equilibrium; see `standing`."""
+def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: float) -> None:
+    """Makes a chain as packed stand in an equilibrium; see `standing_chains`."""
     drive = potential.drive
     sprockets = len(drive.sprockets)
     position, centers, _ = potential.split(x)
@@ -254,12 +273,14 @@ def _lay(still: Packed, potential: Potential, x: Array, speed: float) -> None:
     lay_to_rest(still)
 
 
-def system(drive: Drive, speed: float = 0.0, start: Whole | None = None, valve: str = "shut") -> Whole:
+def drive_motion(
+    drive: Drive, speed: float = 0.0, start: DriveMotion | None = None, valve: str = "shut"
+) -> DriveMotion:
     """Small motion of a drive at a speed of its driver [rad/s], its tensioners filled.
 
     Args:
         start: that of the drive at a speed nearby.
-        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest (see `conductances`).
+        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest (see `oil_conductances`).
 
     Raises:
         DriveError: a chain that does not fit.
@@ -268,36 +289,37 @@ def system(drive: Drive, speed: float = 0.0, start: Whole | None = None, valve: 
     begun = None if start is None else [part.packed for part in start.parts]
     drained = [t.name for t in drive.tensioners if t.drained]
     drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
-    found = standing(drive, speed, begun)
-    parts = [_system(ring.drive, own, packed, tension, valve) for ring, own, packed, tension in found]
+    found = standing_chains(drive, speed, begun)
+    parts = [_chain_motion(ring.drive, own, packed, tension, valve) for ring, own, packed, tension in found]
     shafts = common_shafts([ring for ring, *_ in found], drive)
-    parts, ties = _tied(parts, shafts)
+    parts, ties = _tie_chains(parts, shafts)
     joined = [
-        _sum(ties, [getattr(part, name) for part in parts]) for name in ("mass", "damping", "stiffness", "travel")
+        _sum_over_chains(ties, [getattr(part, name) for part in parts])
+        for name in ("mass", "damping", "stiffness", "travel")
     ]
-    return Whole(drive, speed, tuple(ring for ring, *_ in found), tuple(parts), tuple(ties), *joined)
+    return DriveMotion(drive, speed, tuple(ring for ring, *_ in found), tuple(parts), tuple(ties), *joined)
 
 
-def _sum(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
+def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
     """The matrix of a drive from those of its chains."""
     if len(matrices) == 1:
         return matrices[0]
     return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
 
 
-def _tied(parts: list[System], shafts: Joined) -> tuple[list[System], list[sp.csc_array]]:
+def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMotion], list[sp.csc_array]]:
     """The chains, shafts' inertias with their first sprockets only, and their P_c."""
-    counts = [part.at.count for part in parts]
+    counts = [part.at.coordinate_count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
     kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
     for (r, s), *others in shafts:
-        first = parts[r].at.turn_of(s)
+        first = parts[r].at.turning_coordinate(s)
         for other, t in others:
-            mine = parts[other].at.turn_of(t)
+            mine = parts[other].at.turning_coordinate(t)
             if first is not None and mine is not None:
                 kept[places[other][mine[0]]] = False
                 places[other][mine[0]], share[other][mine[0]] = places[r][first[0]], first[1] / mine[1]
-                parts[other] = parts[other].massless(mine[0])
+                parts[other] = parts[other].without_inertia_of(mine[0])
     number = np.cumsum(kept) - 1
     ties = []
     for place, part in zip(places, share, strict=True):
@@ -306,17 +328,19 @@ def _tied(parts: list[System], shafts: Joined) -> tuple[list[System], list[sp.cs
     return parts, ties
 
 
-def _system(drive: Drive, speed: float, packed: Packed, tension: Array, valve: str) -> System:
+def _chain_motion(drive: Drive, speed: float, packed: Packed, tension: Array, valve: str) -> ChainMotion:
     """Small motion of a chain that stands."""
     probe = Probe(packed)
     try:
         state = probe.start()
-        at = coordinates(probe, state)
-        own = stiffness(probe, at, state, drive.chain.pitch)
-        places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
-        travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
-        drag = damping(probe, at, state, conductances(drive, valve) if len(at.chambers) else None)
-        x, _ = strokes(probe, state)
-        return System(drive, speed, packed, state, tension, x, valve, at, places, at.masses, drag, own, travel)
+        at = free_coordinates(probe, state)
+        own = stiffness_matrix(probe, at, state, drive.chain.pitch)
+        places = roller_places(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
+        travel = travel_matrix(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.coordinate_count)
+        drag = damping_matrix(probe, at, state, oil_conductances(drive, valve) if len(at.chambers) else None)
+        x, _ = tensioner_strokes(probe, state)
+        return ChainMotion(
+            drive, speed, packed, state, tension, x, valve, at, places, at.mass_matrix, drag, own, travel
+        )
     finally:
         probe.close()

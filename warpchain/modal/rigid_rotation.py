@@ -21,10 +21,10 @@ from warpchain.drive.geared import bodies_of
 from warpchain.drive.schema import get
 from warpchain.drive.trains import is_free, turned_part, with_chain
 from warpchain.modal.matrices import Array
-from warpchain.modal.system import Whole
+from warpchain.modal.small_motion import DriveMotion
 
 
-def turning_freely(found: Whole) -> list[list[float]]:
+def free_rotations(found: DriveMotion) -> list[list[float]]:
     """Of each group of bodies and chains that turns freely, revolutions of all bodies, counter-clockwise, then rollers
     of all chains that pass; 0 for those of others.
 
@@ -43,16 +43,16 @@ def turning_freely(found: Whole) -> list[list[float]]:
     ]
 
 
-def freed(found: Whole, groups: list[list[float]], small: float) -> sp.csc_array:
+def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
     """The stiffness of a drive without that of rigid rotation, (a).
 
     Args:
-        groups: of `turning_freely`.
+        groups: of `free_rotations`.
         small: stiffness over mass [1/s^2] that holds what nothing else does, so that all else has one place of rest.
     """
     stiffness = found.stiffness
     for turns in groups:
-        r, of_sprockets = _rotation(found, turns)
+        r, of_sprockets = _rotation_vector(found, turns)
         angles, rest = np.flatnonzero(of_sprockets != 0), np.flatnonzero(of_sprockets == 0)
         if not (of_sprockets > 0).any():
             continue
@@ -66,7 +66,7 @@ def freed(found: Whole, groups: list[list[float]], small: float) -> sp.csc_array
     return sp.csc_array(stiffness)
 
 
-def _rotation(found: Whole, turns: list[float]) -> tuple[Array, Array]:
+def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
     """(n,) the motion of all coordinates, rollers along the chain, and which of them are angles of bodies that turn: 1
     for those that sprockets have, -1 for others, else 0."""
     drive, size = found.drive, found.mass.shape[0]
@@ -78,11 +78,11 @@ def _rotation(found: Whole, turns: list[float]) -> tuple[Array, Array]:
         straight = passed * part.drive.chain.pitch * along / np.hypot(*along.T)[:, None]
         turned = np.zeros_like(part.state.bodies[0])
         for k, b in enumerate(bodies_of(drive, ring)):
-            place_of = part.at.turn_of(k)
+            place_of = part.at.turning_coordinate(k)
             if b < drive.first_arm_body and turns[b] and place_of is not None:
                 turned[k, 2] = math.tau * turns[b]
                 column = tie[[place_of[0]]].nonzero()[1]
                 angles[column] = 1.0 if b < len(drive.sprockets) else np.where(angles[column] > 0, 1.0, -1.0)
-        above += tie.T @ part.at.vector(straight[None], turned[None])[0]
+        above += tie.T @ part.at.coordinate_vector(straight[None], turned[None])[0]
         below += tie.multiply(tie).sum(axis=0)
     return above / np.maximum(below, 1e-300), angles
