@@ -46,7 +46,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         if not are_uneven(chain):
             while i < whole(n):
                 d, v = apart(w, i), parting(w, i)
-                tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
+                tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain)
                 store_link(w, i, tension, rate, u)
                 store_turning(w, i, d, v)
                 i = i + 1

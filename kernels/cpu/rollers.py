@@ -225,7 +225,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         i = int(0)
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
-            tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain.stiffness, chain.damping)
+            tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain)
             store_link(w, i, tension, rate, u)
             i = i + 1
         store_row(w, row.link_x, load_row(w, row.link_x + n))

@@ -56,7 +56,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
             return tension, rate, tension * u
         else:
             chain = chain_at(shared, j)
-            tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
+            tension, rate, u = link_force(d, v, length, chain)
             return tension, rate, tension * u
 
     @wp.func

@@ -16,32 +16,36 @@ from ..native import dot, inverse_root, multiply_add, products, root
 
 
 @wp.func
-def link_force(d: Any, w: Any, length: Any, stiffness: Any, damping: Any):
-    """Tension [N], rate of elongation [m/s] and direction of one link, eq. (2), (3).
+def link_force(d: Any, w: Any, length: Any, chain: Any):
+    """Tension [N], rate of elongation [m/s] and direction of a link of a chain whose links are alike, eq. (2), (3).
 
     Args:
         d: vector from roller i to roller i + 1 [m].
         w: velocity of roller i + 1 relative to roller i [m/s].
         length: unloaded length p [m].
-        stiffness: k [N/m].
-        damping: c [N s/m].
+        chain: k and c (`structs.Chain`).
     """
     square = dot(d, d)
     u = d * inverse_root(square)
     rate = dot(w, u)
-    tension = products(stiffness, root(square) - length, damping, rate)
+    stretch = root(square) - length
+    tension = products(chain.stiffness, stretch, chain.damping, rate)
     return tension, rate, u
 
 
 @wp.func
 def played_force(d: Any, w: Any, length: Any, i: int, chain: Any):
-    """As `link_force`, of link i of a chain whose links differ or have play (`structs.Chain`)."""
+    """Tension [N], rate of elongation [m/s] and direction of link i of a chain whose links differ or have play.
+
+    The arguments are those of `link_force`.
+    """
     stiffness, damping = link_spring(i, chain)
     square = dot(d, d)
     u = d * inverse_root(square)
     rate = dot(w, u)
-    stretch = root(square) - length
-    tension = products(stiffness, stretch - wp.clamp(stretch, -chain.play, chain.play), damping, rate)
+    drawn = root(square) - length
+    stretch = drawn - wp.clamp(drawn, -chain.play, chain.play)
+    tension = products(stiffness, stretch, damping, rate)
     return tension, rate, u
 
 

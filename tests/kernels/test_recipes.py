@@ -1,4 +1,4 @@
-"""Recipes of CONTRIBUTING.md: a law, a moment in the joints, an integrator, and all at once on blocks."""
+"""Recipes of CONTRIBUTING.md: a law, a moment in the joints, a force on links, an integrator, all at once on blocks."""
 
 import re
 
@@ -19,6 +19,7 @@ from warpchain import load_drive
 wp.config.enable_cpu_blocks = True
 new = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound", "run.step": 1e-5}
 new |= {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
+new |= {"chain.pulled": 1e6}
 assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in sys.argv[2:]], True, sys.argv[1])
 """
 DRIVE = """
@@ -35,14 +36,15 @@ import numpy as np
 from warpchain import Record, load_drive, simulate
 from warpchain.results.channels import NAMES
 
-drive = load_drive(sys.argv[1]).with_values({"chain.joint": {"friction": 0.1, "pin_radius": 0.0075, "seal": 0.5}})
+mu = float(sys.argv[2])
+drive = load_drive(sys.argv[1]).with_values({"chain.joint": {"friction": mu, "pin_radius": 0.0075, "seal": 0.5}})
 run = simulate(drive, duration=0.005, device="cpu", window=(0.0, 0.005), record=Record(rate=20000.0, channels=NAMES))
 one = run[0]
 d, w = (np.roll(values, -1, axis=1) - values for values in (one.position, one.velocity))
 turning = (d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) / (d * d).sum(axis=2)
 rate = np.abs(turning - np.roll(turning, 1, axis=1))
 pressed = np.maximum(np.abs(one.tension), np.abs(np.roll(one.tension, 1, axis=1)))
-moment = 0.1 * 4 / np.pi * 0.0075 * pressed + 0.5
+moment = mu * 4 / np.pi * 0.0075 * pressed + 0.5
 power = one.joint_friction_power
 # whatever the bristle holds, its damper slides from twice the moment on; it is never more
 inertia = 0.6 * 1.0 * 0.05**2 / 6
@@ -52,6 +54,32 @@ assert slides.any() and not slides.all()
 # rk4 has positions, velocities and forces of the frame's instant: round-off of differences of positions
 np.testing.assert_allclose(power[slides], (moment * rate)[slides], rtol=1e-8, atol=1e-9)
 assert (np.abs(power) <= moment * rate * (1.0 + 1e-8) + 1e-9).all()
+(row,) = run.metrics.to_pylist()
+assert row["joints.friction"] > 0.0 and abs(row["energy_residual_relative"]) < 1e-5
+# steps in which the largest moment bends a joint by a tooth's angle
+bend, most = 2.0 * np.pi / 20 * 0.05**2 / 6.0, mu * 4 / np.pi * 0.0075 * row["tension_q999"] + 0.5
+assert np.isclose(row["joints.resolution"], np.sqrt(bend / most) / run.info.step)
+"""
+PULLED = """
+import sys
+import numpy as np
+from warpchain import load_drive, modes, simulate
+from warpchain.assembly.statics import at_rest, running
+from warpchain.assembly.timestep import step_limit
+
+base = load_drive(sys.argv[1])
+new = base.with_values({"chain.stiffness": 3e7, "chain.pulled": 2e7})
+old, stiff = base.with_values({"chain.stiffness": 3e7}), base.with_values({"chain.stiffness": 5e7})
+assert step_limit(new) == step_limit(stiff)
+for steady in (at_rest, running):  # links that are all pulled: of a chain as stiff as both together, and not of one
+    np.testing.assert_allclose(steady(new).tension, steady(stiff).tension, rtol=1e-6)
+    assert steady(new).tension.min() > 1.2 * steady(old).tension.min() > 0.0
+for speed in (0.0, 20.0):  # by the kernel's forces
+    one, other = (modes(drive, 6, speed).frequency for drive in (new, stiff))
+    np.testing.assert_allclose(one, other, rtol=1e-6)
+loose = new.with_values({"sprockets.driven.center": [0.9999, 0.0], "chain.outer": {"stiffness": 4e7}})
+run = simulate(loose, device="cpu")
+assert run[0].tension.min() < 0.0 < run[0].tension.max()
 assert abs(run.metrics["energy_residual_relative"][0].as_py()) < 1e-5
 """
 
@@ -82,18 +110,31 @@ def test_the_recipe_of_an_integrator(tmp_path):
 
 @pytest.mark.long
 def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
-    """Against its closed form, joint by joint."""
-    paths = ["kernels/physics/friction.py", "kernels/structs.py"]
-    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py"]
+    """Against its closed form, joint by joint, beside friction and without any."""
+    paths = ["kernels/physics/friction.py", "kernels/structs.py", "warpchain/drive/chain.py"]
+    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py", "warpchain/results/resolution.py"]
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
-    run_in(followed(tmp_path, "A new moment in the joints", paths), SEALED, tmp_path / "drive.toml")
+    folder = followed(tmp_path / "tree", "A new moment in the joints", paths)
+    for friction in (0.1, 0.0):
+        run_in(folder, SEALED, tmp_path / "drive.toml", friction)
+
+
+@pytest.mark.long
+def test_the_recipe_of_a_force_on_links(tmp_path):
+    """Runs, `check`, modes and the step's limit follow it; where links are pushed the energy balance closes."""
+    paths = ["kernels/physics/link.py"] * 4 + ["kernels/structs.py", "warpchain/drive/chain.py"]
+    paths += [f"warpchain/{name}.py" for name in ("engine/fill", "assembly/potential", "assembly/timestep")]
+    taut = two_sprockets(span=20.02, step=2e-6, duration=0.005, torque=100.0)
+    (tmp_path / "drive.toml").write_text(dumps_drive(taut))
+    folder = followed(tmp_path / "tree", "A new force on links", paths)
+    run_in(folder, PULLED, tmp_path / "drive.toml")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_blocks_follow_every_recipe(tmp_path, precision):
     # metrics, frames of every channel and the state, to round-off; the bar on springs is pressed 3 cm into the chain
-    assert len(TITLES) == 6
+    assert len(TITLES) == 7
     marine = example("marine")
     bar = {f"guides.0.{end}": np.add(getattr(marine.guides[0], end), (0.03, 0.0)).tolist() for end in ("start", "end")}
     files = [tmp_path / "one.toml", tmp_path / "other.toml"]

@@ -6,22 +6,18 @@ path has the acceleration f^2 (r_{i+1} - 2 r_i + r_{i-1}), so that centrifugal f
 m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch angle a the factor (sin(a/2) / (a/2))^2
 is left out. The energy is
 
-    E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
+    E = sum_i [ U(L_i - l_i) - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
         + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 + P_s - q_s(theta_s) . g ]
         + sum over couplings k_c d_c^2 / 2  +  sum over arms A,                                                (a)
 
-A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arm_balance`), P_s that of
-tensioners on a slider, with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a
-mount's preload, q_s the arm of a balance wheel that hangs still, d_c what a coupling is twisted beyond its play. Shafts
-are angles more. Links with a play s store nothing within it. Contacts are those of `kernels/physics/tooth.py` and
-`guide.py`. First and second derivatives are exact.
+U = k (L - l)^2 / 2 what the spring of a link stores (`kernels/physics/link.py`), with l_i the unloaded lengths and
+nothing within a play, A that of an arm's weight, springs, stops and tensioners at rest
+(`warpchain.assembly.arm_balance`), P_s that of tensioners on a slider, M_s the load moment at speed, w_s the sense of
+rotation, F_s a mount's preload, q_s the arm of a balance wheel that hangs still, d_c what a coupling is twisted beyond
+its play. Shafts are angles more. Contacts are those of `kernels/physics/tooth.py` and `guide.py`. First and second
+derivatives are exact.
 
-Stretching by m f^2 L is what links of no length and of stiffness -m f^2 would do beside the chain's own, so that a
-running chain stands as one of
-
-    k' = k - m f^2,    l' = l k / k',    s' = s k / k'                                                    (b)
-
-does at rest: its strands keep their tension, of which m f^2 p bends it around the sprockets.
+Of the tension of a running chain m f^2 p bends it around the sprockets.
 """
 
 from __future__ import annotations
@@ -187,7 +183,8 @@ class Potential:
         self.size = self.first_pivot + 2 * len(self.hung)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
-        self.stiffness, self.natural, self.play = self._running_links()
+        self.stiffness, self.play = self._stiffness_and_play()
+        self.lengths = chain.link_lengths
         self.teeth = [drive.tooth(s) for s in range(self.sprockets)]
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
@@ -214,15 +211,13 @@ class Potential:
                 wheel = sprocket.balance_wheel
                 self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(direction(wheel.phase))
 
-    def _running_links(self) -> tuple[Array, Array, Array]:
-        """(N,) k' [N/m], l' and s' [m] of (b)."""
+    def _stiffness_and_play(self) -> tuple[Array, Array]:
+        """(N,) stiffnesses [N/m] and plays [m] of the links."""
         chain = self.drive.chain
-        own = np.full(chain.links, chain.stiffness)
+        stiffness = np.full(chain.links, chain.stiffness)
         if chain.varied_links:
-            own[0::2] = chain.outer_stiffness
-        ratio = own / (own - self.push)
-        play = chain.link_play * ratio if chain.varied_links else np.zeros(chain.links)
-        return own - self.push, chain.link_lengths * ratio, play
+            stiffness[0::2] = chain.outer_stiffness
+        return stiffness, np.full(chain.links, chain.link_play if chain.varied_links else 0.0)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2), angles (S + H,), as views of x."""
@@ -276,13 +271,15 @@ class Potential:
         """(N,) tensions of the links [N], centrifugal part and all."""
         r, _, _ = self.split(x)
         d = np.roll(r, -1, axis=0) - r
-        length = np.hypot(d[:, 0], d[:, 1])
-        return np.asarray(self.stiffness * self._stretch(length) + self.push * length)
+        return self.link_springs(np.hypot(d[:, 0], d[:, 1]))[1]
 
-    def _stretch(self, length: Array) -> Array:
-        """(N,) the elastic part of what links of these lengths are longer than unloaded [m]."""
-        stretch = length - self.natural
-        return np.asarray(stretch - (self.play if self.pulled else np.clip(stretch, -self.play, self.play)))
+    def link_springs(self, length: Array) -> tuple[Array, Array, Array]:
+        """(N,) energy [J], tension [N] and stiffness [N/m] of the springs of links of these lengths (N,) [m]."""
+        drawn = length - self.lengths
+        stretch = drawn - (self.play if self.pulled else np.clip(drawn, -self.play, self.play))
+        stiffness = np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0)
+        tension = stiffness * stretch
+        return 0.5 * tension * stretch, tension, stiffness
 
     def terms(self, x: Array) -> Terms:
         """Energy, gradient and Hessian at x."""
@@ -348,12 +345,12 @@ class Potential:
         d = np.roll(r, -1, axis=0) - r
         length = np.hypot(d[:, 0], d[:, 1])
         u = d / length[:, None]
-        stretch = self._stretch(length)
-        force = self.stiffness * stretch
-        terms.energy += float(np.sum(0.5 * force * stretch))
+        energy, tension, stiffness = self.link_springs(length)
+        terms.energy += float(np.sum(energy - 0.5 * self.push * length**2))
+        force = tension - self.push * length
         pull = force[:, None] * u
         terms.gradient[: 2 * n] += (np.roll(pull, 1, axis=0) - pull).ravel()
-        block = _along_across(u, np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0), force / length)
+        block = _along_across(u, stiffness - self.push, force / length)
         i = np.arange(n)
         j = (i + 1) % n
         where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)

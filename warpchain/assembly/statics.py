@@ -223,7 +223,7 @@ def equilibrium(
             moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, Beside)]] = 0.0
         held = _held(drive) if shafts else None
         potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=held))
-        if (potentials[-1].push >= 0.1 * (potentials[-1].stiffness + potentials[-1].push)).any():
+        if (potentials[-1].push >= 0.1 * potentials[-1].stiffness).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)
     found, residual = np.concatenate([_assembled(*of) for of in zip(potentials, assemblies, strict=True)]), math.inf

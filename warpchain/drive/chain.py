@@ -99,8 +99,8 @@ class Joint(Part):
 
     @property
     def rubs(self) -> bool:
-        """Whether there is any friction."""
-        return some(self.friction > 0.0) or (self.static_friction is not None and some(self.static_friction > 0.0))
+        """Whether any moment acts in the joints."""
+        return any(value is not None and some(value > 0.0) for value in (self.friction, self.static_friction))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

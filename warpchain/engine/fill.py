@@ -174,14 +174,25 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
 
 
 def fill_friction(row: Any, rubbing: Rubbing, effective_mass: float, stiffness: float) -> None:
-    """Fills a `kernels.structs.Friction` but for what hangs on the step; it stays zero without friction.
+    """Fills the `kernels.structs.Friction` of a contact but for what hangs on the step; it stays zero without friction.
 
     `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
     (`tooth_effective_mass`).
     """
-    if not rubbing.rubs:
-        return
-    row["inertia"], row["stiffness"] = effective_mass, TANGENTIAL * stiffness
+    if rubbing.rubs:
+        fill_coefficients(row, rubbing, effective_mass, stiffness)
+
+
+def fill_coefficients(row: Any, rubbing: Rubbing, inertia: float, stiffness: float) -> None:
+    """Fills a `kernels.structs.Friction` but for what hangs on the step, whatever its coefficients are.
+
+    Args:
+        row: the row.
+        rubbing: coefficients of friction.
+        inertia: what friction has to stop [kg], of joints [kg m^2].
+        stiffness: of the contact across its surface [N/m], of joints [N m/rad].
+    """
+    row["inertia"], row["stiffness"] = inertia, TANGENTIAL * stiffness
     row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
     row["stribeck_speed"] = rubbing.stribeck_speed
 
@@ -337,4 +348,4 @@ def fill_chain(row: Any, drive: Drive) -> None:
         row["pin_radius"], row["joint_arm"] = pin_radius, chain.joint.factor * pin_radius
         inertia = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
         stiffness = PIN_STIFFNESS * chain.stiffness * power(pin_radius, 2)
-        fill_friction(row["joint"], rubbing_of(chain.joint), inertia, stiffness)
+        fill_coefficients(row["joint"], rubbing_of(chain.joint), inertia, stiffness)

@@ -269,6 +269,24 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
 
 
+def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
+    """(n, n) what the centrifugal force of a chain that passes `rate` rollers a second takes from K [N/m].
+
+    A link of length L pushes its rollers apart by m f^2 L (`warpchain.assembly.potential`).
+
+    Args:
+        mass: of a roller [kg].
+        count: n.
+    """
+    i = np.arange(rollers)
+    j = (i + 1) % rollers
+    value = np.full(rollers, mass * rate * rate)
+    at = np.concatenate([i, i, j]), np.concatenate([i, j, i])
+    ring = sp.coo_array((np.concatenate([2.0 * value, -value, -value]), at), shape=(rollers, rollers))
+    both = sp.kron(ring.tocsc(), sp.eye_array(2))
+    return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
+
+
 def _coordinate_steps(probe: Probe, at: Coordinates, step: float) -> Array:
     """(n,) steps of the coordinates, powers of two: at most `step`, of angles at the widest sprocket's rim."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))

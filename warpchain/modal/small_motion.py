@@ -32,6 +32,7 @@ from warpchain.engine.probe import Probe, States
 from warpchain.modal.matrices import (
     Array,
     Coordinates,
+    centrifugal_matrix,
     damping_matrix,
     free_coordinates,
     stiffness_matrix,
@@ -197,9 +198,7 @@ def standing_chains(
 
     Prescribed motions stand, loads have their mean, valves no springs, whose torque has the mean 0, nothing rubs,
     couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners
-    are at rest. Links are those of
-    `warpchain.assembly.potential`, (b). A tension is what stretches a link, and of a running chain what bends it around
-    the sprockets too.
+    are at rest. A tension is what stretches a link, and of a running chain what bends it around the sprockets too.
 
     Args:
         speed: of the driver [rad/s], at which loads are taken and by which the chains' steady running counts.
@@ -248,10 +247,6 @@ def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: fl
     still.bodies["center"][:sprockets] = centers
     for a, _ in potential.hung:
         still.bodies["center"][drive.first_arm_body + a] = potential.pivots(x)[a]
-    still.lengths = potential.natural
-    still.chains["play"] = potential.play[0]
-    for name in ("stiffness", "outer_stiffness"):
-        still.chains[name] -= potential.push
     still.guides["deepest_entry"] = np.inf
     still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
     still.mounts["x_table"]["cells"] = still.mounts["y_table"]["cells"] = 0
@@ -334,9 +329,11 @@ def _chain_motion(drive: Drive, speed: float, packed: Packed, tension: Array, va
     try:
         state = probe.start()
         at = free_coordinates(probe, state)
-        own = stiffness_matrix(probe, at, state, drive.chain.pitch)
+        rate = passing_rate(drive, speed)
+        pushed = centrifugal_matrix(at.rollers, at.mass, rate, at.coordinate_count)
+        own = sp.csc_array(stiffness_matrix(probe, at, state, drive.chain.pitch) - pushed)
         places = roller_places(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
-        travel = travel_matrix(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.coordinate_count)
+        travel = travel_matrix(at.rollers, at.mass, rate, places.free_links, at.coordinate_count)
         drag = damping_matrix(probe, at, state, oil_conductances(drive, valve) if len(at.chambers) else None)
         x, _ = tensioner_strokes(probe, state)
         return ChainMotion(

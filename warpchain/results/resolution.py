@@ -45,18 +45,19 @@ HELD = 0.12
 
 def joint_resolution(of: Judged) -> Values:
     """(b) over the step."""
-    return _steps(of, of.each(_bend), of.each(_joint_arm) * of["tension_q999"])
+    return _steps(of, of.each(_bend), _joint_moment(of, of["tension_q999"]))
 
 
 def joint_give(of: Judged) -> Values:
     """(c), the largest of all strands, over a strand's own `tension_q999`."""
     step = np.ma.getdata(of.metrics[STEP])
-    arms, stiffness = of.each(_joint_arm), of.each(_least_stiffness)
+    stiffness = of.each(_least_stiffness)
     inertias = of.mass * of.each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
     gives = np.zeros(len(of.drives))
     for name in of.drives[0].strand_names:
         strand = replace(of, prefix=f"{name}.")
-        turned = arms * np.maximum(strand["tension_mean"], 0.0) * step * step / (HELD * inertias)
+        moment = _joint_moment(of, np.maximum(strand["tension_mean"], 0.0))
+        turned = moment * step * step / (HELD * inertias)
         swings = math.sqrt(2.0) * np.ma.filled(displacement_std(strand), 0.0)
         gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
     tension = of["tension_q999"]
@@ -83,6 +84,11 @@ def _steps(of: Judged, way: Values, force: Values) -> np.ma.MaskedArray:
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP])
     return where(np.isfinite(steps) & (force > 0.0), steps)
+
+
+def _joint_moment(of: Judged, tension: Values) -> Values:
+    """(V,) largest moment in a joint between links of a tension [N] (V,), mu kappa r_p T [N m]."""
+    return of.each(_joint_arm) * tension
 
 
 def _joint_arm(drive: Drive) -> float:
