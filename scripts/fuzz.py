@@ -48,7 +48,7 @@ from warpchain.study.design import make_design
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, study_status
 from warpchain.study.run.recordings import recorded_variants
-from warpchain.study.spec import Study, check_drive, dumps_study, load_study, loads_study
+from warpchain.study.spec import Study, check_base_drive, dumps_study, load_study, loads_study
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.study_tables import Design
 from warpchain.study.store import read_table, write_table
@@ -248,7 +248,7 @@ def changed_records(draw: Draw, data: bytes) -> bytes:
 def built(drive: Drive, study: Study, rows: pa.Table) -> None:
     """Makes drives of the first rows, or has them refused as a study refuses them."""
     for row in rows.slice(0, 4).to_pylist():
-        values = {path: row[factor.name] for factor in study.factors for _, path in factor.targets()}
+        values = {path: row[factor.name] for factor in study.factors for _, path in factor.target_paths()}
         if row["reason"] is None:
             with contextlib.suppress(WarpchainError):
                 drive.with_values(values)
@@ -291,7 +291,7 @@ class Fuzz:
         path, text = self.folder / "study.toml", draw(one(self.texts_of_studies))
         path.write_bytes(draw(changed_study(text) | changed_text(text)))
         study = load_study(path)
-        check_drive(study, self.base, "study.toml")
+        check_base_drive(study, self.base, "study.toml")
         if study.design.count is None or study.design.count < 10_000:
             built(self.base, study, make_design(study, path))
         assert loads_study(dumps_study(study)) == study

@@ -33,7 +33,7 @@ from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.drive import dumps_drive
 from warpchain.errors import ArchiveError, StudyError, WarpchainError
 from warpchain.study.spec.factor import Factor
-from warpchain.study.spec.noise import with_sample
+from warpchain.study.spec.noise_table import factor_with_sample
 
 SMALL = ["--set", "run.settle=false", "--set", "run.duration=0.0005", "--quiet"]
 
@@ -450,7 +450,7 @@ def test_small_tables_of_many_rows_are_refused_before_they_are_read(capsys, tmp_
     assert told in refused(capsys, "study", "run", of_a_table(tmp_path, "rows.parquet"), "-o", tmp_path / "out")
     sample = Factor(name="k", path="x.k", kind="noise", distribution="empirical", file="rows.parquet", column="torque")
     with pytest.raises(StudyError, match=told):
-        with_sample(sample, tmp_path)
+        factor_with_sample(sample, tmp_path)
 
 
 def with_table(tmp_path, table):

@@ -15,7 +15,7 @@ from warpchain.study.optimize.recommend import believed
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
-from warpchain.study.spec.noise import statistic_of
+from warpchain.study.spec.noise_table import statistic_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
 
 pytest.importorskip("sklearn")
@@ -72,7 +72,7 @@ def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(see
             if not (measured.costs[other] <= measured.costs[one.row]).all():
                 continue
             for objective, sign in zip(goals.objectives, goals.signs, strict=True):
-                statistic = statistic_of(objective.metric)
+                statistic = statistic_from_name(objective.metric)
                 differences = runs[statistic.metric][other] - runs[statistic.metric][one.row]
                 pairs = over.difference(one.row, int(other), statistic)
                 if statistic.word == "mean":
@@ -164,11 +164,11 @@ def test_designs_are_compared_in_pairs_of_equal_noise_whatever_their_order():
     for table in (results.table, results.table.take(order)):
         over, _ = designs_of(read_results(table, ["a", "b", "mu"], ["y", "z"]), goals)
         one, other = (int(np.flatnonzero(over.values("a") == a)[0]) for a in (0.0, 1.0))
-        pairs = over.difference(one, other, statistic_of("mean(y)"))
+        pairs = over.difference(one, other, statistic_from_name("mean(y)"))
         assert over.surely(one, other, "mean(y)") == over.surely(one, other, "q5(y)") == 1
         assert (pairs.pairs, pairs.sign) == (NOISE_ROWS, 1)
         assert pairs.mean == pytest.approx(3.0, rel=1e-9) and pairs.deviation == pytest.approx(shift.std(ddof=1))
-        pairs = over.difference(one, other, statistic_of("q95(z)"))
+        pairs = over.difference(one, other, statistic_from_name("q95(z)"))
         assert pairs.mean == pytest.approx(3.0, rel=1e-9) and pairs.deviation < 1e-9
         assert over.surely(one, other, "a") is None  # a design factor
     apart = results.table.set_column(2, FIELDS[2], pa.array(np.linspace(0.0, 1.0, 2 * NOISE_ROWS)))

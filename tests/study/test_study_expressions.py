@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from warpchain.errors import StudyError
-from warpchain.study.spec.expression import parse
+from warpchain.study.spec.expression import parse_expression
 
 VALUES = {"x": "leapfrog", "y": 2.0, "n": 3, "on": True, "row": [1.0, 2.0], "none": None}
 
@@ -33,7 +33,7 @@ def deep(levels, call):
     ],
 )
 def test_values(text, value):
-    found = parse(text).value(VALUES)
+    found = parse_expression(text).evaluate(VALUES)
     assert found == value and type(found) is type(value)
 
 
@@ -59,7 +59,7 @@ NO_VALUE = {
 @pytest.mark.parametrize(("text", "told"), [(text, told) for told, texts in NO_VALUE.items() for text in texts])
 def test_what_has_no_value_is_told(text, told):
     with pytest.raises(StudyError, match=told) as caught:
-        parse(text).value(VALUES)
+        parse_expression(text).evaluate(VALUES)
     assert "\n" not in str(caught.value)
 
 
@@ -71,7 +71,7 @@ NO_ARITHMETIC += ["(" * 900 + "x" + ")" * 90, "x is x"]
 @pytest.mark.parametrize("text", NOT_ALLOWED + NO_ARITHMETIC)
 def test_what_is_no_arithmetic_is_refused(text):
     with pytest.raises(StudyError, match="allowed|unknown" if text in NOT_ALLOWED else None):
-        parse(text)
+        parse_expression(text)
 
 
 @pytest.mark.parametrize("sign", ["-", "not ", "n+", "abs("])
@@ -81,12 +81,12 @@ def test_however_deep_it_is_it_has_a_value_or_none(sign):
     for count in range(10, 990, 35):
         text = count * sign + "n" + count * ")" * (sign == "abs(")
         try:
-            found = parse(text)
+            found = parse_expression(text)
         except StudyError:
             continue
         for levels in (0, sys.getrecursionlimit() - 350):
             try:
-                deep(levels, lambda found=found: found.value(VALUES))
+                deep(levels, lambda found=found: found.evaluate(VALUES))
             except StudyError as error:
                 assert "deep" in str(error)
                 told += 1

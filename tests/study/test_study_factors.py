@@ -18,7 +18,7 @@ from warpchain.study.design.factor_values import nodes
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
 from warpchain.study.run.row_drives import placed
-from warpchain.study.spec import check_drive, dumps_study, loads_study
+from warpchain.study.spec import check_base_drive, dumps_study, loads_study
 from warpchain.study.spec.factor import Factor
 from warpchain.study.surrogate.indices import best_indices
 
@@ -32,7 +32,7 @@ def study_of(factors, design="factorial"):
 def errors_of(factors):
     with pytest.raises(StudyError) as caught:
         study = study_of(factors)
-        check_drive(study, example("marine"), "s")
+        check_base_drive(study, example("marine"), "s")
     return str(caught.value)
 
 
@@ -44,7 +44,7 @@ def test_relative_and_offset_factors_go_by_the_drives_own_values():
         'name = "more"\npath = "sprockets.tightener.teeth"\noffset = true\nlevels = [-2, 2]',
         'name = "all"\npaths = ["sprockets.tightener.inertia", "chain.stiffness"]\nrelative = true\nlevels = [1.0, 1.1]',  # noqa: E501
     ])  # fmt: skip
-    check_drive(study, drive, "s")
+    check_base_drive(study, drive, "s")
     made = placed(study, drive, {"load": 2.0, "aside": 0.02, "more": -2, "all": 1.1})
     for path, factor, offset in (
         ("sprockets.camshaft.load.torque", 2.0, 0.0),
@@ -65,7 +65,7 @@ def test_a_bar_is_shifted_along_its_normal_as_one_factor():
         f'name = "slide"\nshift = "guides.{bar.name}"\nalong = [3.0, 4.0]\nlevels = [0.0, 0.01]',
         'name = "tighten"\nshift = "sprockets.tightener"\nalong = [0.0, -2.0]\nlevels = [0.0, 0.003]',
     ])  # fmt: skip
-    check_drive(study, drive, "s")
+    check_base_drive(study, drive, "s")
     made = placed(study, drive, {"press": 0.004, "slide": 0.01, "tighten": 0.003})
     (x, y), (u, v) = bar.start, bar.end
     angle = math.atan2(v - y, u - x)

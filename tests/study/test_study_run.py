@@ -32,7 +32,7 @@ from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 from warpchain.study.run.shard_plan import Block, Part
 from warpchain.study.spec import Study
-from warpchain.study.spec.factor import TAKEN
+from warpchain.study.spec.factor import FORBIDDEN_NAMES
 from warpchain.study.spec.study_tables import Keep, Worst
 
 ANY_ENERGY = Limits(energy_residual=math.inf, energy_change=math.inf)
@@ -504,4 +504,4 @@ def test_every_column_of_a_table_is_of_one_kind(tmp_path):
 
 
 def test_no_factor_can_be_called_like_bookkeeping():
-    assert set(BOOKKEEPING_COLUMNS) <= TAKEN
+    assert set(BOOKKEEPING_COLUMNS) <= FORBIDDEN_NAMES

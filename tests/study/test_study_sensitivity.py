@@ -195,11 +195,11 @@ def test_saltelli_designs_are_told_from_others():
 
 def test_problems_and_factors_turn_into_each_other():
     factors = [
-        SimpleNamespace(name="a", form="uniform", range=(1.0, 2.0), mean=None, std=None),
-        SimpleNamespace(name="b", form="log-uniform", range=(1e3, 1e6), mean=None, std=None),
-        SimpleNamespace(name="c", form="normal", range=None, mean=5.0, std=0.5),
-        SimpleNamespace(name="d", form="truncated-normal", range=(0.0, 1.0), mean=0.5, std=0.2),
-        SimpleNamespace(name="e", form="expression", range=None, mean=None, std=None),
+        SimpleNamespace(name="a", value_source="uniform", range=(1.0, 2.0), mean=None, std=None),
+        SimpleNamespace(name="b", value_source="log-uniform", range=(1e3, 1e6), mean=None, std=None),
+        SimpleNamespace(name="c", value_source="normal", range=None, mean=5.0, std=0.5),
+        SimpleNamespace(name="d", value_source="truncated-normal", range=(0.0, 1.0), mean=0.5, std=0.2),
+        SimpleNamespace(name="e", value_source="expression", range=None, mean=None, std=None),
     ]
     problem = problem_of_factors(factors)
     assert problem == {
@@ -213,7 +213,10 @@ def test_problems_and_factors_turn_into_each_other():
     tables = factors_of_problem(problem, {"a": "chain.roller_mass"})
     assert tables[0] == {"name": "a", "path": "chain.roller_mass", "distribution": "uniform", "range": [1.0, 2.0]}
     empty = {"range": None, "mean": None, "std": None}
-    assert problem_of_factors([SimpleNamespace(**empty | {"form": t["distribution"]} | t) for t in tables]) == problem
+    assert (
+        problem_of_factors([SimpleNamespace(**empty | {"value_source": t["distribution"]} | t) for t in tables])
+        == problem
+    )
     results = read_results(design.append_column("y", design["a"]), problem["names"])
     assert problem_of(results)["names"] == problem["names"]
 
@@ -229,7 +232,7 @@ def test_refusals():
         "equally many": lambda: saltelli_table({"names": ["a"], "bounds": [[0, 1], [0, 1]]}, 8),
         "groups": lambda: factors_of_problem(one | {"groups": ["g"]}),
         "'triang' of 'a'": lambda: factors_of_problem(one | {"dists": ["triang"]}),
-        "choice is not a distribution": lambda: problem_of_factors([SimpleNamespace(name="a", form="choice")]),
+        "choice is not a distribution": lambda: problem_of_factors([SimpleNamespace(name="a", value_source="choice")]),
         "0 whole blocks": lambda: sobol_indices(read_results(lost, names), "y"),
         "does not vary": lambda: sobol_indices(read_results(same, names), "y"),
     }.items():

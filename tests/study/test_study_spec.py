@@ -8,7 +8,7 @@ from drives import example
 
 from warpchain.drive.schema import Part
 from warpchain.errors import DriveError, StudyError
-from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
+from warpchain.study.spec import check_base_drive, dumps_study, load_study, loads_study
 from warpchain.study.spec import factor as spec_factor
 from warpchain.study.spec import study_file as spec
 from warpchain.study.spec import study_tables as spec_tables
@@ -53,8 +53,8 @@ def test_a_whole_file_reads_back_equal():
     study = loads_study(WHOLE)
     assert loads_study(dumps_study(study)) == study
     kinds = "uniform truncated-normal levels choice expression"
-    assert [factor.form for factor in study.factors] == kinds.split()
-    assert study.factors[0].values is None and study.factors[2].values == (130, 135.5)
+    assert [factor.value_source for factor in study.factors] == kinds.split()
+    assert study.factors[0].listed_values is None and study.factors[2].listed_values == (130, 135.5)
     with pytest.raises(ValueError):
         study.run.duration = 1.0
 
@@ -191,10 +191,10 @@ def test_document_names_every_key(document):
 
 def test_paths_are_held_against_the_drive():
     drive = example("marine")
-    check_drive(loads_study(WHOLE), drive, "study.toml")
+    check_base_drive(loads_study(WHOLE), drive, "study.toml")
     spoiled = WHOLE.replace("camshaft.load.torque", "camshaft.lod.torque").replace('"contact.sprocket.width"', '"gear"')
     with pytest.raises(StudyError) as caught:
-        check_drive(loads_study(spoiled.replace('= "tightener"', '= "idler"')), drive, "study.toml")
+        check_base_drive(loads_study(spoiled.replace('= "tightener"', '= "idler"')), drive, "study.toml")
     lines = str(caught.value).splitlines()
     assert len(lines) == 3
     path, nearest = 'factors.torque.path = "sprockets.camshaft.lod.torque"', "sprockets.camshaft.load.torque"

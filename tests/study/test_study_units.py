@@ -181,5 +181,5 @@ def test_tables_have_the_unit_of_the_path(tmp_path):
     assert table.schema.field("torque").metadata[b"unit"] == b"N m"
     assert table.schema.field("links").metadata[b"unit"] == b""
     found = study(RANGE, f'{RANGE}\nunit = "Nm"')
-    assert found.factors[0].shown_unit == "Nm"
-    assert study(RANGE, f"{RANGE}\nrelative = true").factors[0].shown_unit == ""
+    assert found.factors[0].display_unit == "Nm"
+    assert study(RANGE, f"{RANGE}\nrelative = true").factors[0].display_unit == ""

@@ -346,7 +346,7 @@ def _study_in(folder: Path) -> Any:
 def _wanted(source: Path) -> Any:
     """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
-    from warpchain.study.spec.noise import Noise
+    from warpchain.study.spec.noise_table import Noise
     from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
     study = _study_in(source)
@@ -384,14 +384,14 @@ def table_path(source: Path) -> Path:
 def about(folder: Path) -> dict[str, str]:
     """Name, design and run settings of a study's folder, in words; empty where it has none."""
     from warpchain.drive.toml import value_text
-    from warpchain.study.spec.study_tables import of_file
+    from warpchain.study.spec.study_tables import fields_from_file
 
     try:
         study = tomllib.loads(read_text(folder / "study.toml", "TOML", StudyError))
     except (StudyError, ValueError):
         return {}
     found = {key: str(value) for key, value in study.get("study", {}).items() if key == "name"}
-    adjusts = of_file(study).get("adjust", ())
+    adjusts = fields_from_file(study).get("adjust", ())
     tables = {key: study.get(key) for key in ("design", "run")}
     tables |= {f"adjust {k + 1}" if len(adjusts) > 1 else "adjust": adjust for k, adjust in enumerate(adjusts)}
     for key, table in tables.items():

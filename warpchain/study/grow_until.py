@@ -23,7 +23,7 @@ from warpchain.study.results import Results, read_results
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import grown, shard_size
 from warpchain.study.run.runner import run_folder
-from warpchain.study.spec.study_tables import SAMPLED
+from warpchain.study.spec.study_tables import SAMPLED_DESIGNS
 
 _CONDITION = re.compile(r"\s*se\(\s*main effects(?:\s+of\s+(.+?))?\s*\)\s*<\s*([-+.\deE]+)\s*(%?)\s*")
 _CONDITION_HELP = (
@@ -136,8 +136,10 @@ def grow_until(
         StudyError: no folder, a design that does not grow, an unknown metric, or no variant that is ok.
     """
     folder = open_folder(Path(out))
-    if folder.study.design.kind not in SAMPLED:
-        raise StudyError(f'{out}: design.kind = "{folder.study.design.kind}" does not grow; {", ".join(SAMPLED)} do')
+    if folder.study.design.kind not in SAMPLED_DESIGNS:
+        raise StudyError(
+            f'{out}: design.kind = "{folder.study.design.kind}" does not grow; {", ".join(SAMPLED_DESIGNS)} do'
+        )
     while True:
         run_folder(folder, workers=workers, memory=memory, progress=progress)
         results = read_results(folder.results)
@@ -160,5 +162,5 @@ def _judged_metrics(folder: Folder, results: Results) -> tuple[str, ...]:
     """Metrics that the study's objectives and limits name, or else the most telling ones."""
     from warpchain.study.report.study_sections import telling_metrics
 
-    named = tuple(name for name in folder.study.wanted if name in results.metrics)
+    named = tuple(name for name in folder.study.named_metrics if name in results.metrics)
     return named or telling_metrics(results)

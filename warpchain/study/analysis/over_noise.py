@@ -34,7 +34,7 @@ from warpchain.study.analysis.paired import MeanDifference, mean_difference
 from warpchain.study.analysis.pareto import SENSES, Goals
 from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import ARCHIVE_COLUMNS, Array, Results
-from warpchain.study.spec.noise import Statistic, metric_in, statistic_of
+from warpchain.study.spec.noise_table import Statistic, metric_from_name, statistic_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SHOWN = ("mean", "std", "q5", "q50", "q95")
@@ -106,7 +106,7 @@ class Designs(Results):
         Returns:
             None of a design factor, or where there are fewer pairs than tell a sign.
         """
-        statistic = statistic_of(name)
+        statistic = statistic_from_name(name)
         if statistic is None:
             return None
         values = self.pairs(first, second, statistic.metric)
@@ -155,7 +155,7 @@ def goals_over(goals: Goals, chosen: Sequence[str]) -> Goals:
     """
 
     def plain(name: str) -> bool:
-        return name in chosen or statistic_of(name) is not None
+        return name in chosen or statistic_from_name(name) is not None
 
     objectives = tuple(
         o if plain(o.metric) else Objective(metric=f"mean({o.metric})", sense=o.sense) for o in goals.objectives
@@ -248,21 +248,21 @@ def _worst(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
     towards = [(o.metric, SENSES[o.sense]) for o in goals.objectives]
     towards += [(b.metric, 1.0 if b.max is not None else -1.0) for b in goals.bounds]
     for name, sign in towards:
-        values = sign * results.values(metric_in(name))[rows]
+        values = sign * results.values(metric_from_name(name))[rows]
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             return int(rows[int(np.argmax(values))])
     return int(rows[0])
 
 
 def _statistic(word: str, metric: str) -> Statistic:
-    found = statistic_of(f"{word}({metric})")
+    found = statistic_from_name(f"{word}({metric})")
     assert found is not None  # a word of SHOWN
     return found
 
 
 def _statistics(goals: Goals) -> list[Statistic]:
     """The statistics that goals name, and of each of their metrics what is shown, each once."""
-    named = [found for name in goals.metrics if (found := statistic_of(name)) is not None]
+    named = [found for name in goals.metrics if (found := statistic_from_name(name)) is not None]
     shown = [_statistic(word, of.metric) for of in named for word in SHOWN]
     return list(dict.fromkeys([*named, *shown]))
 

@@ -16,7 +16,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.pure_error import pure_error, standard_errors
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
-from warpchain.study.spec.noise import Noise
+from warpchain.study.spec.noise_table import Noise
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SENSES = {"min": 1.0, "max": -1.0}

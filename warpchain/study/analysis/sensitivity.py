@@ -92,7 +92,7 @@ def problem_of_factors(factors: Iterable[Any]) -> Problem:
     """
     names, bounds, dists = [], [], []
     for factor in factors:
-        kind = factor.form
+        kind = factor.value_source
         if kind == "expression":
             continue
         if kind not in DISTRIBUTIONS:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.study.spec.expression import parse
+from warpchain.study.spec.expression import parse_expression
 
 if TYPE_CHECKING:
     from warpchain.study.spec import Study
@@ -51,26 +51,29 @@ class Dimension:
     def size(self) -> int | None:
         """Number of grid points; None for a distribution without points."""
         first = self.factors[0]
-        return len(first.values) if first.values is not None else first.points
+        return len(first.listed_values) if first.listed_values is not None else first.points
 
 
 def dimensions(study: Study) -> tuple[Dimension, ...]:
     """The dimensions of a study, in the order of its factors."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
-        if factor.form != "expression":
+        if factor.value_source != "expression":
             groups.setdefault(f"group {factor.group}" if factor.group else factor.name, []).append(factor)
     return tuple(Dimension(name, tuple(factors)) for name, factors in groups.items())
 
 
 def from_unit(factor: Factor, u: Array) -> list[Any]:
     """Values at cumulated probabilities u (R,) in [0, 1)."""
-    if factor.values is not None:
-        return [factor.values[i] for i in np.minimum((u * len(factor.values)).astype(int), len(factor.values) - 1)]
-    if factor.form == "empirical":
+    if factor.listed_values is not None:
+        return [
+            factor.listed_values[i]
+            for i in np.minimum((u * len(factor.listed_values)).astype(int), len(factor.listed_values) - 1)
+        ]
+    if factor.value_source == "empirical":
         ordered = np.sort(_sample(factor))
         return _whole(factor, ordered[np.minimum((u * len(ordered)).astype(int), len(ordered) - 1)])
-    if factor.form in ("normal", "truncated-normal"):
+    if factor.value_source in ("normal", "truncated-normal"):
         from scipy.stats import norm, truncnorm
 
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
@@ -79,13 +82,13 @@ def from_unit(factor: Factor, u: Array) -> list[Any]:
             return _whole(factor, norm.ppf(inner, factor.mean, factor.std))
         low, high = ((end - factor.mean) / factor.std for end in factor.range)
         return _whole(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
-    if factor.form == "lognormal":
+    if factor.value_source == "lognormal":
         from scipy.stats import norm
 
         center, width = log_moments(factor)
         return _whole(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
     assert factor.range is not None  # the factor's own rule
-    if factor.integer and factor.form == "uniform":
+    if factor.integer and factor.value_source == "uniform":
         first, last = math.ceil(factor.range[0]), math.floor(factor.range[1])
         return [int(first + step) for step in np.floor(u * (last - first + 1))]
     return from_coded(factor, 2.0 * u - 1.0)
@@ -93,22 +96,22 @@ def from_unit(factor: Factor, u: Array) -> list[Any]:
 
 def from_coded(factor: Factor, x: Array) -> list[Any]:
     """Values at coded units x (R,); of two levels or choices, the first below 0 and the second from there."""
-    if factor.values is not None:
-        return [factor.values[int(place >= 0.0)] for place in x]
-    if factor.form == "empirical":
+    if factor.listed_values is not None:
+        return [factor.listed_values[int(place >= 0.0)] for place in x]
+    if factor.value_source == "empirical":
         from scipy.stats import norm
 
         return from_unit(factor, np.asarray(norm.cdf(x)))
-    if factor.form == "normal":
+    if factor.value_source == "normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         return _whole(factor, factor.mean + factor.std * x)
-    if factor.form == "lognormal":
+    if factor.value_source == "lognormal":
         center, width = log_moments(factor)
         return _whole(factor, np.exp(center + width * x))
     assert factor.range is not None  # the factor's own rule
     low, high = factor.range
     share = 0.5 * (1.0 + x)
-    if factor.form == "log-uniform":
+    if factor.value_source == "log-uniform":
         return _whole(factor, low ** (1.0 - share) * high**share)
     return _whole(factor, low * (1.0 - share) + high * share)
 
@@ -126,8 +129,8 @@ def _sample(factor: Factor) -> Array:
 
 def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
     """Values at grid points i (R,) of `size`, to 15 digits, so that 20 is not 19.999999999999996."""
-    if factor.values is not None:
-        return [factor.values[k] for k in i]
+    if factor.listed_values is not None:
+        return [factor.listed_values[k] for k in i]
     values = from_coded(factor, 2.0 * i / (size - 1) - 1.0)
     return values if factor.integer else [float(f"{value:.15g}") for value in values]
 
@@ -145,12 +148,12 @@ def _whole(factor: Factor, values: Array) -> list[Any]:
 
 def tied(study: Study) -> tuple[Factor, ...]:
     """The factors with an expression, each behind those that it needs."""
-    waiting = {factor.name: factor for factor in study.factors if factor.form == "expression"}
+    waiting = {factor.name: factor for factor in study.factors if factor.value_source == "expression"}
     ordered: list[Factor] = []
     while waiting:
         for name, factor in list(waiting.items()):
             assert factor.expression is not None  # its kind
-            if not any(other in waiting for other in parse(factor.expression).names):
+            if not any(other in waiting for other in parse_expression(factor.expression).names):
                 ordered.append(waiting.pop(name))
     return tuple(ordered)
 
@@ -184,12 +187,12 @@ def evaluate(text: str, row: Mapping[str, Any]) -> Any:
     Raises:
         StudyError: it has none.
     """
-    return parse(text).value(row)
+    return parse_expression(text).evaluate(row)
 
 
 def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
     assert factor.expression is not None  # its kind
-    missing = [name for name in parse(factor.expression).names if row.get(name) is None]
+    missing = [name for name in parse_expression(factor.expression).names if row.get(name) is None]
     if missing:
         raise StudyError(f"{missing[0]} has no value")
     value = evaluate(factor.expression, row)
@@ -200,28 +203,30 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 def nodes(factor: Factor) -> tuple[Array, Array] | None:
     """Values and weights (Q,), (Q,), the weights adding up to 1; None for what is no distribution of numbers."""
-    if factor.values is not None:
-        if any(isinstance(value, (str, bool)) for value in factor.values):
+    if factor.listed_values is not None:
+        if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
-        return np.array(factor.values, dtype=float), np.full(len(factor.values), 1.0 / len(factor.values))
-    if factor.form == "empirical":
+        return np.array(factor.listed_values, dtype=float), np.full(
+            len(factor.listed_values), 1.0 / len(factor.listed_values)
+        )
+    if factor.value_source == "empirical":
         sample = _sample(factor)
         return sample, np.full(len(sample), 1.0 / len(sample))
-    if factor.form in ("normal", "lognormal"):
+    if factor.value_source in ("normal", "lognormal"):
         z, weight = np.polynomial.hermite_e.hermegauss(NODES)
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         weight = weight / weight.sum()
-        if factor.form == "normal":
+        if factor.value_source == "normal":
             return factor.mean + factor.std * z, weight
         center, width = log_moments(factor)
         return np.exp(center + width * z), weight
     if factor.range is None:
         return None
     low, high = factor.range
-    if factor.form == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
+    if factor.value_source == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
         whole = np.arange(math.ceil(low), math.floor(high) + 1, dtype=float)
         return whole, np.full(len(whole), 1.0 / len(whole))
-    if factor.form == "truncated-normal":
+    if factor.value_source == "truncated-normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         near = [factor.mean - FARTHEST * factor.std, factor.mean + FARTHEST * factor.std]
         inner = max(low, near[0]), min(high, near[1])
@@ -229,10 +234,10 @@ def nodes(factor: Factor) -> tuple[Array, Array] | None:
             low, high = inner
     x, weight = np.polynomial.legendre.leggauss(NODES)
     share = 0.5 * (1.0 + x)
-    if factor.form == "log-uniform":
+    if factor.value_source == "log-uniform":
         return low ** (1.0 - share) * high**share, 0.5 * weight
     value = low * (1.0 - share) + high * share
-    if factor.form == "truncated-normal":
+    if factor.value_source == "truncated-normal":
         assert factor.mean is not None and factor.std is not None
         z = (value - factor.mean) / factor.std
         weight = weight * np.exp(-0.5 * (z * z - (z * z).min()))
@@ -250,7 +255,7 @@ class Cube:
         self.study = study
         self.axes: tuple[Dimension, ...] = dimensions(study)
         for factor in study.factors:
-            if factor.form is None:
+            if factor.value_source is None:
                 raise StudyError(f"factors.{factor.name}: has neither range nor values to choose from")
         if not self.axes:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
@@ -272,7 +277,7 @@ class Cube:
         found = np.clip(points, 0.0, 1.0 - 1e-12)
         for k, axis in enumerate(self.axes):
             factor = axis.factors[0]
-            if factor.values is not None or factor.integer:
+            if factor.listed_values is not None or factor.integer:
                 found[:, k] = _places(factor, from_unit(factor, found[:, k]))
         return found
 
@@ -298,9 +303,9 @@ class Cube:
 
 def _places(factor: Factor, values: Sequence[Any]) -> Array:
     """Places of a factor's values in the unit interval (R,)."""
-    if factor.values is not None:
-        count = len(factor.values)
-        return np.array([(factor.values.index(value) + 0.5) / count for value in values])
+    if factor.listed_values is not None:
+        count = len(factor.listed_values)
+        return np.array([(factor.listed_values.index(value) + 0.5) / count for value in values])
     wanted = np.asarray(values, dtype=float)
     ends = []
     for at_least in (True, False):  # where values begin to be as large, and larger

@@ -76,7 +76,7 @@ def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     Raises:
         StudyError: a factor without expression is missing, or its values make no column.
     """
-    given = [factor.name for factor in study.factors if factor.form != "expression"]
+    given = [factor.name for factor in study.factors if factor.value_source != "expression"]
     for i, values in enumerate(rows):
         for name in given:
             if values.get(name) is None:
@@ -100,7 +100,7 @@ def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> di
     """Values of the design factors that have no expression; of a table that holds them, of noise factors too."""
     if study.design.kind == NOISE:
         return {}
-    whole, study = study, study.designs
+    whole, study = study, study.design_study
     design, axes = study.design, dimensions(study)
     if design.kind == "table":
         return _read(whole, source)
@@ -233,8 +233,8 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     assert study.design.file is not None  # the design's own rule
     path = Path(source).parent / study.design.file
     table = read_table(path, bounded=True)
-    wanted = [factor.name for factor in study.factors if factor.form != "expression"]
-    if not any(factor.name in table.column_names for factor in study.noise_alone.factors):
+    wanted = [factor.name for factor in study.factors if factor.value_source != "expression"]
+    if not any(factor.name in table.column_names for factor in study.noise_study.factors):
         wanted = [name for name in wanted if name not in study.noise_names]
     missing = [name for name in wanted if name not in table.column_names]
     extra = [name for name in table.column_names if name not in wanted]
@@ -259,7 +259,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     for factor in study.factors:
         outside = next((i for i, v in enumerate(columns.get(factor.name, ())) if not _of_factor(factor, v)), None)
         if outside is not None:
-            value, said = columns[factor.name][outside], "range" if factor.range else factor.form
+            value, said = columns[factor.name][outside], "range" if factor.range else factor.value_source
             raise StudyError(
                 f"{path}: column {factor.name}, row {outside}: {value_text(value)}; must be of the factor's "
                 f"{said} = {value_text(getattr(factor, str(said)))}"
@@ -269,8 +269,8 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
 
 def _of_factor(factor: Factor, value: Any) -> bool:
     """Whether a value is one that a factor can take, as far as it says which."""
-    if factor.values is not None:
-        return value in factor.cells(factor.values)
+    if factor.listed_values is not None:
+        return value in factor.cells_from_values(factor.listed_values)
     if factor.range is None:
         return True
     slack = 1e-9 * (factor.range[1] - factor.range[0])
@@ -293,15 +293,15 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
     arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
     noise = study.noise_names
     for factor in study.factors:
-        column = factor.cells(columns[factor.name])
+        column = factor.cells_from_values(columns[factor.name])
         try:
             arrays.append(pa.array(column, _kind(column)))
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
-        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.shown_unit, **distribution(factor)}
+        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.display_unit, **distribution(factor)}
         if factor.name in noise:
-            facts["kind"] = TIED_NOISE if factor.form == "expression" else NOISE
+            facts["kind"] = TIED_NOISE if factor.value_source == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]

@@ -28,7 +28,7 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.study.design.factor_values import Array, complete, dimensions, from_unit, tied
-from warpchain.study.spec.noise import Noise, normal_correlation
+from warpchain.study.spec.noise_table import Noise, normal_from_rank_correlation
 
 if TYPE_CHECKING:
     from warpchain.study.spec import Study
@@ -52,7 +52,7 @@ def noise_points(study: Study, count: int, seed: int) -> Array:
 
 def noise_dimensions(study: Study) -> int:
     """Number of independent dimensions of a study's noise, D."""
-    return len(dimensions(study.noise_alone))
+    return len(dimensions(study.noise_study))
 
 
 def at_normals(study: Study, u: Array) -> list[dict[str, Any]]:
@@ -73,9 +73,9 @@ def noise_mixing(study: Study) -> Array:
 def _copula(study: Study) -> tuple[list[int], Array]:
     """Dimensions of a study's noise that are correlated, as the study names them (K,), and chol(C) of these (K, K)."""
     noise = study.noise or Noise()
-    names = [axis.factors[0].group or axis.name for axis in dimensions(study.noise_alone)]
+    names = [axis.factors[0].group or axis.name for axis in dimensions(study.noise_study)]
     places = [names.index(name) for name in noise.correlated]
-    wanted = normal_correlation(np.array(noise.ranks, dtype=float).reshape(len(places), len(places)))
+    wanted = normal_from_rank_correlation(np.array(noise.ranks, dtype=float).reshape(len(places), len(places)))
     return places, np.linalg.cholesky(wanted)
 
 
@@ -115,7 +115,7 @@ def _without_correlation(points: Array, rng: np.random.Generator) -> Array:
 def noise_rows(study: Study) -> list[dict[str, Any]]:
     """The rows of noise that each design is run with, values by factor; one without any where there is no noise."""
     noise = study.noise or Noise()
-    axes = dimensions(study.noise_alone)
+    axes = dimensions(study.noise_study)
     if not axes:
         return [{}]
     return rows_at(study, noise_points(study, noise.count, noise.seed))
@@ -126,7 +126,7 @@ def rows_at(study: Study, points: Array) -> list[dict[str, Any]]:
     inner = np.clip(points, 0.0, 1.0 - 1e-12)
     columns = {
         factor.name: from_unit(factor, inner[:, k])
-        for k, axis in enumerate(dimensions(study.noise_alone))
+        for k, axis in enumerate(dimensions(study.noise_study))
         for factor in axis.factors
     }
     return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
@@ -145,7 +145,7 @@ def nominal(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
         drive: the base drive.
         design: values of the design factors.
     """
-    row = dict(design) | {factor.name: own_value(factor, drive) for factor in study.noise_alone.factors}
+    row = dict(design) | {factor.name: own_value(factor, drive) for factor in study.noise_study.factors}
     complete(study, tied(study), row)
     return row
 
@@ -156,7 +156,7 @@ def own_value(factor: Factor, drive: Drive) -> Any:
         return 1.0
     if factor.offset or factor.shift is not None:
         return 0.0
-    own = [drive.get_value(path) for _, path in factor.targets()]
+    own = [drive.get_value(path) for _, path in factor.target_paths()]
     if own and isinstance(own[0], (bool, int, float, str)) and all(value == own[0] for value in own):
         return own[0]
     return from_unit(factor, np.array([0.5]))[0]

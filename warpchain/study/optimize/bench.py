@@ -256,7 +256,7 @@ class Bench:
         """The table with the objectives that only recorded variants have, where the study wants one."""
         from warpchain.study.run.recordings import with_recorded_objectives
 
-        if all(name in table.column_names or name in self.factors for name in self.study.wanted):
+        if all(name in table.column_names or name in self.factors for name in self.study.named_metrics):
             return table
         results = read_results(table, self.factors)
         return with_recorded_objectives(results, place).table if results.ok.any() else table
@@ -279,7 +279,7 @@ class Bench:
         if differing:
             raise StudyError(f"{path}: its {', '.join(differing)} are not those of {self.source}")
         table = read_table(path / "results.parquet")
-        missing = [name for name in (*self.factors, *self.study.wanted) if name not in table.column_names]
+        missing = [name for name in (*self.factors, *self.study.named_metrics) if name not in table.column_names]
         if missing:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
         design = table_of_rows(self.study, table.select(self.factors).to_pylist())

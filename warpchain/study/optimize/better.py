@@ -35,7 +35,7 @@ from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.row_drives import placed
 from warpchain.study.run.shards import kept_patterns
 from warpchain.study.spec import Study
-from warpchain.study.spec.noise import Noise, metric_in, statistic_of
+from warpchain.study.spec.noise_table import Noise, metric_from_name, statistic_from_name
 from warpchain.study.store import write_table
 
 DRIVES = ("A", "B")
@@ -235,17 +235,17 @@ def _wanted(benches: Sequence[Bench], by: Comparison) -> tuple[str, str]:
         if len(study.objectives) != 1:
             raise StudyError(f"metric: missing; needed where the study has {len(study.objectives)} objectives")
         metric = study.objectives[0].metric
-    over = statistic_of(metric)
+    over = statistic_from_name(metric)
     if over is not None and over.word != "mean":
         raise StudyError(f"metric = {metric!r}: is a statistic over noise, which a pair does not have; give a metric")
     metric = metric if over is None else over.metric
     for bench in benches:
-        names = [*metric_names(bench.drive), *(name for name in study.wanted if name not in bench.factors)]
+        names = [*metric_names(bench.drive), *(name for name in study.named_metrics if name not in bench.factors)]
         if metric not in names:
             raise StudyError(f"metric = {metric!r}: no such metric; {nearest(metric, names, 8)}")
     if not any(fnmatchcase(metric, pattern) for pattern in kept_patterns(study)):
         raise StudyError(f"metric = {metric!r}: metrics.keep of the study leaves it out")
-    named = [o for o in study.objectives if metric_in(o.metric) == metric and not o.metric.startswith("std(")]
+    named = [o for o in study.objectives if metric_from_name(o.metric) == metric and not o.metric.startswith("std(")]
     return metric, by.sense or (named[0].sense if named else "min")
 
 
@@ -255,12 +255,14 @@ def _held(bench: Bench, drive: Any) -> dict[str, Any]:
     Raises:
         StudyError: there are none, or they miss a constraint.
     """
-    study: Study = bench.study.designs
-    row = {factor.name: own_value(factor, bench.drive) for factor in study.factors if factor.form != "expression"}
+    study: Study = bench.study.design_study
+    row = {
+        factor.name: own_value(factor, bench.drive) for factor in study.factors if factor.value_source != "expression"
+    }
     given = dict(row)
     reason = complete(study, tied(study), row)
     for factor in study.factors if reason is None else ():
-        if factor.form != "expression" and not any(factor.targets()) and factor.shift is None:
+        if factor.value_source != "expression" and not any(factor.target_paths()) and factor.shift is None:
             reason = f"factor {factor.name} has no place in a drive file, which could not say its value"
         elif not _leaves(study.model_copy(update={"factors": (factor,)}), bench.drive, row):
             reason = reason or f"factor {factor.name} has no value that leaves this drive as it is"

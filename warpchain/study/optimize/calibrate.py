@@ -45,7 +45,7 @@ from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import NOISE, Array, Results, read_results
 from warpchain.study.run.recordings import recorded_variants
 from warpchain.study.spec import Study
-from warpchain.study.spec.calibration import Calibrate, Measurement
+from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.study_tables import Recording
 from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian import Process, fit_process, one_thread
@@ -282,7 +282,7 @@ class Runs:
 
     def __init__(self, bench: Bench, folder: Path, rig: Rig, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
-        chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
+        chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
         self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
         self.rounds = 0
         self.normals = np.zeros((0, noise_dimensions(bench.study)))
@@ -408,7 +408,7 @@ def _mixed(found: Sequence[Direction], mixing: Array) -> list[Direction]:
 def _columns(runs: Runs, u: Array) -> dict[str, Array]:
     """(S,) values of each unknown at normals (S, D)."""
     rows = runs.rows_at(u)
-    names = [factor.name for factor in runs.bench.study.noise_alone.factors]
+    names = [factor.name for factor in runs.bench.study.noise_study.factors]
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 

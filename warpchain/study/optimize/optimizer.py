@@ -95,7 +95,7 @@ class Optimizer:
         self.study = study
         self.settings = study.optimize or Search()
         self.goals = goals_of(study)
-        self._designs = study.designs
+        self._designs = study.design_study
         self._noise = noise_rows(study)
         self.cube = Cube(self._designs)
         self._source = source

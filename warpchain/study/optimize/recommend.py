@@ -32,7 +32,7 @@ from warpchain.study.analysis.pure_error import standard_errors
 from warpchain.study.design.noise import nominal
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
-from warpchain.study.spec.noise import metric_in
+from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.surrogate import best_surrogate
 
 SURE = 0.95
@@ -265,7 +265,7 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
     chance = float(judged.chance[row])
     spreads: tuple[Spread, ...] = ()
     if isinstance(results, Designs):
-        metrics = dict.fromkeys(metric_in(n) for n in goals.metrics if n not in results.factors)
+        metrics = dict.fromkeys(metric_from_name(n) for n in goals.metrics if n not in results.factors)
         spreads = tuple(spread(results, row, metric) for metric in metrics)
     over = isinstance(results, Designs)
     if isinstance(results, Designs) and results.bounds:
@@ -305,6 +305,6 @@ def rows_of(study: Study, drive: Drive, designs: Results, chosen: Sequence[Recom
     if not isinstance(designs, Designs):
         names = [factor.name for factor in study.factors]
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())
-    names = [factor.name for factor in study.designs.factors]
+    names = [factor.name for factor in study.design_study.factors]
     rows = designs.runs.table.select(names).take([designs.rows[one.row][0] for one in chosen]).to_pylist()
     return [nominal(study, drive, row) for row in rows]

@@ -109,7 +109,7 @@ class Margins:
 
     def __init__(self, bench: Bench, progress: Progress, report: Callable[[str], object] = lambda line: None) -> None:
         self._bench, self._progress, self._report = bench, progress, report
-        chosen = [factor for factor in bench.study.designs.factors if factor.form != "expression"]
+        chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
         self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
         ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
         self._ends = [(metric, end, float(value)) for metric, end, value in ends if value is not None]
@@ -220,7 +220,7 @@ def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]
         sampled = str(error)
     failed = np.vstack(subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed))
     places, search_runs = design_points(margins, failed)
-    rows, axes = margins.rows(places), [axis.name for axis in dimensions(study.noise_alone)]
+    rows, axes = margins.rows(places), [axis.name for axis in dimensions(study.noise_study)]
     points = [
         DesignPoint(
             int(row),

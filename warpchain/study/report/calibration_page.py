@@ -71,7 +71,7 @@ def _axes(found: Calibrated) -> list[str]:
     """Names of the normals' dimensions: unknowns, or groups of them."""
     from warpchain.study.design.factor_values import dimensions
 
-    return [axis.name for axis in dimensions(found.study.noise_alone)]
+    return [axis.name for axis in dimensions(found.study.noise_study)]
 
 
 def _open_lines(found: Calibrated) -> list[str]:

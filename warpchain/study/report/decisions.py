@@ -24,7 +24,7 @@ from warpchain.study.results import ARCHIVE_COLUMNS, Results
 from warpchain.study.run.folder import DRIVE_TEXT
 from warpchain.study.run.row_drives import Variant, build
 from warpchain.study.spec import load_study
-from warpchain.study.spec.noise import metric_in
+from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.store import write_study_text
 from warpchain.view import html
@@ -89,11 +89,11 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
         found = replace(found, objectives=given)
     held = results.table.column_names
     if objectives is None:  # of a study of which nothing ran, metrics have no columns
-        objectives_held = tuple(o for o in found.objectives if metric_in(o.metric) in held)
-        bounds_held = tuple(b for b in found.bounds if metric_in(b.metric) in held)
+        objectives_held = tuple(o for o in found.objectives if metric_from_name(o.metric) in held)
+        bounds_held = tuple(b for b in found.bounds if metric_from_name(b.metric) in held)
         found = replace(found, objectives=objectives_held, bounds=bounds_held)
     for metric in found.goals.metrics:
-        results.values(metric_in(metric) if results.noise_factors else metric)
+        results.values(metric_from_name(metric) if results.noise_factors else metric)
     return found
 
 

@@ -212,7 +212,7 @@ def _failures(found: Risked) -> html.PageSection:
 def _point(found: Risked, point: DesignPoint) -> list[str]:
     results, row = found.results, _row(found, point.variant)
     first = ", ".join(_failure_words(limit) for limit in point.broken)
-    members = {of.name: of.group or of.name for of in found.study.noise_alone.factors}
+    members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     deviations = {name: point.deviations.get(axis) for name, axis in members.items()}
     values = [
         (name, value, "" if (off := deviations.get(name)) is None else f"{off:+.2f}")
@@ -232,7 +232,7 @@ def _point(found: Risked, point: DesignPoint) -> list[str]:
 def _plane(found: Risked) -> list[Panel]:
     """Runs that fail and that do not, over the two factors that deviate most at the first design point."""
     results, sizes = found.results, found.points[0].deviations
-    members = {of.name: of.group or of.name for of in found.study.noise_alone.factors}
+    members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     numeric = [name for name in members if name in results.numeric_factors() and members[name] in sizes]
     chosen = sorted(numeric, key=lambda name: -abs(sizes[members[name]]))[:2]
     if len(chosen) < 2:
@@ -287,21 +287,21 @@ def _noise(found: Risked) -> html.PageSection:
 
 def _place(factor: Factor) -> str:
     """The places in the drive that a factor sets."""
-    paths = ", ".join(path for _, path in factor.targets()) or factor.shift or factor.expression or ""
+    paths = ", ".join(path for _, path in factor.target_paths()) or factor.shift or factor.expression or ""
     way = "times " if factor.relative else "added to " if factor.offset else "moves " if factor.shift else ""
     return way + paths
 
 
 def _distribution(factor: Factor, unit: str) -> str:
     """A factor's distribution in words, with units."""
-    if factor.form == "expression":
+    if factor.value_source == "expression":
         return "follows other factors"
-    words = [factor.form or "as the table of rows has it"]
+    words = [factor.value_source or "as the table of rows has it"]
     if factor.range is not None:
         words.append(" to ".join(quantity(end, unit) for end in factor.range))
     words += [f"{key} {quantity(v, unit)}" for key, v in (("mean", factor.mean), ("std", factor.std)) if v is not None]
-    if factor.values is not None:
-        words.append(", ".join(quantity(v, unit) if isinstance(v, float) else str(v) for v in factor.values))
+    if factor.listed_values is not None:
+        words.append(", ".join(quantity(v, unit) if isinstance(v, float) else str(v) for v in factor.listed_values))
     if factor.sample is not None:
         words.append(f"{len(factor.sample)} values")
     return ", ".join(words)

@@ -35,7 +35,7 @@ from warpchain.study.report.decisions import (
 )
 from warpchain.study.report.search_history import search_section
 from warpchain.study.results import ROUND_COLUMN, ROW_STATUSES, Results, read_results
-from warpchain.study.spec.noise import metric_in
+from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.spec.study_tables import Objective
 from warpchain.study.store import write_study_text
 from warpchain.study.surrogate import Surrogate, best_surrogate
@@ -121,7 +121,7 @@ def _report(
     for metric in metrics:
         results.values(metric)
     wanted = wanted_of(results, objectives, wanted)
-    wished = dict.fromkeys(metric_in(metric) for metric in wanted.goals.metrics)
+    wished = dict.fromkeys(metric_from_name(metric) for metric in wanted.goals.metrics)
     named = tuple(metric for metric in wished if metric not in results.factors)
     shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
     sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))

@@ -36,8 +36,8 @@ from warpchain.study.run.runner import finish, runs_of
 from warpchain.study.run.shard_plan import blocks_of
 from warpchain.study.spec import Study, dumps_study
 from warpchain.study.spec.factor import Factor
-from warpchain.study.spec.places import places
-from warpchain.study.spec.study_tables import Design, for_file
+from warpchain.study.spec.key_path_names import key_path_namer
+from warpchain.study.spec.study_tables import Design, file_from_fields
 from warpchain.study.store import write_study_text, write_table
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def _differences(first: Folder, other: Folder) -> Iterator[str]:
     ours, theirs = _fixed(first), _fixed(other)
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
-            fixed["design"] = {"replicate_by": folder.study.design.way}
-    place = places(ours)
+            fixed["design"] = {"replicate_by": folder.study.design.replicate_way}
+    place = key_path_namer(ours)
     for path, here, there in _unlike(ours, theirs):
         where = ".".join(map(str, path)) if path[0] == "drive" else place(path)
         yield (
@@ -118,7 +118,7 @@ def _differences(first: Folder, other: Folder) -> Iterator[str]:
 
 def _fixed(folder: Folder) -> dict[str, Any]:
     """Values of a study that must be the same, by key."""
-    found = for_file(folder.study.model_dump(mode="json", exclude={"study", "design", *WANTED}))
+    found = file_from_fields(folder.study.model_dump(mode="json", exclude={"study", "design", *WANTED}))
     found["factors"] = {f.name: f.model_dump(mode="json", exclude=set(SPREAD)) for f in folder.study.factors}
     found["run"] = {key: value for key, value in found["run"].items() if key not in FREE}
     found["record"].pop("variants")
@@ -152,7 +152,7 @@ def _widened(factors: Sequence[Factor]) -> Factor | None:
     first = factors[0].model_copy(update={"points": None})
     if all(factor.model_copy(update={"points": None}) == first for factor in factors):
         return first
-    kinds, changed = {factor.form for factor in factors}, dict[str, Any]()
+    kinds, changed = {factor.value_source for factor in factors}, dict[str, Any]()
     if kinds in ({"uniform"}, {"log-uniform"}):
         ends = [end for factor in factors for end in factor.range or ()]
         changed["range"] = (min(ends), max(ends))
@@ -297,7 +297,7 @@ def _write(place: Path, opened: Sequence[Folder], study: Study, pool: _Pool) -> 
     import pyarrow as pa
 
     (place / "shards").mkdir()
-    given = [factor.name for factor in study.factors if factor.form != "expression"]
+    given = [factor.name for factor in study.factors if factor.value_source != "expression"]
     columns = {name: [row[name] for row in pool.rows] for name in given}
     write_table(place / ROWS, pa.table(columns))
     copies = study.design.copies

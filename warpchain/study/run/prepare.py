@@ -38,21 +38,21 @@ from warpchain.study.run.folder import (
     write_plan,
 )
 from warpchain.study.run.shard_plan import Block
-from warpchain.study.spec import Study, check_drive, dumps_study, load_study
-from warpchain.study.spec.calibration import Calibrate, Measurement
+from warpchain.study.spec import Study, check_base_drive, dumps_study, load_study
+from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
-from warpchain.study.spec.noise import statistic_of
-from warpchain.study.spec.places import places
-from warpchain.study.spec.study_file import Subject, too_many_factors
+from warpchain.study.spec.key_path_names import key_path_namer
+from warpchain.study.spec.noise_table import statistic_from_name
+from warpchain.study.spec.study_file import Subject, factor_count_complaint
 from warpchain.study.spec.study_tables import (
-    SAMPLED,
+    SAMPLED_DESIGNS,
     Adjust,
     Bound,
     Keep,
     Objective,
     Recording,
     RunOptions,
-    of_file,
+    fields_from_file,
 )
 from warpchain.study.store import write_study_text, write_table
 
@@ -152,7 +152,7 @@ def drive_file(study: Study, source: str | os.PathLike[str], base: str | os.Path
 def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
     """Names in a study that its drive does not have, a line each."""
     lines: list[str] = []
-    for check in (check_drive, check_names):
+    for check in (check_base_drive, check_names):
         try:
             check(study, drive, str(source))
         except StudyError as error:
@@ -168,11 +168,11 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     import tomllib
 
     try:
-        values = of_file(tomllib.loads(read_text(source, "TOML", ValueError)))
+        values = fields_from_file(tomllib.loads(read_text(source, "TOML", ValueError)))
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))
-    if subject is None or too_many_factors(values):
+    if subject is None or factor_count_complaint(values):
         return None
     factors = [valid(Factor, factor) or valid(Factor, _place_only(factor)) for factor in elements(values, "factors")]
     adjusts = [valid(Adjust, adjust) for adjust in elements(values, "adjust")]
@@ -252,9 +252,9 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
         modes = base_drive_modes(drive, study.metrics.modes).names
         followed = [f"{METRIC_PREFIX}{name}.{column.name}" for name in modes for column in OF_MODES]
         names += followed
-        if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.wanted)):
+        if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.named_metrics)):
             lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{METRIC_PREFIX}*"')
-    place = places(study)
+    place = key_path_namer(study)
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
             lines.append(f'{place(("metrics", "keep", i))} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')
@@ -280,11 +280,11 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
         for c in group.columns
     }
     factors = [factor.name for factor in study.factors]
-    place = places(study)
+    place = key_path_namer(study)
     for key in ("objectives", "bounds"):
         for i, name in enumerate(entry.metric for entry in getattr(study, key)):
             where = place((key, i, "metric"))
-            of = statistic_of(name)
+            of = statistic_from_name(name)
             metric, known = (name, factors) if of is None else (of.metric, [])
             if metric in recorded:
                 if study.record.every != 1:
@@ -310,11 +310,11 @@ def growable(known: Study, other: Study) -> bool:
     design, run = known.design, known.run
     alike = design.model_copy(update={"count": other.design.count, "replicates": other.design.replicates,
                                       "replicate_by": other.design.replicate_by})  # fmt: skip
-    ways = design.copies == 1 or design.way == other.design.way
+    ways = design.copies == 1 or design.replicate_way == other.design.replicate_way
     free = ("duration", "window", "shard", "keep_states")
     same = {name: getattr(other.run, name) for name in free}
     counts = design.count == other.design.count or (
-        design.kind in SAMPLED and (design.count or 0) < (other.design.count or 0)
+        design.kind in SAMPLED_DESIGNS and (design.count or 0) < (other.design.count or 0)
     )
     return (
         alike == other.design

@@ -57,7 +57,7 @@ def placed(study: Study, base: Drive, row: Mapping[str, Any], changes: Changes |
     values = {
         path: _set_value(factor, base.get_value(path) if factor.relative or factor.offset else None, row)
         for factor in study.factors
-        for _, path in factor.targets()
+        for _, path in factor.target_paths()
     }
     drive = base.with_values(values) if changes is None else changes.drive(values)
     for factor in study.factors:
@@ -68,7 +68,7 @@ def placed(study: Study, base: Drive, row: Mapping[str, Any], changes: Changes |
 
 def _set_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
     """The value that a factor sets in the drive; whole numbers stay whole."""
-    value = factor.value_of(row[factor.name])
+    value = factor.value_from_cell(row[factor.name])
     if not (factor.relative or factor.offset):
         return value
     value = own * value if factor.relative else own + value

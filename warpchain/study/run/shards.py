@@ -116,7 +116,7 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
         variant.drive, variant.reason, variant.adjusted = first.drive, first.reason, first.adjusted
     feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     numbers = [variant.copy for variant, _ in feasible]
-    copies = copies_of([drive for _, drive in feasible], numbers, study.design.way)
+    copies = copies_of([drive for _, drive in feasible], numbers, study.design.replicate_way)
     for (variant, _), drive in zip(feasible, copies, strict=True):
         variant.drive = drive
 
@@ -383,5 +383,5 @@ def _metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
 def kept_patterns(study: Study) -> tuple[str, ...]:
     """The patterns of the metrics that are kept: those asked for, the one of `record.worst`, and those wanted."""
     worst = study.record.worst
-    wanted = [name for metric in study.wanted for name in (metric, f"{metric}_se")]
+    wanted = [name for metric in study.named_metrics for name in (metric, f"{metric}_se")]
     return (*study.metrics.keep, *wanted, *(() if worst is None else (worst.metric,)))

@@ -2,7 +2,7 @@
 
 from warpchain.study.spec.study_file import (
     Study,
-    check_drive,
+    check_base_drive,
     dumps_study,
     load_study,
     loads_study,
@@ -11,7 +11,7 @@ from warpchain.study.spec.study_file import (
 
 __all__ = [
     "Study",
-    "check_drive",
+    "check_base_drive",
     "dumps_study",
     "load_study",
     "loads_study",

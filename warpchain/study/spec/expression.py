@@ -1,6 +1,6 @@
-"""Arithmetic that a study file may hold: numbers, names of factors, operators, a few functions; nothing else is run.
+"""Arithmetic expressions in study files: numbers, names of factors, operators and a few functions.
 
-The text is parsed by Python's own parser and its tree is walked: there is no attribute, index, lambda or other call.
+Python's parser reads the text, and a whitelist of its syntax tree is evaluated: no attributes, indexes or other calls.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "tan": math.tan,
 }
 CONSTANTS: Mapping[str, Any] = {"pi": math.pi, "true": True, "false": False}
-RESERVED = frozenset(FUNCTIONS) | frozenset(CONSTANTS)
+RESERVED_NAMES = frozenset(FUNCTIONS) | frozenset(CONSTANTS)
 
-_LONGEST = 1000
-_BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
+_MOST_CHARACTERS = 1000
+_BINARY_OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -41,8 +41,12 @@ _BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
 }
-_UNARY: Mapping[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_}
-_COMPARE: Mapping[type, Callable[[Any, Any], bool]] = {
+_UNARY_OPERATORS: Mapping[type, Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+}
+_COMPARISONS: Mapping[type, Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
@@ -52,7 +56,7 @@ _COMPARE: Mapping[type, Callable[[Any, Any], bool]] = {
 }
 
 
-class _Wrong(Exception):
+class _ExpressionError(Exception):
     """A mistake in an expression, or in its value in one row."""
 
 
@@ -62,123 +66,134 @@ class Expression:
 
     Attributes:
         text: as it was written.
-        names: the names in it that are neither functions nor constants, in order.
+        names: names in it that are neither functions nor constants, in order.
     """
 
     text: str
     names: tuple[str, ...]
     _tree: ast.expr = field(repr=False, compare=False)
 
-    def value(self, values: Mapping[str, Any]) -> Any:
-        """The expression's value; `values` holds one for each of `names`.
+    def evaluate(self, values: Mapping[str, Any]) -> Any:
+        """The expression's value, given a value for each of its `names`.
 
         Raises:
-            StudyError: no value, such as a division by zero; the message says why.
+            StudyError: no value, such as a division by zero.
         """
         try:
-            found = _value(self._tree, values)
+            found = _tree_value(self._tree, values)
             if isinstance(found, int) and abs(found) >= 2**63:
-                raise _Wrong("a whole number beyond 64 bits")
+                raise _ExpressionError("a whole number beyond 64 bits")
             return found
         except RecursionError:
             raise StudyError("nested too deeply") from None
-        except (_Wrong, ArithmeticError, ValueError, TypeError) as error:
+        except (_ExpressionError, ArithmeticError, ValueError, TypeError) as error:
             raise StudyError(str(error).splitlines()[0] if str(error) else "no value") from None
 
 
 @cache
-def parse(text: str) -> Expression:
-    """Parses an expression.
+def parse_expression(text: str) -> Expression:
+    """Parses the text of an expression.
 
     Raises:
-        StudyError: for what is not arithmetic; the message says what and what is allowed.
+        StudyError: what is not arithmetic, and what is allowed.
     """
-    if len(text) > _LONGEST:
-        raise StudyError(f"longer than {_LONGEST} characters")
+    if len(text) > _MOST_CHARACTERS:
+        raise StudyError(f"longer than {_MOST_CHARACTERS} characters")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-        names = dict.fromkeys(_names(tree))
+        names = dict.fromkeys(_names_in_tree(tree))
     except SyntaxError as error:
         raise StudyError(f"not an expression ({error.msg})") from None
     except (ValueError, RecursionError, MemoryError):
         raise StudyError("not an expression") from None
-    except _Wrong as wrong:
+    except _ExpressionError as wrong:
         raise StudyError(str(wrong)) from None
     return Expression(text, tuple(names), tree)
 
 
-def _names(node: ast.AST) -> list[str]:
-    """The names of a tree, in order; refuses what is not arithmetic."""
+def _names_in_tree(node: ast.AST) -> list[str]:
+    """Names of factors in a syntax tree, in order; refuses what is not arithmetic."""
     if isinstance(node, ast.Name):
         if node.id in FUNCTIONS:
-            raise _Wrong(f"{node.id} is a function: write {node.id}(...)")
+            raise _ExpressionError(f"{node.id} is a function: write {node.id}(...)")
         return [] if node.id in CONSTANTS else [node.id]
     if isinstance(node, ast.Constant):
         if not isinstance(node.value, (bool, int, float, str)):
-            raise _Wrong(f"{node.value!r} is not allowed")
+            raise _ExpressionError(f"{node.value!r} is not allowed")
         return []
     parts: list[ast.expr]
-    if isinstance(node, ast.BinOp) and (type(node.op) in _BINARY or isinstance(node.op, ast.Pow)):
+    if isinstance(node, ast.BinOp) and (type(node.op) in _BINARY_OPERATORS or isinstance(node.op, ast.Pow)):
         parts = [node.left, node.right]
-    elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+    elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY_OPERATORS:
         parts = [node.operand]
     elif isinstance(node, ast.BoolOp):
         parts = node.values
-    elif isinstance(node, ast.Compare) and all(type(op) in _COMPARE for op in node.ops):
+    elif isinstance(node, ast.Compare) and all(type(op) in _COMPARISONS for op in node.ops):
         parts = [node.left, *node.comparators]
     elif isinstance(node, ast.IfExp):
         parts = [node.test, node.body, node.orelse]
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in FUNCTIONS:
-            raise _Wrong(f"{node.func.id}() is unknown; functions are {', '.join(FUNCTIONS)}")
+            raise _ExpressionError(f"{node.func.id}() is unknown; functions are {', '.join(FUNCTIONS)}")
         parts = node.args
     else:
-        raise _Wrong("only numbers, names of factors, + - * / // % **, comparisons, and, or, not, if-else and "
+        raise _ExpressionError("only numbers, names of factors, + - * / // % **, comparisons, and, or, not, "
+                               "if-else and "
                      f"{', '.join(FUNCTIONS)} are allowed")  # fmt: skip
-    return [name for part in parts for name in _names(part)]
+    return [name for part in parts for name in _names_in_tree(part)]
 
 
-def _value(node: ast.expr, values: Mapping[str, Any]) -> Any:
-    """The value of a tree that `_names` let pass."""
+def _tree_value(node: ast.expr, values: Mapping[str, Any]) -> Any:
+    """Value of a syntax tree that `_names_in_tree` accepts."""
     match node:
         case ast.Constant():
             return node.value
         case ast.Name():
             return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
         case ast.BinOp():
-            left, right = _number(_value(node.left, values)), _number(_value(node.right, values))
-            return _power(left, right) if isinstance(node.op, ast.Pow) else _BINARY[type(node.op)](left, right)
+            left, right = (
+                _checked_number(_tree_value(node.left, values)),
+                _checked_number(_tree_value(node.right, values)),
+            )
+            return (
+                _bounded_power(left, right)
+                if isinstance(node.op, ast.Pow)
+                else _BINARY_OPERATORS[type(node.op)](left, right)
+            )
         case ast.UnaryOp():
-            operand = _value(node.operand, values)
-            return _UNARY[type(node.op)](operand if isinstance(node.op, ast.Not) else _number(operand))
+            operand = _tree_value(node.operand, values)
+            return _UNARY_OPERATORS[type(node.op)](
+                operand if isinstance(node.op, ast.Not) else _checked_number(operand)
+            )
         case ast.BoolOp():
-            found = (bool(_value(part, values)) for part in node.values)
+            found = (bool(_tree_value(part, values)) for part in node.values)
             return all(found) if isinstance(node.op, ast.And) else any(found)
         case ast.Compare():
-            left = _value(node.left, values)
+            left = _tree_value(node.left, values)
             for op, part in zip(node.ops, node.comparators, strict=True):
-                right = _value(part, values)
+                right = _tree_value(part, values)
                 if not isinstance(op, ast.Eq | ast.NotEq) and isinstance(left, str) != isinstance(right, str):
-                    raise _Wrong(f"{left!r} and {right!r} have no order")
-                if not _COMPARE[type(op)](left, right):
+                    raise _ExpressionError(f"{left!r} and {right!r} have no order")
+                if not _COMPARISONS[type(op)](left, right):
                     return False
                 left = right
             return True
         case ast.IfExp():
-            return _value(node.body if _value(node.test, values) else node.orelse, values)
+            return _tree_value(node.body if _tree_value(node.test, values) else node.orelse, values)
         case ast.Call(func=ast.Name(id=name)):
-            return FUNCTIONS[name](*(_number(_value(part, values)) for part in node.args))
-    raise _Wrong("not an expression")
+            return FUNCTIONS[name](*(_checked_number(_tree_value(part, values)) for part in node.args))
+    raise _ExpressionError("not an expression")
 
 
-def _number(value: Any) -> Any:
+def _checked_number(value: Any) -> Any:
+    """The value, refused unless it is a number or a switch."""
     if not isinstance(value, (bool, int, float)):
-        raise _Wrong(f"{value!r} is not a number")
+        raise _ExpressionError(f"{value!r} is not a number")
     return value
 
 
-def _power(base: Any, exponent: Any) -> Any:
-    """A power; whole numbers stay whole while they are small, so that no expression takes long."""
+def _bounded_power(base: Any, exponent: Any) -> Any:
+    """A power that is quick to compute: whole only while base and exponent are small."""
     if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent <= 16 and abs(base) <= 10**4:
         return base**exponent
     return math.pow(base, exponent)

@@ -1,4 +1,4 @@
-"""A factor of a study: where it goes in the drive, and which values it takes."""
+"""A factor of a study: the places in the drive that it sets, and its values."""
 
 from __future__ import annotations
 
@@ -28,52 +28,55 @@ from warpchain.drive.schema import (
     plain_sequence,
 )
 from warpchain.study.results import BOOKKEEPING_COLUMNS
-from warpchain.study.spec.expression import RESERVED
+from warpchain.study.spec.expression import RESERVED_NAMES
 
-TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
+FORBIDDEN_NAMES = frozenset(RESERVED_NAMES) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
 """Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-AUTO = "auto"
+AUTO_STEP = "auto"
 """The text that may be among numbers of a choice: an automatic step."""
-NAME_TEXT = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
+NAME_HELP = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
-def _check_word(value: str) -> str:
-    if not _IDENTIFIER.fullmatch(value) or value in TAKEN:
+def _check_factor_name(value: str) -> str:
+    """The name, refused if it is no identifier or forbidden."""
+    if not _IDENTIFIER.fullmatch(value) or value in FORBIDDEN_NAMES:
         raise ValueError("not a word")
     return value
 
 
-def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def _check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The values, refused if two are equal or there is only one."""
     if len(set(values)) < max(2, len(values)):
         raise ValueError("not distinct")
     return values
 
 
-def _one_kind(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def _check_one_type(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The values, refused if they mix numbers, texts and switches, or are not distinct."""
     kinds = {
         float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
         for value in values
-        if value != AUTO
+        if value != AUTO_STEP
     }
     if len(kinds) > 1:
         raise ValueError("of several kinds")
-    return _distinct(values)
+    return _check_distinct(values)
 
 
 _Number = Annotated[int, Field(strict=True)] | Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Scalar = Annotated[bool, Field(strict=True)] | _Number | Annotated[str, Field(strict=True)]
 
-Word = Annotated[str, Field(strict=True), AfterValidator(_check_word), Value(NAME_TEXT)]
-Numbers = Annotated[
+FactorName = Annotated[str, Field(strict=True), AfterValidator(_check_factor_name), Value(NAME_HELP)]
+DistinctNumbers = Annotated[
     tuple[_Number, ...],
-    AfterValidator(_distinct),
+    AfterValidator(_check_distinct),
     BeforeValidator(plain_sequence),
     Value("must be a list of at least 2 different finite numbers"),
 ]
-Scalars = Annotated[
+DistinctChoices = Annotated[
     tuple[_Scalar, ...],
-    AfterValidator(_one_kind),
+    AfterValidator(_check_one_type),
     BeforeValidator(plain_sequence),
     Value('must be a list of at least 2 different values of one kind: numbers (with "auto"), texts or true and false'),
 ]
@@ -97,11 +100,13 @@ Distribution = Annotated[
     Literal["uniform", "log-uniform", "normal", "truncated-normal", "lognormal", "empirical"],
     Value('must be "uniform", "log-uniform", "normal", "truncated-normal", "lognormal" or "empirical"'),
 ]
-Along = Annotated[Literal["normal"] | Direction, Value('must be "normal", or two finite numbers [x, y], not both 0')]
-Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
-Points = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer from 2 to 100000")]
+ShiftDirection = Annotated[
+    Literal["normal"] | Direction, Value('must be "normal", or two finite numbers [x, y], not both 0')
+]
+WholeNumber = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+GridPoints = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer from 2 to 100000")]
 
-NEEDS = {
+DISTRIBUTION_KEYS = {
     "uniform": ("range",),
     "log-uniform": ("range",),
     "normal": ("mean", "std"),
@@ -109,7 +114,7 @@ NEEDS = {
     "lognormal": ("mean", "std"),
     "empirical": (),
 }
-"""The keys that each distribution takes."""
+"""Keys that each distribution needs."""
 
 
 class Factor(Part):
@@ -145,11 +150,11 @@ class Factor(Part):
 
     _quantities: ClassVar[frozenset[str]] = frozenset({"range", "mean", "std", "sample", "levels", "choice"})
 
-    name: Word
+    name: FactorName
     path: Text | None = None
     paths: Texts = ()
     shift: Text | None = None
-    along: Along | None = None
+    along: ShiftDirection | None = None
     relative: Switch = False
     offset: Switch = False
     hidden: Switch = False
@@ -161,48 +166,50 @@ class Factor(Part):
     sample: Sample | None = None
     file: Text | None = None
     column: Text | None = None
-    levels: Numbers | None = None
-    choice: Scalars | None = None
+    levels: DistinctNumbers | None = None
+    choice: DistinctChoices | None = None
     expression: Text | None = None
     integer: Switch = False
-    points: Points | None = None
+    points: GridPoints | None = None
     group: Text | None = None
     unit: Text | None = None
 
     @property
-    def shown_unit(self) -> str:
-        """The unit that tables and figures show, "" for none."""
-        return self.unit or _own_unit(self)
+    def display_unit(self) -> str:
+        """Unit of the values in tables and figures; "" for none."""
+        return self.unit or _target_unit(self)
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        """Unit of numbers of a key of the factor."""
         if key not in cls._quantities:
             return ""
-        return values_unit(values) or ("-" if get(values, "relative") is True else "")
+        return factor_unit(values) or ("-" if get(values, "relative") is True else "")
 
     @property
-    def form(self) -> str | None:
-        """The distribution's name, "levels", "choice" or "expression"; None if a table gives the values."""
-        return form_of(self)
+    def value_source(self) -> str | None:
+        """Name of the distribution, "levels", "choice" or "expression"; None if a table gives the values."""
+        return value_source_of(self)
 
     @property
-    def values(self) -> tuple[Any, ...] | None:
-        """The values of levels or a choice."""
+    def listed_values(self) -> tuple[Any, ...] | None:
+        """Values of `levels` or `choice`; None of other factors."""
         return self.levels if self.levels is not None else self.choice
 
-    def cells(self, values: Iterable[Any]) -> list[Any]:
-        """Values as a column of a table holds them: of a choice of numbers and "auto", as texts."""
-        return [str(value) for value in values] if self._mixed else list(values)
+    def cells_from_values(self, values: Iterable[Any]) -> list[Any]:
+        """Values as cells of a table's column; numbers mixed with "auto" become texts."""
+        return [str(value) for value in values] if self._has_auto_step else list(values)
 
-    def value_of(self, cell: Any) -> Any:
-        """The value behind a cell of that column."""
-        return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._mixed else cell
+    def value_from_cell(self, cell: Any) -> Any:
+        """The factor's value from a cell of its column."""
+        return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._has_auto_step else cell
 
     @property
-    def _mixed(self) -> bool:
-        return self.choice is not None and AUTO in self.choice and not all(isinstance(v, str) for v in self.choice)
+    def _has_auto_step(self) -> bool:
+        """Whether the factor is a choice of numbers and "auto"."""
+        return self.choice is not None and AUTO_STEP in self.choice and not all(isinstance(v, str) for v in self.choice)
 
-    def targets(self) -> Iterator[tuple[str, str]]:
+    def target_paths(self) -> Iterator[tuple[str, str]]:
         """(key, path) of each place in the drive that the factor sets."""
         if self.path is not None:
             yield "path", self.path
@@ -210,15 +217,16 @@ class Factor(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a factor's keys."""
         if get(node, "path") is not None and get(node, "paths"):
             yield Problem(("paths",), get(node, "paths"), "not together with path; give one of the two")
-        own, given = _own_unit(node), get(node, "unit")
+        own, given = _target_unit(node), get(node, "unit")
         if own and isinstance(given, str) and unit(given) != unit(own):
             text = f'the values are in {own}: leave it out; values may have units of their own, such as "1 {own}"'
             yield Problem(("unit",), given, text)
-        yield from _place_rules(node)
-        yield from _form_rules(cls, node)
-        yield from _noise_rules(node)
+        yield from _target_rules(node)
+        yield from _value_source_rules(cls, node)
+        yield from _noise_factor_rules(node)
         yield from _sample_rules(node)
         ends = get(node, "range")
         if isinstance(ends, (list, tuple)) and len(ends) == 2 and numbers(*ends):
@@ -228,8 +236,8 @@ class Factor(Part):
                 yield Problem(("range",), ends, "must be two positive numbers with a log-uniform distribution")
 
 
-def _own_unit(node: Any) -> str:
-    """The unit of a factor's values by what it sets; "" where that has none, or not all of it has the same."""
+def _target_unit(node: Any) -> str:
+    """Unit of the places that a factor sets; "" if they have none or several."""
     if get(node, "shift") is not None:
         return "m"
     paths = [path for path in (get(node, "path"), *elements(node, "paths")) if isinstance(path, str)]
@@ -237,14 +245,14 @@ def _own_unit(node: Any) -> str:
     return units.pop() if len(units) == 1 and get(node, "relative") is not True else ""
 
 
-def values_unit(node: Any) -> str:
-    """The unit of a factor's values, by what it sets or else by what it says; "" for none that has quantities."""
+def factor_unit(node: Any) -> str:
+    """Unit of a factor's values, of its places or its key `unit`; "" if they are no quantities."""
     given = get(node, "unit")
-    return _own_unit(node) or (given if isinstance(given, str) and unit(given) else "")
+    return _target_unit(node) or (given if isinstance(given, str) and unit(given) else "")
 
 
-def form_of(node: Any) -> str | None:
-    """The source of a factor's values (see `Factor.form`), also of a mapping that should become one."""
+def value_source_of(node: Any) -> str | None:
+    """Source of the values of a factor, or of the mapping that should become one (`Factor.value_source`)."""
     for key in ("expression", "levels", "choice"):
         if get(node, key) is not None:
             return key
@@ -254,8 +262,8 @@ def form_of(node: Any) -> str | None:
     return "uniform" if get(node, "range") is not None else None
 
 
-def _place_rules(node: Any) -> Iterator[Problem]:
-    """A factor sets, scales, offsets or shifts one thing."""
+def _target_rules(node: Any) -> Iterator[Problem]:
+    """Problems of the places that a factor sets, scales, offsets or shifts."""
     shift, placed = get(node, "shift"), get(node, "path") is not None or bool(get(node, "paths"))
     if shift is not None and placed:
         yield Problem(("shift",), shift, "not together with path; give one of the two")
@@ -274,9 +282,9 @@ def _place_rules(node: Any) -> Iterator[Problem]:
             yield Problem((key,), True, "needs numbers as choice")
 
 
-def _form_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
-    """Each form of factor takes its own keys."""
-    kind = form_of(node)
+def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
+    """Problems of the keys that a factor's distribution, levels, choice or expression needs or excludes."""
+    kind = value_source_of(node)
     if kind in ("expression", "levels", "choice"):
         for key in ("levels", "choice", "distribution", "range", "mean", "std", "points"):
             if key != kind and get(node, key) is not None:
@@ -286,10 +294,10 @@ def _form_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
         if kind == "expression" and get(node, "group") is not None:
             yield Problem(("group",), get(node, "group"), "not together with expression")
         return
-    needed = NEEDS.get(kind or "", ())
+    needed = DISTRIBUTION_KEYS.get(kind or "", ())
     for key in ("range", "mean", "std"):
         given = get(node, key)
-        if kind in NEEDS and key in needed and given is None:
+        if kind in DISTRIBUTION_KEYS and key in needed and given is None:
             yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with distribution "{kind}"', BARE)
         elif key == "mean" and kind == "lognormal" and numbers(given) and given <= 0:
             yield Problem((key,), given, "must be a positive number with a lognormal distribution")
@@ -298,8 +306,8 @@ def _form_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
             yield Problem((key,), given, text)
 
 
-def _noise_rules(node: Any) -> Iterator[Problem]:
-    """Noise has a distribution of its own."""
+def _noise_factor_rules(node: Any) -> Iterator[Problem]:
+    """Problems of a noise factor, which needs values of its own."""
     if get(node, "kind") != "noise":
         return
     for key in ("expression", "points"):
@@ -307,15 +315,15 @@ def _noise_rules(node: Any) -> Iterator[Problem]:
             yield Problem((key,), get(node, key), 'not with kind "noise"')
     if get(node, "hidden") is True:
         yield Problem(("hidden",), True, 'not with kind "noise"')
-    if form_of(node) is None:
+    if value_source_of(node) is None:
         text = 'missing; needed with kind "noise": give range, a distribution, levels or choice'
         yield Problem(("distribution",), None, text, BARE)
 
 
 def _sample_rules(node: Any) -> Iterator[Problem]:
-    """An empirical distribution has a sample, or a file and a column that hold it."""
+    """Problems of an empirical distribution, which needs a sample, or a file and a column."""
     sample, file, column = (get(node, key) for key in ("sample", "file", "column"))
-    if form_of(node) != "empirical":
+    if value_source_of(node) != "empirical":
         for key in ("sample", "file", "column"):
             if get(node, key) is not None:
                 yield Problem((key,), get(node, key), 'only with distribution "empirical"')

@@ -1,8 +1,7 @@
-"""The study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
+"""A study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
 
-A study never changes. Its tables are checked like a drive's (`warpchain.drive.schema`): all errors at once, one line
-each, with file, key and value; rules that tie its tables together take the study, or the mapping that should become one
-if a value somewhere is wrong. The keys are documented in `docs/studies.md`.
+Tables are checked like a drive's (`warpchain.drive.schema`): all errors at once, one line each. Rules that tie tables
+together take the study, or the mapping that should become one. The keys are documented in `docs/studies.md`.
 """
 
 from __future__ import annotations
@@ -22,11 +21,18 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
 from warpchain.results.judgement import Limits
 from warpchain.results.replicate_metrics import COPY, COUNT
-from warpchain.study.spec.calibration import Calibrate, Measurement, calibration_rules
-from warpchain.study.spec.expression import Expression, parse
-from warpchain.study.spec.factor import NEEDS, Factor, form_of, values_unit
-from warpchain.study.spec.noise import NOISE, Noise, metric_in, noise_names, noise_rules, with_sample
-from warpchain.study.spec.places import places
+from warpchain.study.spec.calibration_tables import Calibrate, Measurement, calibration_rules
+from warpchain.study.spec.expression import Expression, parse_expression
+from warpchain.study.spec.factor import DISTRIBUTION_KEYS, Factor, factor_unit, value_source_of
+from warpchain.study.spec.key_path_names import key_path_namer
+from warpchain.study.spec.noise_table import (
+    NOISE,
+    Noise,
+    factor_with_sample,
+    metric_from_name,
+    noise_factor_names,
+    noise_table_rules,
+)
 from warpchain.study.spec.study_tables import (
     Adjust,
     Bound,
@@ -39,32 +45,33 @@ from warpchain.study.spec.study_tables import (
     Risk,
     RunOptions,
     Search,
-    adjust_rules,
-    for_file,
-    measured_condition,
+    adjustment_rules,
+    condition_without_units,
+    fields_from_file,
+    file_from_fields,
     named_adjustments,
     objective_rules,
-    of_file,
 )
 
 MOST_FACTORS = 1000
-"""Factors of a study at most."""
+"""Most factors of a study."""
 
 
-def too_many_factors(study: Any) -> str:
-    """The complaint about a study's number of factors, or ""."""
+def factor_count_complaint(study: Any) -> str:
+    """Complaint about a study's number of factors, or ""."""
     count = len(elements(study, "factors"))
     return f"{count} of them; must be at most {MOST_FACTORS}" if count > MOST_FACTORS else ""
 
 
-def _targets(factor: Any) -> list[str]:
+def _factor_paths(factor: Any) -> list[str]:
+    """Key paths into the drive that a factor sets."""
     paths = get(factor, "paths")
     found = [get(factor, "path"), *(paths if isinstance(paths, (list, tuple)) else ())]
     return [path for path in found if isinstance(path, str)]
 
 
 def fatigue_rules(node: Any) -> Iterator[Problem]:
-    """Fatigue takes recorded tensions."""
+    """Problems of a study's table `fatigue`: it needs recorded tensions."""
     record = get(node, "record")
     if get(node, "fatigue") is None:
         return
@@ -75,14 +82,14 @@ def fatigue_rules(node: Any) -> Iterator[Problem]:
         yield Problem(("record", "channels"), channels, 'must hold "tension", which fatigue counts')
 
 
-def name_rules(node: Any) -> Iterator[Problem]:
-    """Names are unique, no two factors set the same value, and every factor has a use."""
+def factor_name_rules(node: Any) -> Iterator[Problem]:
+    """Problems of factors among each other: names and places must be unique, and each must have a use."""
     factors = elements(node, "factors")
     if get(node, "factors") is not None and not factors:
         yield Problem(("factors",), get(node, "factors"), "must be a list of at least 1 factor")
     names: set[str] = set()
     taken: dict[str, Any] = {}
-    used = {name for _, expression in _expressions(node) for name in expression.names}
+    used = {name for _, expression in _parsed_expressions(node) for name in expression.names}
     for i, factor in enumerate(factors):
         name = get(factor, "name")
         if not isinstance(name, str):
@@ -92,19 +99,19 @@ def name_rules(node: Any) -> Iterator[Problem]:
         if name in (COPY, COUNT) and get(get(node, "design"), "replicates") is not None:
             yield Problem(("factors", i, "name"), name, "is a column of studies with design.replicates")
         names.add(name)
-        for path in _targets(factor):
+        for path in _factor_paths(factor):
             if path in taken:
                 yield Problem(("factors", i, "path"), path, f'is set by factor "{taken[path]}" already')
             taken[path] = name
-        if not _targets(factor) and get(factor, "shift") is None and name not in used:
+        if not _factor_paths(factor) and get(factor, "shift") is None and name not in used:
             text = (
                 "missing; must be a key path into the drive; needed unless an expression or constraint uses the factor"
             )
             yield Problem(("factors", i, "path"), None, text, BARE)
 
 
-def _texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Key path and text of every expression."""
+def _expression_texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Key path and text of every expression of a study."""
     for i, factor in enumerate(elements(node, "factors")):
         yield ("factors", i, "expression"), get(factor, "expression")
     for i, constraint in enumerate(elements(node, "constraints")):
@@ -114,38 +121,38 @@ def _texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
             yield ("adjust", k, key), get(adjust, key)
 
 
-def _expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
-    """Every expression that parses."""
-    for path, text in _texts(node):
+def _parsed_expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
+    """Key path and expression of every text of a study that parses."""
+    for path, text in _expression_texts(node):
         if isinstance(text, str):
             try:
-                yield path, parse(text)
+                yield path, parse_expression(text)
             except StudyError:
                 continue
 
 
 def expression_rules(node: Any) -> Iterator[Problem]:
-    """Expressions are arithmetic of known factors, and none needs itself."""
+    """Problems of a study's expressions: they must parse, name factors, and not need themselves."""
     factors = [str(get(factor, "name")) for factor in elements(node, "factors")]
-    for path, text in _texts(node):
+    for path, text in _expression_texts(node):
         if not isinstance(text, str):
             continue
         try:
-            unknown = [name for name in parse(text).names if name not in factors]
+            unknown = [name for name in parse_expression(text).names if name not in factors]
         except StudyError as error:
             yield Problem(path, text, str(error))
             continue
         if unknown:
             known = ", ".join(str(name) for name in factors)
             yield Problem(path, text, f"{unknown[0]} is not a factor; factors are {known}")
-    needs = {factors[int(i)]: found.names for (head, i, *_), found in _expressions(node) if head == "factors"}
+    needs = {factors[int(i)]: found.names for (head, i, *_), found in _parsed_expressions(node) if head == "factors"}
     for i, (name, factor) in enumerate(zip(factors, elements(node, "factors"), strict=True)):
-        if name in needs and name in _reached(name, needs):
+        if name in needs and name in _expression_dependencies(name, needs):
             yield Problem(("factors", i, "expression"), get(factor, "expression"), "needs itself")
 
 
-def _reached(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
-    """All names that an expression depends on."""
+def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
+    """Names of all factors that a factor's expression depends on."""
     reached: set[str] = set()
     front = list(needs[name])
     while front:
@@ -157,11 +164,11 @@ def _reached(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
 
 
 def design_rules(node: Any) -> Iterator[Problem]:
-    """The factors' values are such as the design takes, and factors of a group agree."""
+    """Problems of the factors with the design: it must know their values, and groups must agree."""
     kind = get(get(node, "design"), "kind")
     factors = elements(node, "factors")
     for i, factor in enumerate(factors):
-        given = form_of(factor)
+        given = value_source_of(factor)
         if given == "expression" or get(factor, "kind") == NOISE:
             continue
         if kind == "table":
@@ -171,16 +178,17 @@ def design_rules(node: Any) -> Iterator[Problem]:
         if given is None:
             text = "missing; give range, a distribution, levels, choice or expression"
             yield Problem(("factors", i, "range"), None, text, BARE)
-        yield from _grid_rules(i, factor, given, kind)
+        yield from _design_factor_rules(i, factor, given, kind)
     yield from _group_rules(factors)
 
 
-def _grid_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
+def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
+    """Problems of one factor's values with the kind of design."""
     values = get(factor, str(given)) if given in ("levels", "choice") else None
     if values is not None and not isinstance(values, (list, tuple)):
         return  # its own rule says so
     points = get(factor, "points")
-    if kind == "factorial" and given in NEEDS and points is None:
+    if kind == "factorial" and given in DISTRIBUTION_KEYS and points is None:
         text = "missing; must be an integer from 2 to 100000; needed in a factorial design"
         yield Problem(("factors", i, "points"), None, text, BARE)
     if kind != "factorial" and points is not None:
@@ -191,12 +199,14 @@ def _grid_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[P
         yield Problem(("factors", i, str(given)), values, "a Plackett-Burman design takes two values")
 
 
-def _size(factor: Any) -> Any:
+def _listed_count(factor: Any) -> Any:
+    """Number of values of levels, choice or grid points that a factor states."""
     values = get(factor, "levels") or get(factor, "choice")
     return len(values) if isinstance(values, (list, tuple)) else get(factor, "points")
 
 
 def _group_rules(factors: Any) -> Iterator[Problem]:
+    """Problems of groups of factors: they need two members with equally many values."""
     groups = [get(factor, "group") for factor in factors]
     members = Counter(group for group in groups if isinstance(group, str))
     sizes: dict[str, Any] = {}
@@ -205,7 +215,7 @@ def _group_rules(factors: Any) -> Iterator[Problem]:
             continue  # none, or its own rule says so
         if members[group] < 2:
             yield Problem(("factors", i, "group"), group, "has no other factor")
-        size = _size(factor)
+        size = _listed_count(factor)
         if size is not None and sizes.setdefault(group, size) != size:
             text = "factors of a group must have equally many levels, choices or points"
             yield Problem(("factors", i, "group"), group, text)
@@ -268,51 +278,55 @@ class Study(Part):
     calibrate: Calibrate | None = None
 
     @property
-    def wanted(self) -> tuple[str, ...]:
-        """The metrics and factors that objectives, limits and a calibration name, or statistics of theirs."""
+    def named_metrics(self) -> tuple[str, ...]:
+        """Metrics and factors that objectives, limits and a calibration name, also in statistics."""
         named = [*(objective.metric for objective in self.objectives), *(bound.metric for bound in self.bounds)]
         named += [of.metric for of in self.measured if of.metric is not None]
         named += self.calibrate.predict if self.calibrate is not None else ()
-        return tuple(dict.fromkeys(map(metric_in, named)))
+        return tuple(dict.fromkeys(map(metric_from_name, named)))
 
     @property
     def noise_names(self) -> tuple[str, ...]:
-        """Names of the noise factors, and of expressions that follow them; none where all is design."""
-        return noise_names(self)
+        """Names of the noise factors, and of factors whose expressions depend on one."""
+        return noise_factor_names(self)
 
     @property
-    def designs(self) -> Study:
-        """The study with its design factors alone; itself where there is no noise."""
+    def design_study(self) -> Study:
+        """The study with its design factors alone; itself without noise."""
         noise = self.noise_names
         kept = tuple(factor for factor in self.factors if factor.name not in noise)
         return self if len(kept) == len(self.factors) else self.model_copy(update={"factors": kept})
 
     @property
-    def noise_alone(self) -> Study:
+    def noise_study(self) -> Study:
         """The study with its noise factors alone."""
         return self.model_copy(update={"factors": tuple(f for f in self.factors if f.kind == NOISE)})
 
     @classmethod
     def _source(cls) -> str:
+        """Place that messages of a study begin with: none."""
         return ""
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        return places(values)
+        """A function that names key paths of a study in messages."""
+        return key_path_namer(values)
 
     @classmethod
     def _completed(cls, values: Any) -> Any:
-        return of_file(values)
+        """Fields of a study from a file's values."""
+        return fields_from_file(values)
 
     @classmethod
     def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
+        """Values with quantities as plain numbers, those of constraints included, and problems with them."""
         values, problems = super()._measured(values)
-        units = {str(get(factor, "name")): values_unit(factor) for factor in elements(values, "factors")}
+        units = {str(get(factor, "name")): factor_unit(factor) for factor in elements(values, "factors")}
         constraints = list(elements(values, "constraints"))
         for i, constraint in enumerate(constraints):
             require = get(constraint, "require")
             if isinstance(constraint, Mapping) and isinstance(require, str):
-                text, complaint = measured_condition(require, units)
+                text, complaint = condition_without_units(require, units)
                 constraints[i] = {**constraint, "require": text}
                 if complaint:
                     problems.append(Problem(("constraints", i, "require"), require, complaint))
@@ -320,16 +334,17 @@ class Study(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if complaint := too_many_factors(node):
+        """Problems of a study's tables with each other."""
+        if complaint := factor_count_complaint(node):
             yield Problem(("factors",), None, complaint, BARE)
             return
-        yield from name_rules(node)
-        yield from adjust_rules(node)
+        yield from factor_name_rules(node)
+        yield from adjustment_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)
         yield from fatigue_rules(node)
         yield from objective_rules(node)
-        yield from noise_rules(node)
+        yield from noise_table_rules(node)
         yield from calibration_rules(node)
 
 
@@ -337,17 +352,17 @@ def loads_study(text: str, source: str = "<text>") -> Study:
     """Reads a study from TOML text.
 
     Raises:
-        StudyError: with one line for each error of the text, all of them.
+        StudyError: a line for each error of the text.
     """
     try:
         values = drive_toml.parse(text, source)
     except DriveError as error:
         raise StudyError(str(error)) from None
-    if complaint := too_many_factors(values):  # before each of them is read
+    if complaint := factor_count_complaint(values):  # before each of them is read
         raise StudyError(f"{source}: factors: {complaint}")
     try:
         study = Study(**values)
-        factors = tuple(with_sample(factor, Path(source).parent) for factor in study.factors)
+        factors = tuple(factor_with_sample(factor, Path(source).parent) for factor in study.factors)
         return study if factors == study.factors else study.model_copy(update={"factors": factors})
     except DriveError as error:
         raise StudyError("\n".join(f"{source}: {line}" for line in error.errors)) from None
@@ -357,13 +372,13 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     """Reads a study file (TOML, UTF-8).
 
     Raises:
-        StudyError: if it cannot be read, in one line, or with one line for each of its errors.
+        StudyError: if it cannot be read, in one line, or a line for each of its errors.
     """
     return loads_study(read_text(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
 
 
 def study_schema() -> dict[str, Any]:
-    """The JSON schema of study files (`warpchain.drive.json_schema`); `limits` and `adjust` are a table or a list."""
+    """The JSON schema of study files; `limits` and `adjust` are a table or a list."""
     schema = file_schema(Study, "warpchain study file")
     bounds, limits = schema["properties"].pop("bounds"), schema["properties"]["limits"]
     table = {"$ref": limits.pop("$ref")}
@@ -377,28 +392,28 @@ def study_schema() -> dict[str, Any]:
 
 def dumps_study(study: Study) -> str:
     """A study as TOML text, which `loads_study` reads back equal."""
-    return drive_toml.dumps(for_file(_given(study)))
+    return drive_toml.dumps(file_from_fields(_plain_values(study)))
 
 
-def _given(value: Any) -> Any:
-    """A part as plain values, without empty tables, and without empty lists where they are the default."""
+def _plain_values(value: Any) -> Any:
+    """A part as plain values, without empty tables and lists that are the default."""
     if isinstance(value, Part):
         fields = type(value).model_fields
-        inner = {name: _given(getattr(value, name)) for name in fields}
+        inner = {name: _plain_values(getattr(value, name)) for name in fields}
         said = {name for name, field in fields.items() if field.default != () and inner[name] == []}
         return {name: part for name, part in inner.items() if name in said or part not in (None, [], {})}
-    return [_given(part) for part in value] if isinstance(value, tuple) else value
+    return [_plain_values(part) for part in value] if isinstance(value, tuple) else value
 
 
-def check_drive(study: Study, drive: Drive, source: str) -> None:
-    """Checks what a study says of its base drive: what factors set, and the sprockets that `adjust` moves.
+def check_base_drive(study: Study, drive: Drive, source: str) -> None:
+    """Checks a study against its base drive: the places that factors set, and what `adjust` moves.
 
     Raises:
-        StudyError: one line for each error.
+        StudyError: a line for each error.
     """
     lines = []
     for factor in study.factors:
-        for key, path in [*factor.targets(), *([("shift", factor.shift)] if factor.shift else [])]:
+        for key, path in [*factor.target_paths(), *([("shift", factor.shift)] if factor.shift else [])]:
             try:
                 own = drive.get_value(path)
             except DriveError as error:
@@ -421,14 +436,14 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
                     f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'
                 )
     named = named_adjustments(study.adjust)
-    wrong = [line for key, _, adjust in named for line in _check_adjusted(key, adjust, drive)]
-    lines += wrong or [line for k in range(len(named)) for line in _check_order(named[: k + 1], drive)]
+    wrong = [line for key, _, adjust in named for line in _adjustment_complaints(key, adjust, drive)]
+    lines += wrong or [line for k in range(len(named)) for line in _order_complaints(named[: k + 1], drive)]
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
 
 
-def _check_adjusted(key: str, adjust: Adjust, drive: Drive) -> list[str]:
-    """Lines on the sprocket and the chain that an adjustment names."""
+def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
+    """Complaints, a line each, about the sprocket and the chain that an adjustment names."""
     of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
     chains, chain = [chain.name for chain in drive.chains], adjust.chain
     if adjust.sprocket is not None and adjust.sprocket not in of:
@@ -446,8 +461,8 @@ def _check_adjusted(key: str, adjust: Adjust, drive: Drive) -> list[str]:
     return []
 
 
-def _check_order(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
-    """Lines on the last of adjustments with their keys, whose sprocket takes along what others have put in place."""
+def _order_complaints(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
+    """Complaints, a line each, if the last adjustment moves what earlier ones have put in place."""
     *earlier, (key, _, adjust) = named
     moved = [mine for own in drive.sprockets if own.name == adjust.sprocket for mine in companions(drive, own)]
     said = f"{key}.sprocket = {drive_toml.value_text(adjust.sprocket)}: moves"

@@ -1,7 +1,7 @@
-"""The smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
+"""Smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
 
-A study file's `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are
-limits on metrics (`Study.bounds`), the others together are that table. Its `adjust` is a table, or a list of several.
+In files, `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are limits
+on metrics (`Study.bounds`), the others together are that table. `adjust` is a table, or a list of several.
 """
 
 from __future__ import annotations
@@ -33,19 +33,21 @@ from warpchain.drive.schema import (
 )
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.metric_columns import unit_of
-from warpchain.study.spec.factor import Switch, Texts, Whole
-from warpchain.study.spec.noise import metric_in
+from warpchain.study.spec.factor import Switch, Texts, WholeNumber
+from warpchain.study.spec.noise_table import metric_from_name
 
-SAMPLED = ("latin-hypercube", "sobol", "halton")
-KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table", "noise")
-_KINDS_TEXT = "must be " + ", ".join(f'"{kind}"' for kind in KINDS[:-1]) + f' or "{KINDS[-1]}"'
+SAMPLED_DESIGNS = ("latin-hypercube", "sobol", "halton")
+DESIGN_KINDS = ("factorial", *SAMPLED_DESIGNS, "central-composite", "plackett-burman", "table", "noise")
+_KINDS_HELP = "must be " + ", ".join(f'"{kind}"' for kind in DESIGN_KINDS[:-1]) + f' or "{DESIGN_KINDS[-1]}"'
 
-MOST = 100_000_000
+MOST_COUNT = 100_000_000
 Count = Annotated[
-    int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
+    int, Field(strict=True, ge=1, le=MOST_COUNT), Value(f"must be an integer of at least 1, and at most {MOST_COUNT}")
 ]
-Copies = Annotated[int, Field(strict=True, ge=1, le=MOST_COPIES), Value(f"must be an integer from 1 to {MOST_COPIES}")]
-Wholes = Annotated[
+ReplicateCount = Annotated[
+    int, Field(strict=True, ge=1, le=MOST_COPIES), Value(f"must be an integer from 1 to {MOST_COPIES}")
+]
+WholeNumbers = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
     BeforeValidator(plain_sequence),
     Value("must be a list of integers of at least 0"),
@@ -56,19 +58,19 @@ Window = Annotated[
     BeforeValidator(plain_sequence),
     Value("must be two times [start, end], 0 <= start < end"),
 ]
-Wanted = Annotated[
+NumberOrExpression = Annotated[
     Annotated[float, Field(strict=True, allow_inf_nan=False)] | Annotated[str, Field(strict=True, min_length=1)],
     Value("must be a finite number, or an expression of factors"),
 ]
-ENGINES = ("bayes", "population")
-_Few = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("must be an integer from 1 to 1000000")]
+SEARCH_ENGINES = ("bayes", "population")
+_UpToMillion = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("must be an integer from 1 to 1000000")]
 
 
 def metric_unit(name: Any) -> str:
-    """The unit that numbers of a metric, or of a statistic of it over noise, are written in; "" where none can be."""
+    """Unit of numbers of a metric, or of its statistic over noise, in study files; "" if there is none."""
     if not isinstance(name, str):
         return ""
-    found = unit_of(metric_in(name))
+    found = unit_of(metric_from_name(name))
     return "-" if found == "1" else found if unit(found) else ""
 
 
@@ -88,9 +90,9 @@ class Design(Part):
         replicate_by: "build", "phase" or "perturbation" (`warpchain.drive.replicates`); None is "build".
     """
 
-    kind: Annotated[Literal[*KINDS], Value(_KINDS_TEXT)]  # type: ignore[valid-type]
+    kind: Annotated[Literal[*DESIGN_KINDS], Value(_KINDS_HELP)]  # type: ignore[valid-type]
     count: Count | None = None
-    seed: Whole | None = None
+    seed: WholeNumber | None = None
     file: Text | None = None
     axial: (
         Annotated[
@@ -98,8 +100,8 @@ class Design(Part):
         ]
         | None
     ) = None
-    center: Whole | None = None
-    replicates: Copies | None = None
+    center: WholeNumber | None = None
+    replicates: ReplicateCount | None = None
     replicate_by: ReplicateBy | None = None
 
     @property
@@ -108,20 +110,21 @@ class Design(Part):
         return self.replicates or 1
 
     @property
-    def way(self) -> str:
-        """In what the runs of a row differ."""
+    def replicate_way(self) -> str:
+        """Way in which the runs of a row differ: "build", "phase" or "perturbation"."""
         return self.replicate_by or WAYS[0]
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a design's keys: each kind needs and takes its own."""
         if get(node, "replicate_by") is not None and get(node, "replicates") is None:
             yield Problem(("replicate_by",), get(node, "replicate_by"), "only together with replicates")
         kind = get(node, "kind")
-        if kind not in KINDS:
+        if kind not in DESIGN_KINDS:
             return
         takes = {
-            "count": SAMPLED,
-            "seed": SAMPLED,
+            "count": SAMPLED_DESIGNS,
+            "seed": SAMPLED_DESIGNS,
             "file": ("table",),
             "axial": ("central-composite",),
             "center": ("central-composite", "plackett-burman"),
@@ -144,25 +147,25 @@ class Constraint(Part):
     require: Text
 
 
-_MARKS = re.compile(r"(<=|>=|==|!=|<|>|\band\b|\bor\b|\bnot\b|[()])")
-_COMPARED = ("<=", ">=", "==", "!=", "<", ">")
+_CONDITION_MARKS = re.compile(r"(<=|>=|==|!=|<|>|\band\b|\bor\b|\bnot\b|[()])")
+_COMPARISON_MARKS = ("<=", ">=", "==", "!=", "<", ">")
 
 
-def measured_condition(text: str, units: Mapping[str, str]) -> tuple[str, str]:
-    """A condition with numbers for quantities that are compared with a factor, "torque <= 2 kN m"; and a complaint.
+def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, str]:
+    """A condition with plain numbers in place of quantities, "torque <= 2 kN m", and a complaint on them or "".
 
     Args:
-        units: of the factors' values, "" for none.
-
-    Returns:
-        The condition, and "" or what is wrong with a quantity.
+        text: the condition.
+        units: units of the factors' values by name, "" for none.
     """
-    words = _MARKS.split(text)
+    words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
         match = quantity(words[k].strip())
         if match is None or unit(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
             continue  # 90 % m is a remainder
-        beside = [words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARED]
+        beside = [
+            words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARISON_MARKS
+        ]
         wanted = {units.get(word.strip(), "") for word in beside}
         if len(wanted) != 1 or "" in wanted:
             return text, f"{words[k].strip()} must be compared with a factor alone, whose values have a unit"
@@ -194,11 +197,12 @@ class Adjust(Part):
     travel: Positive | None = None
     links: Annotated[Literal["even", "any"], Value('must be "even" or "any"')] | None = None
     chain: Text | None = None
-    strain: Wanted | None = None
-    preload: Wanted | None = None
+    strain: NumberOrExpression | None = None
+    preload: NumberOrExpression | None = None
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an adjustment: what moves, and either a strain or a preload."""
         sprocket = get(node, "sprocket")
         if sprocket is None and get(node, "links") is None:
             yield Problem(("sprocket",), None, "missing; give the sprocket that moves, or links, or both", BARE)
@@ -217,14 +221,14 @@ class Adjust(Part):
 
 
 def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]]:
-    """Adjustments, each with its key in study files and what its columns begin with: of several, the chain's name."""
+    """(key in study files, prefix of its columns, adjustment) of each adjustment."""
     if len(adjusts) == 1:
         return [("adjust", "", adjusts[0])]
     return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]
 
 
-def adjust_rules(node: Any) -> Iterator[Problem]:
-    """Each of several adjustments names a chain of its own."""
+def adjustment_rules(node: Any) -> Iterator[Problem]:
+    """Problems of several adjustments: each must name a chain of its own."""
     adjusts = elements(node, "adjust")
     chains: list[Any] = []
     for k, adjust in enumerate(adjusts if len(adjusts) > 1 else ()):
@@ -263,6 +267,7 @@ class RunOptions(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of the run's window."""
         window = get(node, "window")
         if isinstance(window, (list, tuple)) and len(window) == 2 and numbers(*window) and window[0] >= window[1]:
             yield Problem(("window",), window, "must be two times [start, end], 0 <= start < end")
@@ -305,7 +310,7 @@ class Recording(Part):
         channels: names of `warpchain.results.channels.NAMES`; those on request only where they are named.
     """
 
-    variants: Wholes = ()
+    variants: WholeNumbers = ()
     every: Count | None = None
     worst: Worst | None = None
     rate: Positive | None = None
@@ -313,6 +318,7 @@ class Recording(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of the recorded channels' names."""
         for i, channel in enumerate(elements(node, "channels")):
             if channel not in NAMES:
                 yield Problem(("channels", i), channel, f"must be one of {', '.join(NAMES)}")
@@ -360,10 +366,12 @@ class Bound(Part):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        """Unit of a limit's numbers, that of the metric."""
         return metric_unit(get(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a limit's ends."""
         low, high = get(node, "min"), get(node, "max")
         if low is None and high is None:
             yield Problem(("max",), None, "missing; must be a finite number; give max, min or both", BARE)
@@ -382,11 +390,11 @@ class Search(Part):
         recommend: most designs that are recommended.
     """
 
-    engine: Annotated[Literal[*ENGINES], Value('must be "bayes" or "population"')] = "bayes"  # type: ignore[valid-type]
-    count: _Few = 64
-    batch: _Few = 8
-    seed: Whole = 0
-    recommend: _Few = 4
+    engine: Annotated[Literal[*SEARCH_ENGINES], Value('must be "bayes" or "population"')] = "bayes"  # type: ignore[valid-type]
+    count: _UpToMillion = 64
+    batch: _UpToMillion = 8
+    seed: WholeNumber = 0
+    recommend: _UpToMillion = 4
 
 
 class Risk(Part):
@@ -408,22 +416,21 @@ class Risk(Part):
     samples: Annotated[int, Field(strict=True, ge=50, le=1_000_000), Value("must be an integer from 50 to 1000000")] = (
         1000
     )
-    seed: Whole = 0
+    seed: WholeNumber = 0
 
 
-_OF_BOUNDS = ("metric", "min", "max")
-_LISTS = {"objectives": "objectives", "bounds": "limits"}
-"""Lists of metrics that are wanted, and their names in study files."""
+_BOUND_KEYS = ("metric", "min", "max")
+_METRIC_LISTS = {"objectives": "objectives", "bounds": "limits"}
+"""Lists of objectives and limits, and their names in study files."""
 
 
-def _is_bound(entry: Any) -> bool:
-    return not isinstance(entry, Mapping) or any(key in entry for key in _OF_BOUNDS)
+def _is_bound_entry(entry: Any) -> bool:
+    """Whether an entry of a file's list `limits` is a limit on a metric."""
+    return not isinstance(entry, Mapping) or any(key in entry for key in _BOUND_KEYS)
 
 
-def of_file(values: Any) -> Any:
-    """A study file's values as those of `Study`: an adjustment as a list; a list of limits as `bounds` and, of what is
-    left, the table `limits`.
-    """
+def fields_from_file(values: Any) -> Any:
+    """Fields of `Study` from a study file's values: adjustments as a list, limits on metrics as `bounds`."""
     if not isinstance(values, Mapping):
         return values
     adjust = values.get("adjust", ())
@@ -434,13 +441,13 @@ def of_file(values: Any) -> Any:
         return values
     judged: dict[str, Any] = {}
     for entry in limits:
-        if not _is_bound(entry):
+        if not _is_bound_entry(entry):
             judged |= entry
-    return {**values, "bounds": tuple(entry for entry in limits if _is_bound(entry)), "limits": judged}
+    return {**values, "bounds": tuple(entry for entry in limits if _is_bound_entry(entry)), "limits": judged}
 
 
-def for_file(values: dict[str, Any]) -> dict[str, Any]:
-    """The other way round, for a file."""
+def file_from_fields(values: dict[str, Any]) -> dict[str, Any]:
+    """Values for a study file from the fields of `Study`: one adjustment as a table, `bounds` among `limits`."""
     if len(values.get("adjust", ())) == 1:
         values = {**values, "adjust": values["adjust"][0]}
     if not values.get("bounds"):
@@ -451,15 +458,15 @@ def for_file(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def objective_rules(node: Any) -> Iterator[Problem]:
-    """No metric is wanted twice, and limits and a search need something that is wanted."""
-    for key in _LISTS:
+    """Problems of objectives and limits: no metric twice, and a search needs objectives."""
+    for key in _METRIC_LISTS:
         names: set[str] = set()
         for i, entry in enumerate(elements(node, key)):
             name = get(entry, "metric")
             if not isinstance(name, str):
                 continue  # its own rule says so
             if name in names:
-                yield Problem((key, i, "metric"), name, f"must be unique among {_LISTS[key]}")
+                yield Problem((key, i, "metric"), name, f"must be unique among {_METRIC_LISTS[key]}")
             names.add(name)
     if get(node, "optimize") is not None and not elements(node, "objectives"):
         yield Problem(("optimize",), None, "needs at least one entry of objectives", BARE)

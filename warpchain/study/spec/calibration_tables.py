@@ -1,4 +1,4 @@
-"""Measurements on a rig, and settings of a calibration: tables of a study file.
+"""Tables of a study file for calibrations: measurements on a rig, and settings.
 
 The unknowns are the study's noise factors, and their distributions the priors.
 """
@@ -26,14 +26,14 @@ from warpchain.drive.schema import (
 )
 from warpchain.results.measured_file import STATISTICS
 from warpchain.study.results import NOISE
-from warpchain.study.spec.factor import NEEDS, Texts, Whole, form_of
+from warpchain.study.spec.factor import DISTRIBUTION_KEYS, Texts, WholeNumber, value_source_of
 from warpchain.study.spec.study_tables import metric_unit
 
-_STATISTICS_TEXT = "must be a list of " + ", ".join(f'"{name}"' for name in STATISTICS)
+_STATISTICS_HELP = "must be a list of " + ", ".join(f'"{name}"' for name in STATISTICS)
 _Band = Annotated[
     tuple[Annotated[float, Field(ge=0.0)], Annotated[float, Field(gt=0.0)]], BeforeValidator(plain_sequence)
 ]
-_BANDS_TEXT = "must be a list of bands [low, high] in Hz, 0 <= low < high"
+_BANDS_HELP = "must be a list of bands [low, high] in Hz, 0 <= low < high"
 
 
 class Measurement(Part):
@@ -66,25 +66,27 @@ class Measurement(Part):
     time_unit: Text | None = None
     decimal: Annotated[Literal[".", ","], Value('must be "." or ","')] | None = None
     statistics: Annotated[
-        tuple[Literal[*STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_TEXT)  # type: ignore[valid-type]
+        tuple[Literal[*STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_HELP)  # type: ignore[valid-type]
     ] = ()
     orders: Annotated[
         tuple[Annotated[float, Field(gt=0.0)], ...],
         BeforeValidator(plain_sequence),
         Value("must be a list of positive numbers"),
     ] = ()
-    bands: Annotated[tuple[_Band, ...], BeforeValidator(plain_sequence), Value(_BANDS_TEXT)] = ()
+    bands: Annotated[tuple[_Band, ...], BeforeValidator(plain_sequence), Value(_BANDS_HELP)] = ()
     error: Positive | None = None
     relative_error: Positive | None = None
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
+        """Unit of numbers of a key, as those of the metric or of bands."""
         if key == "bands":
             return "Hz"
         return metric_unit(get(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a measurement's keys: either a metric or a signal, with what it needs."""
         if (get(node, "metric") is None) == (get(node, "signal") is None):
             yield Problem(("metric",), get(node, "metric"), "give metric and value, or signal and file", BARE)
             return
@@ -121,11 +123,11 @@ class Calibrate(Part):
     rounds: Annotated[int, Field(strict=True, ge=1, le=20), Value("must be an integer from 1 to 20")] = 2
     predict: Texts = ()
     model_error: NonNegative = 0.0
-    seed: Whole = 0
+    seed: WholeNumber = 0
 
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
-    """Measurements have unknowns to explain them: noise factors of continuous distributions."""
+    """Problems of a study's measurements: their unknowns must be noise factors of continuous distributions."""
     measured = elements(node, "measured")
     if get(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)
@@ -135,8 +137,8 @@ def calibration_rules(node: Any) -> Iterator[Problem]:
     if not unknowns:
         yield Problem(("factors",), None, 'none is of kind "noise": measurements need an unknown to explain them', BARE)
     for i, factor in unknowns:
-        form = form_of(factor)
-        if form is not None and (form not in NEEDS or get(factor, "integer") is True):
+        form = value_source_of(factor)
+        if form is not None and (form not in DISTRIBUTION_KEYS or get(factor, "integer") is True):
             yield Problem(("factors", i, "distribution"), form, "an unknown needs a continuous distribution")
     if get(get(node, "design"), "replicates") is not None:
         text = "not together with measured: how far runs scatter is found without replicates"

@@ -1,7 +1,6 @@
-"""Noise in a study file: what nobody can choose, how it is sampled, and statistics of metrics over it.
+"""Table `noise` of a study file, and names of statistics of metrics over it: "mean(M)", "std(M)", "q95(M)".
 
-A statistic is written as an objective's or a limit's `metric`: "mean(M)", "std(M)" or a quantile such as "q95(M)", M a
-metric. A metric alone means its mean where it is an objective; a limit on it is one that each run keeps.
+A metric alone means its mean if it is an objective; a limit on it is one that each run keeps.
 """
 
 from __future__ import annotations
@@ -18,21 +17,21 @@ from pydantic import BeforeValidator, Field
 from warpchain.drive.schema import BARE, Part, Problem, Value, elements, get, numbers, plain_sequence
 from warpchain.errors import StudyError
 from warpchain.study.results import NOISE
-from warpchain.study.spec.expression import parse
-from warpchain.study.spec.factor import Texts, Whole, form_of
+from warpchain.study.spec.expression import parse_expression
+from warpchain.study.spec.factor import Texts, WholeNumber, value_source_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from warpchain.study.spec.factor import Factor
 
-_STATISTIC = re.compile(r"(mean|std|q(\d{1,2}(?:\.\d+)?))\((.+)\)")
-_Row = Annotated[tuple[Annotated[float, Field(strict=True, ge=-1.0, le=1.0)], ...], BeforeValidator(plain_sequence)]
-Ranks = Annotated[
-    tuple[_Row, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
+_STATISTIC_PATTERN = re.compile(r"(mean|std|q(\d{1,2}(?:\.\d+)?))\((.+)\)")
+_RankRow = Annotated[tuple[Annotated[float, Field(strict=True, ge=-1.0, le=1.0)], ...], BeforeValidator(plain_sequence)]
+RankMatrix = Annotated[
+    tuple[_RankRow, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
 ]
-DEFINITE = 1e-9
-"""Least eigenvalue of a matrix of correlations from which on it counts as positive definite."""
+LEAST_EIGENVALUE = 1e-9
+"""Least eigenvalue of a correlation matrix that counts as positive definite."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Statistic:
 
     Attributes:
         word: "mean", "std", or a quantile as it was written, such as "q95".
-        metric: of which.
+        metric: its metric.
         level: probability of a quantile [-]; None of the others.
     """
 
@@ -50,17 +49,17 @@ class Statistic:
     level: float | None = None
 
 
-def statistic_of(name: str) -> Statistic | None:
-    """The statistic that a name says; None for the name of a metric or factor."""
-    found = _STATISTIC.fullmatch(name)
+def statistic_from_name(name: str) -> Statistic | None:
+    """The statistic that a name such as "q95(M)" states; None for a metric or factor."""
+    found = _STATISTIC_PATTERN.fullmatch(name)
     if found is None or (found[2] is not None and float(found[2]) == 0.0):
         return None
     return Statistic(found[1], found[3], None if found[2] is None else float(found[2]) / 100.0)
 
 
-def metric_in(name: str) -> str:
-    """The metric that a name is of: itself, or that of its statistic."""
-    found = statistic_of(name)
+def metric_from_name(name: str) -> str:
+    """The metric that a name such as "q95(M)" or "M" states."""
+    found = statistic_from_name(name)
     return name if found is None else found.metric
 
 
@@ -76,71 +75,78 @@ class Noise(Part):
     """
 
     count: Annotated[int, Field(strict=True, ge=4, le=100_000), Value("must be an integer from 4 to 100000")] = 32
-    seed: Whole = 0
+    seed: WholeNumber = 0
     correlated: Texts = ()
-    ranks: Ranks = ()
+    ranks: RankMatrix = ()
     keep: Annotated[float, Field(strict=True, gt=0.0, lt=1.0), Value("must be a number between 0 and 1")] = 0.95
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of the rank correlations in the table `noise`."""
         names, ranks = elements(node, "correlated"), elements(node, "ranks")
         if not names and not ranks:
             return
         if len(names) < 2 or len(set(names)) < len(names):
             yield Problem(("correlated",), list(names), "must be at least 2 different noise factors or groups of these")
-        elif not _square(ranks, len(names)):
+        elif not _is_correlation_matrix(ranks, len(names)):
             text = f"must be a symmetric matrix of {len(names)} rows with 1 on its diagonal"
             yield Problem(("ranks",), None, text, BARE)
-        elif (why := _impossible(names, np.array(ranks, dtype=float))) is not None:
+        elif (why := _copula_complaint(names, np.array(ranks, dtype=float))) is not None:
             yield Problem(("ranks",), None, why, BARE)
 
 
-def _impossible(names: Sequence[Any], ranks: Any) -> str | None:
-    """Why a Gaussian copula does not give names these rank correlations (K, K); None where it does."""
+def _copula_complaint(names: Sequence[Any], ranks: Any) -> str | None:
+    """Why no Gaussian copula has these rank correlations (K, K); None if one has."""
     for i, j in itertools.combinations(range(len(names)), 2):
         if abs(ranks[i, j]) == 1.0:
             how = "give their factors the same group" if ranks[i, j] > 0.0 else "make one an expression of the other"
             return f"{names[i]} and {names[j]}, correlated by {ranks[i, j]:g}, are one random variable: {how}"
-    if _least(normal_correlation(ranks)) > DEFINITE:
+    if _least_eigenvalue(normal_from_rank_correlation(ranks)) > LEAST_EIGENVALUE:
         return None
-    if _least(ranks) <= DEFINITE:
-        return f"no factors can be correlated so: the matrix is not positive definite (eigenvalue {_least(ranks):.2g})"
+    if _least_eigenvalue(ranks) <= LEAST_EIGENVALUE:
+        return (
+            f"no factors can be correlated so: the matrix is not positive definite (eigenvalue "
+            f"{_least_eigenvalue(ranks):.2g})"
+        )
     apart = ranks - np.eye(len(ranks))
     part = next(
-        k for k in range(99, -1, -1) if _least(normal_correlation(np.eye(len(ranks)) + 0.01 * k * apart)) > DEFINITE
+        k
+        for k in range(99, -1, -1)
+        if _least_eigenvalue(normal_from_rank_correlation(np.eye(len(ranks)) + 0.01 * k * apart)) > LEAST_EIGENVALUE
     )
     return (
         "the matrix is positive definite, but not 2 sin(pi r / 6) of its numbers r, by which normal variables must "
-        f"correlate for such ranks (eigenvalue {_least(normal_correlation(ranks)):.2g}): take at most "
+        f"correlate for such ranks (eigenvalue {_least_eigenvalue(normal_from_rank_correlation(ranks)):.2g}): "
+        f"take at most "
         f"{0.01 * part:.2g} times what is off the diagonal"
     )
 
 
-def _least(matrix: Any) -> float:
+def _least_eigenvalue(matrix: Any) -> float:
     """Least eigenvalue of a symmetric matrix."""
     return float(np.linalg.eigvalsh(matrix).min())
 
 
-def _square(ranks: Any, size: int) -> bool:
-    """Whether rows are a symmetric matrix of numbers with a diagonal of 1."""
+def _is_correlation_matrix(ranks: Any, size: int) -> bool:
+    """Whether rows of a list are a symmetric matrix of `size` rows with 1 on its diagonal."""
     if len(ranks) != size or any(not isinstance(r, (list, tuple)) or len(r) != size or not numbers(*r) for r in ranks):
         return False
     matrix = np.array(ranks, dtype=float)
     return bool((matrix == matrix.T).all() and (np.diag(matrix) == 1.0).all() and (np.abs(matrix) <= 1.0).all())
 
 
-def normal_correlation(ranks: Any) -> Any:
-    """Correlation of normal variables whose ranks are correlated so: 2 sin(pi r / 6) (Pearson 1907)."""
+def normal_from_rank_correlation(ranks: Any) -> Any:
+    """Correlation of normal variables with these rank correlations: 2 sin(pi r / 6) (Pearson 1907)."""
     return 2.0 * np.sin(np.pi * ranks / 6.0)
 
 
-def noise_names(node: Any) -> tuple[str, ...]:
-    """Names of a study's noise factors, and of the expressions that reach one."""
+def noise_factor_names(node: Any) -> tuple[str, ...]:
+    """Names of a study's noise factors, and of the factors whose expressions depend on one."""
     found = [str(get(factor, "name")) for factor in elements(node, "factors") if get(factor, "kind") == NOISE]
     tied = {
-        str(get(factor, "name")): _names_in(get(factor, "expression"))
+        str(get(factor, "name")): _expression_names(get(factor, "expression"))
         for factor in elements(node, "factors")
-        if form_of(factor) == "expression"
+        if value_source_of(factor) == "expression"
     }
     count = -1
     while found and count != len(found):
@@ -149,20 +155,21 @@ def noise_names(node: Any) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _names_in(text: Any) -> tuple[str, ...]:
+def _expression_names(text: Any) -> tuple[str, ...]:
+    """Names of factors in an expression's text; none if it does not parse."""
     try:
-        return parse(text).names if isinstance(text, str) else ()
+        return parse_expression(text).names if isinstance(text, str) else ()
     except StudyError:
         return ()  # its own rule says so
 
 
-def noise_rules(node: Any) -> Iterator[Problem]:
-    """The noise of a study agrees with its factors, objectives and limits."""
-    factors, noise = elements(node, "factors"), noise_names(node)
+def noise_table_rules(node: Any) -> Iterator[Problem]:
+    """Problems of a study's noise with its design, factors, constraints, objectives and limits."""
+    factors, noise = elements(node, "factors"), noise_factor_names(node)
     own = [str(get(f, "name")) for f in factors if get(f, "kind") == NOISE]
     if get(node, "noise") is not None and not noise:
         yield Problem(("noise",), None, 'needs at least one factor of kind "noise"', BARE)
-    free = [get(factor, "name") for factor in factors if form_of(factor) != "expression"]
+    free = [get(factor, "name") for factor in factors if value_source_of(factor) != "expression"]
     if get(get(node, "design"), "kind") == NOISE and len(own) < len(free):
         other = next(name for name in free if name not in own)
         yield Problem(
@@ -175,9 +182,9 @@ def noise_rules(node: Any) -> Iterator[Problem]:
             get(factor, "kind") == NOISE
         ):
             yield Problem(("factors", i, "group"), group, "factors of a group must be of one kind")
-    yield from _correlated_rules(node, [f for f in factors if get(f, "kind") == NOISE])
+    yield from _correlation_rules(node, [f for f in factors if get(f, "kind") == NOISE])
     for i, constraint in enumerate(elements(node, "constraints")):
-        reached = [name for name in _names_in(get(constraint, "require")) if name in noise]
+        reached = [name for name in _expression_names(get(constraint, "require")) if name in noise]
         if reached:
             text = f"{reached[0]} is noise, which nobody can choose: constrain design factors"
             yield Problem(("constraints", i, "require"), get(constraint, "require"), text)
@@ -186,12 +193,12 @@ def noise_rules(node: Any) -> Iterator[Problem]:
             metric = get(entry, "metric")
             if metric in noise:
                 yield Problem((key, i, "metric"), metric, "is noise, which nobody can choose")
-            elif isinstance(metric, str) and statistic_of(metric) is not None and not noise:
+            elif isinstance(metric, str) and statistic_from_name(metric) is not None and not noise:
                 yield Problem((key, i, "metric"), metric, 'is a statistic over noise: needs a factor of kind "noise"')
 
 
-def _correlated_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
-    """The names that are correlated are those of noise factors, or of groups of these."""
+def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
+    """Problems of `noise.correlated`: names must be noise factors, or groups of these."""
     groups = {str(get(f, "name")): get(f, "group") for f in factors}
     free = [name for name, group in groups.items() if group is None]
     known = list(dict.fromkeys(name if group is None else str(group) for name, group in groups.items()))
@@ -207,8 +214,8 @@ def _correlated_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
             yield Problem(("noise", "correlated"), name, text)
 
 
-def with_sample(factor: Factor, folder: Path) -> Factor:
-    """A factor whose sample is in a file, with the sample instead.
+def factor_with_sample(factor: Factor, folder: Path) -> Factor:
+    """The factor with the sample in its file as `sample`; itself if it has no file.
 
     Raises:
         StudyError: the file cannot be read, or its column holds no numbers.

@@ -1,0 +1,72 @@
+"""Names of key paths of a study file in messages: entries of lists go by their own names, not by an index."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from warpchain.drive.schema import elements, get, is_name
+from warpchain.drive.toml import value_text, word_text
+from warpchain.study.spec.study_tables import fields_from_file
+
+_ENTRY_NOUNS = {
+    "factors": ("factor", ""),
+    "constraints": ("constraint", ""),
+    "adjust": ("adjustment", ""),
+    "objectives": ("objective", "objective"),
+    "bounds": ("limit", "limit on"),
+    "measured": ("measurement", "measurement of"),
+}
+"""Nouns for an entry of each list: before its number, and before its metric or signal."""
+_NAME_KEYS = {"factors": "name", "adjust": "chain"}
+"""Keys of entries whose values stand in key paths."""
+
+
+def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
+    """A function that names a key path into a study, or into the mapping that should become one.
+
+    An entry goes by its own name, `factors.torque.range`, `limit on "slack": max`; by its number from 1 if that name is
+    at issue, repeated or missing, `limit 2: metric`. A value of a list is `value 1 of metrics.keep`.
+    """
+    values = fields_from_file(study)
+    known: dict[str, Counter[str]] = {}
+
+    def key_path_name(path: Sequence[str | int]) -> str:
+        """Name of a key path for messages."""
+        head, number, *rest = str(path[0]), *(path[1:] or ("",))
+        entries = elements(values, head)
+        if head not in _ENTRY_NOUNS or not isinstance(number, int):
+            return _key_path_text(*path)
+        if head == "adjust" and len(entries) == 1:
+            return _key_path_text(head, *rest)
+        if head not in known:
+            known[head] = Counter(_entry_name(head, entry)[1] for entry in entries)
+        key, own = _entry_name(head, entries[number])
+        noun, on = _ENTRY_NOUNS[head]
+        if not own or known[head][own] > 1 or (on and rest == [key]):
+            words = f"{noun} {number + 1}"
+        elif on:
+            words = f"{on} {value_text(own)}"
+        else:
+            return _key_path_text(head, own, *rest)
+        return f"{words}: {_key_path_text(*rest)}" if rest else words
+
+    return key_path_name
+
+
+def _key_path_text(*keys: str | int) -> str:
+    """Keys as text: "a.b", and "value 1 of a" for a number."""
+    text = word_text(str(keys[0]))
+    for key in keys[1:]:
+        text = f"value {key + 1} of {text}" if isinstance(key, int) else f"{text}.{word_text(key)}"
+    return text
+
+
+def _entry_name(head: str, entry: Any) -> tuple[str, str]:
+    """Key that an entry of a list goes by, and its value; "" if none can stand in a line."""
+    if head in _NAME_KEYS:
+        name = get(entry, _NAME_KEYS[head])
+        return _NAME_KEYS[head], name if is_name(name) else ""
+    keys = [key for key in ("metric", "signal") if isinstance(get(entry, key), str) and get(entry, key)]
+    return (keys[0], get(entry, keys[0])) if keys and _ENTRY_NOUNS[head][1] else ("", "")
