@@ -37,7 +37,7 @@ GROUPS = {
     "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
     "Model and limits": ("validation", "model", "devices", "performance", "reliability"),
     "Reference": ("metrics",),
-    "The project": ("contributing", "kernels"),
+    "The project": ("contributing", "architecture", "kernels"),
 }
 """Pages by their place in the menu; those that are not named are of the model."""
 EXAMPLES = {"drives": "warpchain/drive/examples", "studies": "warpchain/study/examples"}
