@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from typing_extensions import TypeAliasType
 
 import warpchain
-from warpchain import ArchiveOptions, Record, arguments, fit, modes, simulate
+from warpchain import ArchiveOptions, Record, argument_checks, fit, modes, simulate
 from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
@@ -58,7 +58,7 @@ def test_a_type_alias_is_what_it_stands_for():
     scalar = TypeVar("scalar", bound=np.generic)
     array = TypeAliasType("array", np.ndarray[tuple[Any, ...], np.dtype[scalar]], type_params=(scalar,))
     for note in (array, array[np.float64]):
-        words, test = arguments._kind(note)
+        words, test = argument_checks._kind_of_annotation(note)
         assert words == "a ndarray" and test(np.zeros(3)) and not test("x")
 
 

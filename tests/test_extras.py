@@ -28,9 +28,9 @@ def distributions(extra):
 
 
 def test_the_modules_of_each_extra_are_those_of_its_distributions():
-    assert set(extras.MODULES) == set(OPTIONAL) - WITHOUT_CODE
+    assert set(extras.EXTRA_MODULES) == set(OPTIONAL) - WITHOUT_CODE
     owners = packages_distributions()
-    for extra, modules in extras.MODULES.items():
+    for extra, modules in extras.EXTRA_MODULES.items():
         assert {owners[module][0].lower() for module in modules} == set(distributions(extra)), extra
 
 

@@ -23,7 +23,7 @@ from warpchain.archive.export import export
 from warpchain.archive.file_set import cut_files
 from warpchain.archive.mcap_write import McapFile
 from warpchain.errors import ArchiveError, DriveError
-from warpchain.files import read_text, refusals, whole_file, write_text
+from warpchain.files import read_text_file, refusals_as_errors, whole_file, write_text_file
 from warpchain.study.store import write_study_text as write_study_text
 
 OLD, NEW = b"old", b"new" * 100_000
@@ -125,7 +125,7 @@ def test_a_kill_at_any_step_leaves_a_whole_file(tmp_path, step, after, overwrite
     now = path.read_bytes() if path.exists() else None
     assert now in (OLD if overwrite else None, NEW)
     assert {file.suffix for file in tmp_path.iterdir()} <= {"", ".partial", ".lock"}
-    write_text(path, "next")  # what is left is in nobody's way
+    write_text_file(path, "next")  # what is left is in nobody's way
     assert path.read_text() == "next"
 
 
@@ -155,7 +155,7 @@ def test_without_overwrite_one_of_many_writers_wins(tmp_path, monkeypatch, links
 def test_writers_at_once_leave_one_whole_file(tmp_path):
     path = tmp_path / "a"
     texts = [str(k) * 200_000 for k in range(8)]
-    threads = [threading.Thread(target=write_text, args=(path, text)) for text in texts]
+    threads = [threading.Thread(target=write_text_file, args=(path, text)) for text in texts]
     threads += [threading.Thread(target=write_study_text, args=(tmp_path / "b", text, True)) for text in texts]
     for thread in threads:
         thread.start()
@@ -168,7 +168,7 @@ def test_writers_at_once_leave_one_whole_file(tmp_path):
 
 def test_the_longest_name_can_be_written(tmp_path):
     path = tmp_path / ("ü" * 127)
-    write_text(path, "x")
+    write_text_file(path, "x")
     assert path.read_text() == "x"
 
 
@@ -235,7 +235,7 @@ def test_a_killed_writer_holds_nothing_and_its_file_stays(tmp_path):
             write_text_now(path, "mine")
         (left,) = cut_files(path)
         assert files.is_being_written(left)
-        files.sweep([left, *tmp_path.glob(".*")])
+        files.remove_leftovers([left, *tmp_path.glob(".*")])
         assert left.read_bytes() == b"to be recovered"
         process.kill()
     assert not files.is_being_written(left)
@@ -243,7 +243,7 @@ def test_a_killed_writer_holds_nothing_and_its_file_stays(tmp_path):
     assert path.read_text() == "mine"
     assert left.read_bytes() == b"to be recovered"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.mcap", left.name]
-    files.sweep([left])
+    files.remove_leftovers([left])
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -254,11 +254,11 @@ def write_text_now(path, text):
 
 def test_without_locks_files_are_written_all_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr(files.fcntl, "flock", lambda *_: refuse())
-    write_text(tmp_path / "a", "text")
+    write_text_file(tmp_path / "a", "text")
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a", "text")]
     left = tmp_path / ".a.1.partial"
     left.write_text("whose?")
-    files.sweep([left])
+    files.remove_leftovers([left])
     assert left.exists()  # nobody can tell whether it is being written
 
 
@@ -272,10 +272,10 @@ def test_only_files_are_replaced(tmp_path):
     told = {"pipe": "a device or a pipe", "nowhere": "a symbolic link to nothing", "folder": "Is a directory"}
     for name, reason in told.items():
         with pytest.raises(OSError, match=reason):
-            write_text(tmp_path / name, "x")
+            write_text_file(tmp_path / name, "x")
     with pytest.raises(OSError, match="a device or a pipe"):
-        write_text(Path("/dev/null"), "x")
-    write_text(tmp_path / "link", "new")
+        write_text_file(Path("/dev/null"), "x")
+    write_text_file(tmp_path / "link", "new")
     assert (tmp_path / "real").read_text() == "new"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["folder", "link", "nowhere", "pipe", "real"]
     assert (tmp_path / "link").is_symlink()
@@ -296,25 +296,29 @@ def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
 def test_temporary_names_are_nobody_elses(tmp_path, monkeypatch):
     """Processes of containers that share a folder may have the same number."""
     monkeypatch.setattr(files.os, "getpid", lambda: 1)
-    names = [files.partial_name(tmp_path / "a.mcap", hidden).name for hidden in (True, False) for _ in range(1000)]
+    names = [files.temporary_name(tmp_path / "a.mcap", hidden).name for hidden in (True, False) for _ in range(1000)]
     assert len(set(names)) == 2000
     assert all(name.startswith((".a.mcap.1-", "a.mcap.1-")) for name in names)
 
 
 def test_refusals_are_one_line(tmp_path):
-    with pytest.raises(ArchiveError) as caught, refusals("a", ArchiveError), whole_file(tmp_path / "none" / "a"):
+    with (
+        pytest.raises(ArchiveError) as caught,
+        refusals_as_errors("a", ArchiveError),
+        whole_file(tmp_path / "none" / "a"),
+    ):
         pass
     assert str(caught.value) == "a: cannot be written (No such file or directory)"
-    with pytest.raises(ArchiveError) as caught, refusals("a", ArchiveError):
+    with pytest.raises(ArchiveError) as caught, refusals_as_errors("a", ArchiveError):
         raise OSError("two\nlines")
     assert str(caught.value) == "a: cannot be written (two)"
     with pytest.raises(DriveError, match=r"^cannot be read: is a directory$"):
-        read_text(tmp_path, "TOML", DriveError)
+        read_text_file(tmp_path, "TOML", DriveError)
     (tmp_path / "a").write_bytes(b"abc\xff")
     with pytest.raises(DriveError, match=r"^not TOML: byte 3 is not UTF-8$"):
-        read_text(tmp_path / "a", "TOML", DriveError)
+        read_text_file(tmp_path / "a", "TOML", DriveError)
     (tmp_path / "a").write_bytes(b"\xef\xbb\xbfa\r\n")
-    assert read_text(tmp_path / "a", "TOML", DriveError) == "a\r\n"
+    assert read_text_file(tmp_path / "a", "TOML", DriveError) == "a\r\n"
 
 
 @pytest.mark.parametrize("word", ["tempfile.NamedTemp", "os.replace(", "os.rename(", "os.fsync(", "os.link("])

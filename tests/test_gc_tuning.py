@@ -7,7 +7,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import simulate
-from warpchain.gc_tuning import RARELY, rare_collections
+from warpchain.gc_tuning import RARE_THRESHOLD, rare_collections
 
 
 @pytest.fixture(autouse=True)
@@ -20,12 +20,12 @@ def usual() -> Iterator[None]:
 
 def test_it_looks_rarely_inside_and_as_before_after_errors_too():
     with pytest.raises(ValueError, match="inside"), rare_collections():
-        assert gc.get_threshold() == (RARELY, 10, 10)
+        assert gc.get_threshold() == (RARE_THRESHOLD, 10, 10)
         raise ValueError("inside")
     assert gc.get_threshold() == (700, 10, 10)
 
 
-@pytest.mark.parametrize("own", [0, RARELY + 1])
+@pytest.mark.parametrize("own", [0, RARE_THRESHOLD + 1])
 def test_whoever_wants_it_more_rarely_or_never_is_left_alone(own):
     gc.set_threshold(own)
     with rare_collections():
@@ -40,5 +40,5 @@ def test_a_run_does_so():
         seen.append(gc.get_threshold()[0])
 
     simulate(two_sprockets(), duration=1e-4, progress=report)
-    assert set(seen) == {RARELY}
+    assert set(seen) == {RARE_THRESHOLD}
     assert gc.get_threshold() == (700, 10, 10)

@@ -15,7 +15,10 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "arguments", "extras", "version", "files", "progress", "python_process", "show", "gc_tuning"),
+    (
+        *("errors", "argument_checks", "extras", "version", "files"),
+        *("progress", "python_process", "notebook_renderer", "gc_tuning"),
+    ),
     ("drive",),
     ("assembly",),
     ("results",),

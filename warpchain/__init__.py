@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from warpchain import show
+from warpchain import notebook_renderer
 
 if TYPE_CHECKING:
     from warpchain.archive import read_archive, write_archive
@@ -76,9 +76,9 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used, so that `import warpchain` stays light."""
     if name == "__version__":
-        from warpchain.version import installed
+        from warpchain.version import installed_version
 
-        return installed()
+        return installed_version()
     if name in _HOME:
         return getattr(import_module(f"warpchain.{_HOME[name]}"), name)
     raise AttributeError(f"module 'warpchain' has no attribute {name!r}")
@@ -89,9 +89,9 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-def _notebook_html(thing: Any) -> str:
+def _render_notebook(thing: Any) -> str:
     """HTML of a drive, run or trajectory; loads what draws it when the first is shown."""
     return str(import_module("warpchain.view.notebook").notebook_html(thing))
 
 
-show.register(_notebook_html)
+notebook_renderer.register_renderer(_render_notebook)

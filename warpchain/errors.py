@@ -6,9 +6,9 @@ import sys
 import warnings
 from collections.abc import Iterable
 
-MOST_LINES = 100
+MOST_ERROR_LINES = 100
 """Most lines of an error, but one that counts the rest."""
-_WITHIN = ("warpchain", "pydantic", "contextlib")
+_SKIPPED_PACKAGES = ("warpchain", "pydantic", "contextlib")
 """Packages whose frames lie between a caller of warpchain and a warning."""
 
 
@@ -29,11 +29,11 @@ class DriveError(WarpchainError):
 
 
 def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
-    """One error out of its lines, each behind `source`, without repetitions; of very many the first `MOST_LINES`."""
+    """A `DriveError` of these lines, each behind `source` and once; of very many the first `MOST_ERROR_LINES`."""
     prefix = f"{source}: " if source else ""
     unlike = list(dict.fromkeys(prefix + line for line in lines))
-    if len(unlike) > MOST_LINES + 1:
-        unlike[MOST_LINES:] = [f"{prefix}{len(unlike) - MOST_LINES} more like these"]
+    if len(unlike) > MOST_ERROR_LINES + 1:
+        unlike[MOST_ERROR_LINES:] = [f"{prefix}{len(unlike) - MOST_ERROR_LINES} more like these"]
     return DriveError("\n".join(unlike))
 
 
@@ -63,6 +63,6 @@ def warn_caller(text: str, kind: type[Warning] = UserWarning) -> None:
     `warnings.warn` has `skip_file_prefixes` for that from Python 3.12 on.
     """
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _WITHIN:
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _SKIPPED_PACKAGES:
         level, frame = level + 1, frame.f_back
     warnings.warn(text, kind, stacklevel=level)

@@ -8,8 +8,8 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from urllib.parse import unquote, urlparse
 
-SURROGATE = ("sklearn", "threadpoolctl")
-MODULES = {
+SURROGATE_MODULES = ("sklearn", "threadpoolctl")
+EXTRA_MODULES = {
     "xarray": ("xarray",),
     "dask": ("distributed",),
     "salib": ("SALib",),
@@ -19,9 +19,9 @@ MODULES = {
     "mdf": ("asammdf",),
     "dxf": ("ezdxf",),
     "completions": ("shtab",),
-    "surrogate": SURROGATE,
-    "optimize": (*SURROGATE, "pymoo"),
-    "calibrate": (*SURROGATE, "emcee"),
+    "surrogate": SURROGATE_MODULES,
+    "optimize": (*SURROGATE_MODULES, "pymoo"),
+    "calibrate": (*SURROGATE_MODULES, "emcee"),
 }
 """Modules that code imports, by the extra of pyproject.toml that brings them."""
 
@@ -43,10 +43,10 @@ def require_extra(extra: str, what: str, error: Callable[[str], Exception]) -> N
     """Checks that an extra's modules are installed, without importing them.
 
     Args:
-        extra: one of `MODULES`.
+        extra: one of `EXTRA_MODULES`.
         what: what needs it, for the message.
         error: makes the error from the modules that are missing and the command that installs them.
     """
-    missing = [module for module in MODULES[extra] if find_spec(module) is None]
+    missing = [module for module in EXTRA_MODULES[extra] if find_spec(module) is None]
     if missing:
         raise error(f"{what}: needs {', '.join(missing)}; install it with: {install_command(extra)}")

@@ -32,15 +32,15 @@ try:
 except ImportError:  # a system without flock
     fcntl = None  # type: ignore[assignment]
 
-PATIENCE = 10.0
+WRITER_PATIENCE = 10.0
 """Seconds that writers of small files wait for one another."""
-LARGEST = 64 << 20
+MOST_BYTES = 64 << 20
 """Bytes of a text or a drawing that is read, at most."""
-LONGEST = 255
+LONGEST_NAME = 255
 """Bytes of a file's name, at most."""
 
 
-class Lock:
+class WriteLock:
     """The right to write a name, until `release` or the end of the process.
 
     Args:
@@ -53,24 +53,24 @@ class Lock:
 
     def __init__(self, path: Path, patience: float = 0.0) -> None:
         name = f".{path.name}.lock"
-        if len(os.fsencode(name)) > LONGEST:
+        if len(os.fsencode(name)) > LONGEST_NAME:
             name = f".{hashlib.sha256(os.fsencode(path.name)).hexdigest()}.lock"
         self.path = path.with_name(name)
         self._handle: int | None = None
         end = time.monotonic() + patience
         while self._handle is None:
-            handle = _open_lock(self.path)
+            handle = _open_lock_file(self.path)
             try:
-                if not _locked(handle):
+                if not _lock_open_file(handle):
                     if time.monotonic() >= end:
                         who = os.pread(handle, 200, 0).decode(errors="replace")
                         raise OSError(errno.EBUSY, who or "another process is writing it")
                     time.sleep(0.01)
-                elif _is_named(handle, self.path):
+                elif _has_name(handle, self.path):
                     self._handle = handle
                     with contextlib.suppress(OSError):
                         os.ftruncate(handle, 0)
-                        os.pwrite(handle, _who().encode(), 0)
+                        os.pwrite(handle, _writer_text().encode(), 0)
             finally:
                 if self._handle != handle:
                     os.close(handle)
@@ -87,12 +87,12 @@ class Lock:
                 os.close(handle)
 
 
-def _who() -> str:
+def _writer_text() -> str:
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return f"process {os.getpid()} on {socket.gethostname()} is writing it, since {now}"
 
 
-def _open_lock(path: Path) -> int:
+def _open_lock_file(path: Path) -> int:
     """A lock's file, made where there is none; another user's is opened for reading alone."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -102,7 +102,7 @@ def _open_lock(path: Path) -> int:
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
 
-def _locked(handle: int) -> bool:
+def _lock_open_file(handle: int) -> bool:
     """Locks an open file; False if another one holds it. A file system without locks always agrees."""
     if fcntl is None:
         return True
@@ -115,7 +115,7 @@ def _locked(handle: int) -> bool:
     return True
 
 
-def _is_named(handle: int, path: Path) -> bool:
+def _has_name(handle: int, path: Path) -> bool:
     """Whether an open file still has its name."""
     try:
         return os.path.samestat(os.fstat(handle), os.stat(path))
@@ -140,7 +140,7 @@ def is_being_written(path: Path) -> bool:
     return False
 
 
-def sweep(paths: Iterable[Path]) -> None:
+def remove_leftovers(paths: Iterable[Path]) -> None:
     """Removes temporary files and locks that no process holds any more. Raises nothing."""
     for path in paths:
         with contextlib.suppress(OSError):
@@ -153,12 +153,12 @@ def sweep(paths: Iterable[Path]) -> None:
                 os.close(handle)
 
 
-def leftovers(folder: Path) -> list[Path]:
+def leftover_files(folder: Path) -> list[Path]:
     """Temporary files and locks below a folder, whether left or in use."""
-    return [path for path in sorted(folder.rglob("*")) if LEFT.fullmatch(path.name) and path.is_file()]
+    return [path for path in sorted(folder.rglob("*")) if LEFTOVER_PATTERN.fullmatch(path.name) and path.is_file()]
 
 
-def target_of(path: Path) -> Path:
+def target_of_path(path: Path) -> Path:
     """The regular file that writing to a path makes or replaces; a symbolic link to one stays a link.
 
     Raises:
@@ -185,7 +185,7 @@ def _check_regular(kind: int) -> None:
         raise OSError(errno.EINVAL, "it is a device or a pipe, not a file")
 
 
-def open_regular(path: str | os.PathLike[str]) -> int:
+def open_regular_file(path: str | os.PathLike[str]) -> int:
     """Opens a regular file to read, and nothing that could wait or go on for ever; returns its number.
 
     Raises:
@@ -200,15 +200,15 @@ def open_regular(path: str | os.PathLike[str]) -> int:
     return handle
 
 
-def partial_name(path: Path, hidden: bool = True) -> Path:
-    """A temporary name that no other writer has, in whatever container it runs; see `PARTIAL`."""
+def temporary_name(path: Path, hidden: bool = True) -> Path:
+    """A temporary name that no other writer has, in whatever container it runs; see `PARTIAL_PATTERN`."""
     token = f"{os.getpid()}-{secrets.token_hex(8)}"
     return path.with_name(f".{path.name[:40]}.{token}.partial" if hidden else f"{path.name}.{token}.partial")
 
 
-PARTIAL = r"\.\d+(-[0-9a-f]{16})?\.partial"
+PARTIAL_PATTERN = r"\.\d+(-[0-9a-f]{16})?\.partial"
 """Regular expression of what follows the name in a temporary name that is not hidden."""
-LEFT = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL}")
+LEFTOVER_PATTERN = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL_PATTERN}")
 """Names of temporary files and locks."""
 
 
@@ -232,24 +232,24 @@ class WholeFile:
     """
 
     def __init__(self, path: Path, overwrite: bool = True, hidden: bool = True, patience: float | None = 0.0) -> None:
-        self.path, self.overwrite, self.finished = target_of(path), overwrite, False
-        self._lock = None if patience is None else Lock(self.path, patience)
+        self.path, self.overwrite, self.finished = target_of_path(path), overwrite, False
+        self._lock = None if patience is None else WriteLock(self.path, patience)
         try:
-            self.partial, self.stream = self._begin(hidden)
+            self.partial, self.stream = self._open_temporary(hidden)
         except BaseException:
-            self._release()
+            self._release_lock()
             raise
 
-    def _begin(self, hidden: bool) -> tuple[Path, IO[bytes]]:
+    def _open_temporary(self, hidden: bool) -> tuple[Path, IO[bytes]]:
         """Opens a temporary file, and locks it before any other process could take it for one that was left."""
         while True:
-            partial = partial_name(self.path, hidden)
+            partial = temporary_name(self.path, hidden)
             stream = partial.open("xb")
-            if _locked(stream.fileno()) and _is_named(stream.fileno(), partial):
+            if _lock_open_file(stream.fileno()) and _has_name(stream.fileno(), partial):
                 return partial, stream
             stream.close()
 
-    def _release(self) -> None:
+    def _release_lock(self) -> None:
         if self._lock is not None:
             self._lock.release()
 
@@ -260,11 +260,11 @@ class WholeFile:
         if self.overwrite:
             os.replace(self.partial, self.path)
         else:
-            _claim(self.partial, self.path)
+            _rename_unless_taken(self.partial, self.path)
         self.finished = True
         self.stream.close()
         _sync_folder(self.path.parent)
-        self._release()
+        self._release_lock()
 
     def drop(self, keep: bool = False) -> None:
         """Ends an unfinished file: removes it, or keeps it under its temporary name. Raises nothing."""
@@ -273,10 +273,10 @@ class WholeFile:
         if not (keep or self.finished):
             with contextlib.suppress(OSError):
                 self.partial.unlink()
-        self._release()
+        self._release_lock()
 
 
-def _claim(partial: Path, path: Path) -> None:
+def _rename_unless_taken(partial: Path, path: Path) -> None:
     """Renames a file unless the new name is taken, in one step of the file system where it knows links."""
     try:
         os.link(partial, path)
@@ -316,55 +316,55 @@ def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Ite
         file.drop()
 
 
-def write_text(path: Path, text: str, overwrite: bool = True) -> None:
+def write_text_file(path: Path, text: str, overwrite: bool = True) -> None:
     """Writes a text file (UTF-8, lines as they stand), after others that write it; see `WholeFile`."""
-    with whole_file(path, overwrite, PATIENCE) as file:
+    with whole_file(path, overwrite, WRITER_PATIENCE) as file:
         file.write(text.encode())
 
 
 @contextlib.contextmanager
-def refusals(path: str | Path, error: type[Exception]) -> Iterator[None]:
+def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[None]:
     """Turns a file system's refusal to write into an error of one line: `PATH: cannot be written (File too large)`."""
     try:
         yield
     except OSError as refused:
-        raise error(f"{path}: cannot be written ({reason(refused)})") from None
+        raise error(f"{path}: cannot be written ({refusal_reason(refused)})") from None
     except ValueError as refused:
         if "null byte" not in str(refused):
             raise
         raise error(f"{str(path)!r}: cannot be written (its name has a zero byte)") from None
 
 
-def reason(error: Exception) -> str:
+def refusal_reason(error: Exception) -> str:
     """Why the system or a library refused, in a few words on one line; the error's kind where it says nothing."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a regular file, of which there are `LARGEST` at most.
+def read_regular_file(path: str | os.PathLike[str]) -> bytes:
+    """The bytes of a regular file, of which there are `MOST_BYTES` at most.
 
     Raises:
         OSError: another or a larger file, or what the system refuses.
     """
-    with open(open_regular(path), "rb") as file:
-        data = file.read(LARGEST + 1)
-    _check_length(len(data))
+    with open(open_regular_file(path), "rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    _check_byte_count(len(data))
     return data
 
 
-def check_size(path: str | os.PathLike[str]) -> None:
-    """Refuses what `read_bytes` refuses, without reading it: for a library that reads the file by its name.
+def check_file_size(path: str | os.PathLike[str]) -> None:
+    """Refuses what `read_regular_file` refuses, without reading it: for a library that reads the file by its name.
 
     Raises:
-        OSError: as `read_bytes`.
+        OSError: as `read_regular_file`.
     """
-    with open(open_regular(path), "rb") as file:
-        _check_length(os.fstat(file.fileno()).st_size)
+    with open(open_regular_file(path), "rb") as file:
+        _check_byte_count(os.fstat(file.fileno()).st_size)
 
 
-def _check_length(length: int) -> None:
-    if length > LARGEST:
-        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} bytes")
+def _check_byte_count(length: int) -> None:
+    if length > MOST_BYTES:
+        raise OSError(errno.EFBIG, f"it is larger than {MOST_BYTES} bytes")
 
 
 def parse_json(text: str | bytes) -> Any:
@@ -379,7 +379,7 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
+def read_text_file(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
     """A regular file's text (UTF-8, with or without a byte order mark), line ends as they stand.
 
     Args:
@@ -388,8 +388,8 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
         error: makes the error from `cannot be read: REASON` or `not KIND: byte N is not UTF-8`.
     """
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return read_regular_file(path).decode("utf-8-sig")
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
         if isinstance(refused, UnicodeDecodeError):
             raise error(f"not {kind}: byte {refused.start} is not UTF-8") from None
-        raise error(f"cannot be read: {reason(refused).lower()}") from None
+        raise error(f"cannot be read: {refusal_reason(refused).lower()}") from None

@@ -6,7 +6,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-RARELY = 50_000
+RARE_THRESHOLD = 50_000
 """New objects after which a collection begins, in place of 700."""
 
 
@@ -18,10 +18,10 @@ def rare_collections() -> Iterator[None]:
     third of what a study does beside its run.
     """
     usual = gc.get_threshold()
-    if usual[0] == 0 or usual[0] >= RARELY:  # the caller's wish, or of a call that this one is inside
+    if usual[0] == 0 or usual[0] >= RARE_THRESHOLD:  # the caller's wish, or of a call that this one is inside
         yield
         return
-    gc.set_threshold(RARELY, *usual[1:])
+    gc.set_threshold(RARE_THRESHOLD, *usual[1:])
     try:
         yield
     finally:

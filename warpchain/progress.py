@@ -11,14 +11,14 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from typing import Any
 
-Report = Callable[[str, float, float], None]
+ProgressReport = Callable[[str, float, float], None]
 """Called with (phase, done, total): a key of `PHASES`, how much of it is done and how much there is, in its unit."""
-Progress = bool | Report
-"""What functions take as `progress`: False shows nothing, True a bar; a function is called as `Report` says."""
+Progress = bool | ProgressReport
+"""What functions take as `progress`: False shows nothing, True a bar; a function is called as `ProgressReport` says."""
 
 COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
 """The phases in which kernels are compiled, and variants of a study run and recorded in a second pass."""
-TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
+BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 """The words of a bar."""
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {
@@ -36,11 +36,11 @@ PHASES: dict[str, dict[str, Any]] = {
     RUNNING: {"unit": "variants"},
     RECORDING: {"name": "recording the worst", "unit": "variants"},
 }
-"""Settings of `bar` for the phases of runs and of other long work."""
+"""Settings of `progress_bar` for the phases of runs and of other long work."""
 
 
-class Lines:
-    """A bar for what is no terminal, such as a job's log: a line every `EVERY` seconds, and none of quick work.
+class ProgressLines:
+    """A bar for what is no terminal, such as a job's log: a line every `LINE_INTERVAL` seconds, and none of quick work.
 
     Attributes:
         n: how much is done.
@@ -48,42 +48,42 @@ class Lines:
     """
 
     def __init__(
-        self, total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, few: bool = False
+        self, total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
     ) -> None:
         self.total, self.name, self.unit, self.n, self.initial = total, name, unit, initial, initial
         self.text, self.few, self.start_t = text, few, time.monotonic()
-        self.printed = self.start_t - (EVERY if few else 0.0)
+        self.printed = self.start_t - (LINE_INTERVAL if few else 0.0)
 
     def update(self, more: float) -> None:
         """Notes that more is done."""
         self.n += more
         now = time.monotonic()
-        if now - self.printed >= EVERY:
+        if now - self.printed >= LINE_INTERVAL:
             self.printed = now
             elapsed, done = now - self.start_t, self.n - self.initial
             share = 100.0 * self.n / self.total if self.total else 100.0
             line = self.text.format(desc=self.name, percentage=share, n=self.n, total=self.total, unit=self.unit)
-            line += f", {duration(elapsed)} elapsed"
+            line += f", {duration_text(elapsed)} elapsed"
             if not self.few:
                 left = elapsed * (self.total - self.n) / done if done > 0.0 else None
-                line += ", time left unknown" if left is None else f", about {duration(left)} left"
+                line += ", time left unknown" if left is None else f", about {duration_text(left)} left"
             print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Ends it."""
 
-    def __enter__(self) -> Lines:
+    def __enter__(self) -> ProgressLines:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
 
-EVERY = 10.0
+LINE_INTERVAL = 10.0
 """Seconds between lines of progress."""
 
 
-def duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """A time in words: "31 s", "2 min 5 s", "1 h 18 min"."""
     whole = max(0, round(seconds))
     if whole < 60:
@@ -93,7 +93,9 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole // 60 % 60} min"
 
 
-def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TEXT, few: bool = False) -> Any:
+def progress_bar(
+    total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
+) -> Any:
     """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
 
     Args:
@@ -103,18 +105,18 @@ def bar(total: float, name: str, unit: str, initial: float = 0.0, text: str = TE
         few: the work has few parts, each of which takes long: it is told at once, and no time left, which none knows.
     """
     if not sys.stderr.isatty():
-        return Lines(total, name, unit, initial, text, few)
+        return ProgressLines(total, name, unit, initial, text, few)
     from tqdm import tqdm
 
     shape = f"{text} |{{bar}}| {{elapsed}} elapsed" + ("" if few else ", {remaining} left")
     return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, bar_format=shape)
 
 
-def nothing(phase: str, done: float, total: float) -> None:
+def ignore_progress(phase: str, done: float, total: float) -> None:
     """A report that nobody hears."""
 
 
-def part_of(report: Report, phase: str, begin: float, end: float, total: float = 1.0) -> Report:
+def partial_report(report: ProgressReport, phase: str, begin: float, end: float, total: float = 1.0) -> ProgressReport:
     """A report for one part of some work, which tells the work that goes from `begin` to `end` meanwhile.
 
     Kernels that are compiled are told as they are.
@@ -130,7 +132,7 @@ def part_of(report: Report, phase: str, begin: float, end: float, total: float =
 
 
 @contextmanager
-def reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[Report]:
+def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[ProgressReport]:
     """A function to call as work goes on: shows nothing (False), a bar (True), or passes on to the caller's own.
 
     Args:
@@ -141,7 +143,7 @@ def reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[Repo
         yield progress
         return
     if not progress:
-        yield nothing
+        yield ignore_progress
         return
     shown: dict[str, Any] = {}  # the bar of the phase that goes on
     begun: dict[str, float] = {}  # phases come again, and their time goes on
@@ -155,7 +157,7 @@ def reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[Repo
         if phase not in shown:
             close()
             ago = time.monotonic() - begun.setdefault(phase, time.monotonic())
-            shown[phase] = bar(total, **{"name": phase, **PHASES[phase], **settings.get(phase, {})})
+            shown[phase] = progress_bar(total, **{"name": phase, **PHASES[phase], **settings.get(phase, {})})
             shown[phase].start_t -= ago
         shown[phase].update(done - shown[phase].n)
         if phase == COMPILING and done >= total:  # what follows may take long to begin
@@ -167,7 +169,7 @@ def reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[Repo
         close()
 
 
-class Stop:
+class StopRequest:
     """Whether the user asked to stop; as handler of a signal it takes the first for that, and a second one interrupts.
 
     An exception in the midst of anything may be lost: code in C that calls Python takes it for an error of its own, or
@@ -177,7 +179,7 @@ class Stop:
         asked: whether the user asked to stop, here or around it.
     """
 
-    def __init__(self, around: Stop | None = None) -> None:
+    def __init__(self, around: StopRequest | None = None) -> None:
         self._around, self._asked = around, False
 
     @property
@@ -195,15 +197,15 @@ class Stop:
 
 
 @contextmanager
-def interruptible() -> Iterator[Stop]:
+def interruptible_work() -> Iterator[StopRequest]:
     """Makes the first Ctrl-C a request that work checks between its parts; a second one interrupts at once.
 
     Within another such block the request is to both. In a thread other than the main one, and where a shell had the
     signal ignored, signals are left as they are.
     """
     before = signal.getsignal(signal.SIGINT)
-    around = before if isinstance(before, Stop) else None
-    stop = Stop(around)
+    around = before if isinstance(before, StopRequest) else None
+    stop = StopRequest(around)
     aside = threading.current_thread() is not threading.main_thread()
     if aside or around is not None or before is signal.SIG_IGN:
         yield stop
@@ -215,7 +217,7 @@ def interruptible() -> Iterator[Stop]:
         signal.signal(signal.SIGINT, before)
 
 
-def completed(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
+def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
     """Futures as they are done; between them it is looked whether the user asked to stop.
 
     Raises:
@@ -224,16 +226,16 @@ def completed(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
     left = set(futures)
     while left:
         done, left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED)
-        look_for_stop()
+        raise_if_stopped()
         yield from done
 
 
-def look_for_stop() -> None:
-    """Between two parts of work in an `interruptible` block: ends it if the user asked to stop.
+def raise_if_stopped() -> None:
+    """Between two parts of work in an `interruptible_work` block: ends it if the user asked to stop.
 
     Raises:
         KeyboardInterrupt: the user did.
     """
     handler = signal.getsignal(signal.SIGINT)
-    if isinstance(handler, Stop) and handler.asked:
+    if isinstance(handler, StopRequest) and handler.asked:
         raise KeyboardInterrupt

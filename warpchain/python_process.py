@@ -14,12 +14,12 @@ ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_TH
 """What keeps the libraries below numpy to one core."""
 
 
-def can_start() -> bool:
+def can_start_python() -> bool:
     """Whether this Python can start another one."""
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
-def started(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+def start_python(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
     """A process that runs a module of this package and reads from its standard input.
 
     Args:

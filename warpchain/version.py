@@ -3,6 +3,6 @@
 from importlib.metadata import version
 
 
-def installed() -> str:
+def installed_version() -> str:
     """warpchain's version."""
     return version("warpchain")

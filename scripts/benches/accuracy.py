@@ -15,7 +15,7 @@ from warpchain.drive.batch import stacks_of
 from warpchain.engine.recorder import Recording
 from warpchain.engine.share import How, Members, Share
 from warpchain.engine.simulation import MEMORY, schedules_of
-from warpchain.progress import Stop
+from warpchain.progress import StopRequest
 from warpchain.results.channels import frame_of
 from warpchain.results.metrics import metrics_table
 from warpchain.results.run import RunInfo
@@ -57,7 +57,7 @@ def _started(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.flo
     share = Share(Members((drive,), schedules, stacks_of((drive,))), frame_of(()))
     share.packed.rollers *= 1.0 + rounding * np.random.default_rng(1).standard_normal(len(share.packed.rollers))
     recorder = share.recorder(RunInfo("", device, "float64"), Recording(record, "float64", MEMORY), 1)
-    outcome = share.run(How((device,), "float64", 1), recorder, lambda *_: None, Stop())
+    outcome = share.run(How((device,), "float64", 1), recorder, lambda *_: None, StopRequest())
     recorder.close()
     return share.packed.rollers, metrics_table(outcome.ended, outcome.blocks()).to_pylist()[0]
 

@@ -22,7 +22,7 @@ from warpchain.engine.gpu import compile_lacking
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic
 from warpchain.kernels.gpu.statistics import collect_kernel
-from warpchain.progress import Stop
+from warpchain.progress import StopRequest
 from warpchain.results.schedule import Schedule
 
 TELLS = "compiling kernels (first run of this kind of drive only): "
@@ -49,7 +49,7 @@ def cache(monkeypatch, tmp_path):
 
 def compiled(jobs, cores=2, stop=None, report=lambda *_: None):
     """Whether each kernel is in the cache thereafter."""
-    compile_in_processes(jobs, cores, report, stop or Stop())
+    compile_in_processes(jobs, cores, report, stop or StopRequest())
     return [job.path.exists() for job in jobs]
 
 
@@ -90,7 +90,7 @@ def test_what_is_not_the_kernel_that_was_meant_is_not_compiled(cache):
 
 
 def test_a_stop_ends_processes_and_leaves_nothing_unfinished(cache, monkeypatch):
-    stop, processes, start = Stop(), [], compiling._started
+    stop, processes, start = StopRequest(), [], compiling._started
     monkeypatch.setattr(compiling, "_started", lambda job: processes.append(start(job)) or processes[-1])
     compiled(list(jobs_of(COLLECT, "cuda:0")), stop=stop, report=lambda *_: list(cache.glob("*_p*")) and stop.ask())
     assert len(processes) == 2 and all(process.returncode is not None for process in processes)
@@ -106,7 +106,7 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
     cushion(still)
     asked = []
     monkeypatch.setattr("warpchain.engine.gpu.compile_in_processes", lambda jobs, *_: asked.extend(jobs))
-    compile_lacking([("cuda:0", packed)], "float32", settles, 2, print, Stop())
+    compile_lacking([("cuda:0", packed)], "float32", settles, 2, print, StopRequest())
     steps = GpuKernels(packed.at_precision("float32"), "cuda:0").wanted()
     assert len(steps) == 5
     relax = GpuKernels(still, "cuda:0").wanted("relax") if settles else []
@@ -114,8 +114,8 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
 
 
 def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "EVERY", 0.0)
-    with progress.reporter(True) as report:
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.0)
+    with progress.progress_reporter(True) as report:
         for told in (("simulating", 0, 0.8), ("compiling", 1, 2), ("settling", 1, 4), ("simulating", 0.4, 0.8)):
             report(*told)
     _, *lines = (line.partition(" elapsed")[0].rpartition(", ")[0] for line in capsys.readouterr().err.splitlines())
@@ -127,7 +127,7 @@ def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
 
 
 def test_compiling_is_told_at_once_where_other_phases_wait(capsys):
-    with progress.reporter(True) as report:
+    with progress.progress_reporter(True) as report:
         for told in (("compiling", 0, 2), ("compiling", 1, 2), ("simulating", 0.1, 0.8)):
             report(*told)
     assert capsys.readouterr().err == f"{TELLS}0 of 2 done, 0 s elapsed\n"
@@ -137,7 +137,7 @@ def test_a_phase_that_comes_again_goes_on_with_its_time(capsys, monkeypatch):
     """As where a kernel is compiled still while drives settle."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with progress.reporter(True) as report:
+    with progress.progress_reporter(True) as report:
         for now[0], phase, done in ((0.0, "compiling", 0), (20.0, "settling", 1), (30.0, "compiling", 1)):
             report(phase, done, 2)
     lines = capsys.readouterr().err.splitlines()

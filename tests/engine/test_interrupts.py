@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from warpchain.progress import interruptible, look_for_stop
+from warpchain.progress import interruptible_work, raise_if_stopped
 
 
 @pytest.fixture(autouse=True)
@@ -17,25 +17,25 @@ def handler():
 
 
 def test_a_request_is_heard_within_and_around():
-    with interruptible() as stop:
-        with interruptible() as inner:
-            look_for_stop()
+    with interruptible_work() as stop:
+        with interruptible_work() as inner:
+            raise_if_stopped()
             signal.raise_signal(signal.SIGINT)
             assert stop.asked and inner.asked
         with pytest.raises(KeyboardInterrupt):
-            look_for_stop()
-    look_for_stop()
+            raise_if_stopped()
+    raise_if_stopped()
 
 
 def test_work_within_ends_alone_where_it_asks_itself():
-    with interruptible() as stop, interruptible() as inner:
+    with interruptible_work() as stop, interruptible_work() as inner:
         inner.ask()
         assert inner.asked and not stop.asked
-        look_for_stop()
+        raise_if_stopped()
 
 
 def test_a_second_one_interrupts_at_once():
-    with pytest.raises(KeyboardInterrupt), interruptible() as stop:
+    with pytest.raises(KeyboardInterrupt), interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
         assert stop.asked
         signal.raise_signal(signal.SIGINT)
@@ -45,10 +45,10 @@ def test_threads_hear_it_and_leave_signals_alone():
     heard = []
 
     def work():
-        with interruptible() as stop:
+        with interruptible_work() as stop:
             heard.append((signal.getsignal(signal.SIGINT), stop.asked))
 
-    with interruptible() as stop:
+    with interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
         thread = threading.Thread(target=work)
         thread.start()
@@ -58,7 +58,7 @@ def test_threads_hear_it_and_leave_signals_alone():
 
 def test_a_signal_that_a_shell_has_ignored_stays_so():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with interruptible() as stop:
+    with interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
         assert not stop.asked
     signal.signal(signal.SIGINT, signal.default_int_handler)

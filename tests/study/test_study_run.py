@@ -414,7 +414,7 @@ def test_where_there_is_no_terminal_progress_is_a_line_every_so_often(monkeypatc
     clock, said = [0.0], io.StringIO()
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(sys, "stderr", said)
-    with progress.bar(200.0, "study", "variants", 100.0) as bar:
+    with progress.progress_bar(200.0, "study", "variants", 100.0) as bar:
         for clock[0] in (4.0, 9.9, 10.0, 19.0, 25.0):
             bar.update(10.0)
     assert said.getvalue().splitlines() == [
@@ -427,18 +427,18 @@ def test_where_there_is_no_terminal_progress_is_a_line_every_so_often(monkeypatc
     ("seconds", "words"), [(0.4, "0 s"), (59.6, "1 min 0 s"), (125.0, "2 min 5 s"), (4678.0, "1 h 17 min")]
 )
 def test_durations_are_told_in_words(seconds, words):
-    assert progress.duration(seconds) == words
+    assert progress.duration_text(seconds) == words
 
 
 def test_the_second_pass_has_a_bar_of_its_own_and_none_goes_beyond_its_end(tmp_path, monkeypatch):
     bars = []
 
-    class Noted(progress.Lines):
+    class Noted(progress.ProgressLines):
         def __init__(self, total, name, unit, initial=0.0, **_):
             super().__init__(total, name, unit, initial)
             bars.extend([self] if unit == "variants" else [])  # and not of kernels, where some are compiled
 
-    monkeypatch.setattr(progress, "bar", Noted)
+    monkeypatch.setattr(progress, "progress_bar", Noted)
     source = write_study(tmp_path, '[record]\nworst = { metric = "tension_max", count = 2 }\n')
     run_study(source, tmp_path / "out", progress=True)
     assert [(bar.name, bar.total) for bar in bars] == [("study", 12.0), ("recording the worst", 2.0)]

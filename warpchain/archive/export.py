@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from warpchain.archive.housing_export import measured_data, universal
 from warpchain.errors import ArchiveError
 from warpchain.extras import require_extra
-from warpchain.files import refusals, whole_file
+from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
 from warpchain.results.channels import AXES, CHANNEL, UNITS
-from warpchain.version import installed
+from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -87,7 +87,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     if ending in EXTRAS:
         require_extra(EXTRAS[ending], ending, ArchiveError)
     trajectory = _recorded(archive, variant)
-    with refusals(path, ArchiveError), whole_file(path) as file:
+    with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
         FORMATS[ending](file, trajectory)
     return path
 
@@ -111,7 +111,7 @@ def flat(trajectory: Trajectory) -> pa.Table:
             columns |= parts
             units |= dict.fromkeys(parts, UNITS[channel])
     arrays = {name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()}
-    return unit_table(arrays, units).replace_schema_metadata({"warpchain": installed()})
+    return unit_table(arrays, units).replace_schema_metadata({"warpchain": installed_version()})
 
 
 def _bodies(drive: Drive) -> dict[str, Sequence[Any]]:
@@ -152,7 +152,7 @@ def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
     # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
     with h5py.File("trajectory", "w", driver="core", backing_store=False) as root:
-        root.attrs["warpchain"] = installed()
+        root.attrs["warpchain"] = installed_version()
         for kind, parts in _bodies(trajectory.drive).items():
             root.attrs[f"{kind}s"] = [part.name for part in parts]
         root.attrs["drive"] = trajectory.drive.as_read.model_dump_json(exclude_none=True)

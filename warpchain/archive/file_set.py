@@ -18,7 +18,7 @@ from warpchain.archive import archive_format
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import McapFile, taken
 from warpchain.errors import ArchiveError
-from warpchain.files import PARTIAL, Lock, refusals, target_of
+from warpchain.files import PARTIAL_PATTERN, WriteLock, refusals_as_errors, target_of_path
 
 PART = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
 """Stem of a part's name: the archive's stem, the part's number, the set's edition where it is not the first."""
@@ -80,13 +80,13 @@ def cut_files(path: Path) -> list[Path]:
     """Unfinished files of the archive that `path` names: a killed run left them, or they are being written."""
     if not path.parent.is_dir():
         return []
-    left = re.compile(rf"({re.escape(path.stem)}(\.part\d+(-\d+)?)?{re.escape(path.suffix)}){PARTIAL}")
+    left = re.compile(rf"({re.escape(path.stem)}(\.part\d+(-\d+)?)?{re.escape(path.suffix)}){PARTIAL_PATTERN}")
     return sorted(file for file in path.parent.iterdir() if left.fullmatch(file.name))
 
 
 def of_cut(file: Path) -> Path:
     """The name that an unfinished file was to have."""
-    return file.with_name(re.sub(PARTIAL + "$", "", file.name))
+    return file.with_name(re.sub(PARTIAL_PATTERN + "$", "", file.name))
 
 
 def archive_files(path: Path) -> list[Path]:
@@ -113,11 +113,11 @@ class Target:
 
     def __init__(self, path: Path, overwrite: bool, split: bool) -> None:
         self.path, self.overwrite, self.split, self._edition = path, overwrite, split, 0
-        with refusals(path, ArchiveError):
+        with refusals_as_errors(path, ArchiveError):
             if path.is_dir():
                 raise ArchiveError(f"{path}: is a folder; give a file name such as {path / 'run.mcap'}")
             self.check_free()
-            self._lock = Lock(target_of(path))
+            self._lock = WriteLock(target_of_path(path))
         try:
             self.check_free()
             begun = [part_name(of_cut(file)) for file in cut_files(path)]
@@ -142,7 +142,7 @@ class Target:
         """Removes what had the name before these whole files. A set takes a single file's place as that goes."""
         mine = {self.path} if not self.split else set(files)
         others = [file for edition in editions(self.path).values() for file in edition]
-        with refusals(self.path, ArchiveError):
+        with refusals_as_errors(self.path, ArchiveError):
             for file in [self.path, *others]:
                 if file not in mine and file.is_file():
                     file.unlink()

@@ -16,7 +16,7 @@ import numpy as np
 
 from warpchain.results.channels import CHANNEL
 from warpchain.results.housing import components, housing_loads
-from warpchain.version import installed
+from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     from warpchain.results.run import Trajectory
@@ -33,7 +33,8 @@ def universal(file: IO[bytes], trajectory: Trajectory) -> None:
     nodes, places = list(range(1, len(loads) + 1)), np.array([load.place for load in loads]).reshape(-1, 2)
     zeros = [0] * len(loads)
     common: dict[str, Any] = {
-        "binary": 1, "func_type": RESPONSE, "id2": installed(), "id3": "on the housing", "id4": "NONE", "id5": "NONE",
+        "binary": 1, "func_type": RESPONSE, "id2": installed_version(), "id3": "on the housing", "id4": "NONE",
+        "id5": "NONE",
         "rsp_ent_name": "housing", "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0, "x": time, "ord_data_type": 4,
         "abscissa_spacing": 1, "abscissa_spec_data_type": TIME, "abscissa_axis_units_lab": "s",
         "ordinate_spec_data_type": FORCE, "ordinate_force_unit_exp": 1, "orddenom_spec_data_type": 0,
@@ -73,7 +74,7 @@ def measured_data(file: IO[bytes], trajectory: Trajectory) -> None:
         for name, unit, values in _signals(trajectory)
     ]
     with asammdf.MDF(version="4.10") as mdf:
-        mdf.append(signals, acq_name="loads on the housing", comment=installed(), common_timebase=True)
+        mdf.append(signals, acq_name="loads on the housing", comment=installed_version(), common_timebase=True)
         _hand_over(file, ".mf4", lambda path: mdf.save(path, overwrite=True, compression=2))
 
 

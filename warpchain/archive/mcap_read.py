@@ -25,7 +25,7 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Metadata, 
 from warpchain.archive.digest import DIGEST, checked, plain_channel
 from warpchain.archive.mcap_write import MAGIC
 from warpchain.errors import ArchiveError
-from warpchain.files import open_regular, reason
+from warpchain.files import open_regular_file, refusal_reason
 
 RECORD = struct.Struct("<BQ")
 """A record's opcode and length, before its content."""
@@ -144,7 +144,7 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None
+        raise ArchiveError(f"{path}: cannot be read ({refusal_reason(error)})") from None
     except (ValueError, IndexError, OverflowError, struct.error, MemoryError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); see warpchain recover") from None
 
@@ -210,7 +210,7 @@ class McapIndex:
         self.attachments: dict[str, tuple[int, int]] = {}
         self.metadata: dict[str, tuple[int, int]] = {}
         with reading(path):
-            self._file = open_regular(path)
+            self._file = open_regular_file(path)
             weakref.finalize(self, os.close, self._file)
             self._map: mmap.mmap | None = None
             size = self._size = os.fstat(self._file).st_size

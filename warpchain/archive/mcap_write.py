@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from warpchain.archive.digest import DIGEST, of_channel, of_metadata, plain
 from warpchain.errors import ArchiveError
-from warpchain.files import WholeFile, refusals
+from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
 """On trajectories as small as the default level 3, and faster."""
@@ -98,7 +98,7 @@ class McapFile:
         self._attachments: list[Any] = []
         self._metadata: list[Any] = []
         self._counts: dict[int, int] = {}
-        with refusals(path, ArchiveError):
+        with refusals_as_errors(path, ArchiveError):
             self._file = WholeFile(path, overwrite, hidden=False, patience=None if claimed else 0.0)
         self._put(MAGIC)
         self._record(kinds.Header(profile="", library=library))
@@ -126,7 +126,7 @@ class McapFile:
     def _put(self, data: Any) -> int:
         """Appends bytes; returns where they begin."""
         at = self._at
-        with refusals(self.path, ArchiveError):
+        with refusals_as_errors(self.path, ArchiveError):
             self._file.stream.write(data)
         self._at += len(data)
         return at
@@ -196,7 +196,7 @@ class McapFile:
         for number, index in chunk.indexes.items():
             offsets[number] = self._put(_index_bytes(number, index))
             self._counts[number] += len(index)
-        with refusals(self.path, ArchiveError):
+        with refusals_as_errors(self.path, ArchiveError):
             self._file.stream.flush()  # to the system, so that a killed process leaves whole chunks
         self._chunks.append(
             kinds.ChunkIndex(
@@ -219,12 +219,12 @@ class McapFile:
         self.metadata(name, values)
         self._end()
         try:
-            with refusals(self.path, ArchiveError):
+            with refusals_as_errors(self.path, ArchiveError):
                 self._file.stream.flush()
             yield self.partial
         finally:
             del self._metadata[held:]
-            with refusals(self.path, ArchiveError):
+            with refusals_as_errors(self.path, ArchiveError):
                 self._file.stream.seek(at)
                 self._file.stream.truncate()
             self._at = at
@@ -236,7 +236,7 @@ class McapFile:
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""
         self._end()
-        with refusals(self.path, ArchiveError):
+        with refusals_as_errors(self.path, ArchiveError):
             try:
                 self._file.finish()
             except FileExistsError:

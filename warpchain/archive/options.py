@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from warpchain.arguments import Count, Index, Workers, checked
+from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.errors import ArchiveError
 
 Compression = Literal["zstd", "lz4", "none"]
 Values = Literal["run", "float32"]
 
 
-@checked(ArchiveError)
+@check_arguments(ArchiveError)
 @dataclass(frozen=True)
 class ArchiveOptions:
     """Options of writing an archive.

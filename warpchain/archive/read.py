@@ -14,7 +14,7 @@ from warpchain.archive.arrow import plain_table
 from warpchain.archive.file_set import archive_files, cut_files
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.tracks import LazyDrives, Tracks
-from warpchain.arguments import FiniteNumber, checked
+from warpchain.argument_checks import FiniteNumber, check_arguments
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import is_being_written
 from warpchain.results.channels import NAMES
@@ -36,7 +36,7 @@ class Archive(Run):
 
     trajectories: Tracks = field(repr=False)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
         self._check_frames([variant])
         return super().__getitem__(variant)
@@ -72,7 +72,7 @@ class Archive(Run):
         names = {name: None for file in self.trajectories.files for name in file.attachments}
         return tuple(n for n in names if n != archive_format.METRICS_ATTACHMENT and not n.startswith("drives/"))
 
-    @checked(ArchiveError)
+    @check_arguments(ArchiveError)
     def attachment(self, name: str) -> bytes:
         """An attachment's data.
 
@@ -83,7 +83,7 @@ class Archive(Run):
             (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
         ).attachment(name)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def read(
         self,
         variant: int,
@@ -105,7 +105,7 @@ class Archive(Run):
         """
         return self._asked(variant, channels).read(variant, start, end, channels)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def blocks(
         self,
         variant: int,
@@ -127,7 +127,7 @@ class Archive(Run):
         return self.trajectories
 
 
-@checked(ArchiveError)
+@check_arguments(ArchiveError)
 def read_archive(path: str | Path) -> Archive:
     """Opens an archive.
 

@@ -41,7 +41,7 @@ from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile, make_chunk
 from warpchain.archive.read import RECOVERED, metrics_of, numbers_of, open_files
 from warpchain.archive.trust import Topics, untrue
 from warpchain.errors import ArchiveError
-from warpchain.files import open_regular, reason
+from warpchain.files import open_regular_file, refusal_reason
 
 KNOWN = frozenset(Opcode)
 """Opcodes of MCAP; another one means that the bytes are not records any more."""
@@ -521,9 +521,9 @@ def _whole(data: Any) -> Iterator[tuple[int, int, int]]:
 def _mapped(path: Path) -> memoryview:
     """A file's bytes, mapped."""
     try:
-        with open(open_regular(path), "rb") as file:
+        with open(open_regular_file(path), "rb") as file:
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except ValueError:  # an empty file
         return memoryview(b"")
     except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None
+        raise ArchiveError(f"{path}: cannot be read ({refusal_reason(error)})") from None

@@ -22,7 +22,7 @@ from warpchain.archive.options import ArchiveOptions
 from warpchain.archive.ordered_work import Pipeline
 from warpchain.archive.read import read_archive
 from warpchain.archive.scene_message import scene_update
-from warpchain.arguments import checked
+from warpchain.argument_checks import check_arguments
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
 from warpchain.results.run import Run, RunInfo, Trajectory
@@ -240,7 +240,7 @@ def _full_scale(chunk: Trajectory) -> float:
     return full_scale(values[:: max(1, values.size // COLOR_SAMPLES)])
 
 
-@checked(ArchiveError)
+@check_arguments(ArchiveError)
 def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:
     """Writes a run to an MCAP archive.
 

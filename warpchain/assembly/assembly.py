@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import checked
+from warpchain.argument_checks import check_arguments
 from warpchain.assembly.arm_balance import Balance, chain_path, chain_paths
 from warpchain.assembly.link_laying import Curve
 from warpchain.assembly.path import ChainPath, check_fit
@@ -116,7 +116,7 @@ class Assembly:
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def assemble(drive: Drive) -> Assembly:
     """The drive's initial state, before settling.
 

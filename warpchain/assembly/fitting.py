@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.arguments import FiniteNumber, checked
+from warpchain.argument_checks import FiniteNumber, check_arguments
 from warpchain.assembly.arm_balance import alone, chain_path, stop_of
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
@@ -48,7 +48,7 @@ _THERE = math.radians(0.1)  # off a wanted angle [rad] within which an arm on a 
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def fit_position(
     drive: Drive,
     sprocket: str,
@@ -110,7 +110,7 @@ def fit_positions(
     )
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def fit_angle(
     drive: Drive,
     sprocket: str,
@@ -186,7 +186,7 @@ def _one(found: Sequence[Drive | DriveError]) -> Drive:
     return drive
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def fit_links(
     drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None, chain: str | None = None
 ) -> Drive:

@@ -63,15 +63,15 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases
 def _write(path: Path, result: Modes, found: Campbell | None) -> None:
     """Writes modes, or a Campbell diagram, as the path's ending says."""
     from warpchain.errors import ArchiveError
-    from warpchain.files import refusals, whole_file, write_text
+    from warpchain.files import refusals_as_errors, whole_file, write_text_file
     from warpchain.modal import mode_figures
     from warpchain.view.figures.figure_style import save_figure
 
     if path.suffix == ".html":
         from warpchain.modal.mode_page import modes_page
 
-        with refusals(path, ArchiveError):
-            write_text(path, modes_page(result, found))
+        with refusals_as_errors(path, ArchiveError):
+            write_text_file(path, modes_page(result, found))
     elif path.suffix == ".rrd":
         from warpchain.modal.mode_recording import write_mode_recording
 
@@ -80,7 +80,7 @@ def _write(path: Path, result: Modes, found: Campbell | None) -> None:
         import numpy as np
 
         arrays: Any = result.arrays()
-        with refusals(path, ArchiveError), whole_file(path) as file:
+        with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
             np.savez(file, **arrays)
     else:
         save_figure(

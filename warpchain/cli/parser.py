@@ -36,7 +36,7 @@ from warpchain.cli.shared_options import (
 )
 from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
 from warpchain.errors import WarpchainError
-from warpchain.files import reason
+from warpchain.files import refusal_reason
 from warpchain.gc_tuning import rare_collections
 
 EPILOG = """examples:
@@ -489,7 +489,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return UNFINISHED
     except OSError as error:
         _give_up_output()
-        _say(f"error: {f'{error.filename}: ' if error.filename else ''}{reason(error)}")
+        _say(f"error: {f'{error.filename}: ' if error.filename else ''}{refusal_reason(error)}")
         return WRONG
     except MemoryError:
         _say("error: this machine has too little memory for it")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from warpchain.arguments import MOST_WORKERS
+from warpchain.argument_checks import MOST_WORKERS
 
 Command = Callable[[argparse.Namespace], int]
 """The body of a command: takes the parsed arguments and returns the exit status."""

@@ -73,9 +73,9 @@ def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Compariso
 
         view(one.run, one.index, save=path, measured=[found])
     elif path.suffix == ".json":
-        from warpchain.files import write_text
+        from warpchain.files import write_text_file
 
-        write_text(path, json.dumps(_values(found), indent=2) + "\n")
+        write_text_file(path, json.dumps(_values(found), indent=2) + "\n")
     else:
         from warpchain.view.figures.figure_style import save_figures
         from warpchain.view.figures.rig_figures import measured_figure

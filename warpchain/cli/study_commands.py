@@ -25,8 +25,8 @@ from warpchain.cli.shared_options import (
     woehler_curve,
 )
 from warpchain.errors import StudyError
-from warpchain.files import read_text
-from warpchain.progress import duration
+from warpchain.files import read_text_file
+from warpchain.progress import duration_text
 
 if TYPE_CHECKING:
     from warpchain.study.results import Results
@@ -214,7 +214,7 @@ def _print_status(outcome: Any) -> int:
         on, anew = outcome.went_on
         print(f"of longer runs, {on} continued from the end of shorter ones, {anew} started again")
     if outcome.left and outcome.rate is not None:
-        left = duration(outcome.left / outcome.rate)
+        left = duration_text(outcome.left / outcome.rate)
         print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")
     if outcome.table is not None:
         print(f"table: {outcome.table}")
@@ -387,7 +387,7 @@ def about(folder: Path) -> dict[str, str]:
     from warpchain.study.spec.study_tables import fields_from_file
 
     try:
-        study = tomllib.loads(read_text(folder / "study.toml", "TOML", StudyError))
+        study = tomllib.loads(read_text_file(folder / "study.toml", "TOML", StudyError))
     except (StudyError, ValueError):
         return {}
     found = {key: str(value) for key, value in study.get("study", {}).items() if key == "name"}

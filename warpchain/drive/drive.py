@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
-from warpchain.arguments import Index, among, checked
+from warpchain.argument_checks import Index, check_arguments, check_index
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
@@ -73,8 +73,8 @@ from warpchain.drive.trains import driving_sprocket
 from warpchain.drive.transmission import with_shafts
 from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error, warn_caller
-from warpchain.files import read_text, reason, write_text
-from warpchain.show import html
+from warpchain.files import read_text_file, refusal_reason, write_text_file
+from warpchain.notebook_renderer import rendered_html
 
 RULES = (
     count_rules,
@@ -171,7 +171,7 @@ class Drive(Part):
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
-        return html(self)
+        return rendered_html(self)
 
     @property
     def as_read(self) -> Drive:
@@ -197,7 +197,7 @@ class Drive(Part):
             copied.__dict__["temperature"] = self.temperature if run_alone else None
         return copied
 
-    @checked(DriveError)
+    @check_arguments(DriveError)
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A changed copy, checked like a file.
 
@@ -213,7 +213,7 @@ class Drive(Part):
         copied: Self = changed(self.as_read, values)  # type: ignore[assignment]  # of the same class
         return copied
 
-    @checked(DriveError)
+    @check_arguments(DriveError)
     def get_value(self, path: str) -> Any:
         """The value at a key path; None if it is optional and not given.
 
@@ -268,18 +268,18 @@ class Drive(Part):
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def sprocket_pitch(self, s: int) -> float:
         """Pitch of the teeth of sprocket s [m]: its own, or else the chain's."""
         own = self.sprockets[s].pitch
         return self.chain.pitch if own is None else own
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def pitch_radius(self, s: int) -> float:
         """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
         return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def riding_radius(self, s: int) -> float:
         """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
 
@@ -294,7 +294,7 @@ class Drive(Part):
         over_both = sqrt(power(inner, 2) + power(outer, 2) + 2.0 * inner * outer * math.cos(2.0 * half))
         return where(inner == outer, alone, largest(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def riding_lean(self, s: int) -> float:
         """Angle [rad] by which outer links on sprocket s reach beyond a tooth at either end, and inner ones fall short.
 
@@ -308,7 +308,7 @@ class Drive(Part):
         lean = 0.5 * (arcsin(0.5 * outer / radius) - arcsin(0.5 * inner / radius))
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: its own, or the contact's, or that of ISO 606 for its teeth."""
         own = self.sprockets[s].tooth
@@ -330,17 +330,17 @@ class Drive(Part):
             tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
         )
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def seat_angle(self, s: int) -> float:
         """Angle of the seat arc of sprocket s [rad]."""
         return self.tooth(s).seat_angle
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def tip_radius(self, s: int) -> float:
         """Radius at which the teeth of sprocket s end [m]."""
         return self.tooth(s).tip_radius
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def engagement(self, s: int) -> float:
         """Distance from the pitch circle of sprocket s within which it keeps rollers [m]: half a pitch, or to the tips.
 
@@ -355,84 +355,84 @@ class Drive(Part):
         angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in straight)
         return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
 
-    @among("guides", DriveError)
+    @check_index("guides", DriveError)
     def guide_contact(self, g: int) -> GuideContact:
         """Contact of guide-bar g: the common settings with the bar's own put over them."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged(common, own))
 
-    @among("guides", DriveError)
+    @check_index("guides", DriveError)
     def profile(self, g: int) -> Profile:
         """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.face_profile`)."""
         profile = guide_profile(self.guides[g], self.chain.pitch)
         assert profile is not None  # the guide's own rules
         return profile
 
-    @among("guides", DriveError)
+    @check_index("guides", DriveError)
     def guide_offset(self, g: int) -> float:
         """Height of a touching roller's center over the face of guide g [m]: its own, or the rollers' radius."""
         own = self.guides[g].offset
         return self.chain.roller_radius if own is None else own
 
-    @checked(DriveError)
+    @check_arguments(DriveError)
     def arm_index(self, name: str) -> int | None:
         """Index of the arm of a name; None if there is none."""
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
-    @among("guides", DriveError)
+    @check_index("guides", DriveError)
     def arm_of(self, g: int) -> int | None:
         """Index of the arm that carries guide g; None on the ground."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def guides_of(self, a: int) -> tuple[int, ...]:
         """Indices of the guides that arm a carries."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def carrier(self, s: int) -> int | None:
         """Index of the arm that carries sprocket s; None where none does."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def parent(self, a: int) -> int | None:
         """Index of the arm that carries arm a; None on the ground."""
         name = self.arms[a].arm
         return None if name is None else self.arm_index(name)
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def arms_on(self, a: int) -> tuple[int, ...]:
         """Indices of the arms that arm a carries."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
         """Masses [kg] and places, as drawn, of arm a, of sprockets on it and, at their pivots, of arms on it."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def pivot_table(self, s: int) -> PlaceTable | None:
         """Table that leads the pivot of the arm that carries sprocket s; None where nothing does."""
         arm = self.carrier(s)
         return None if arm is None else self.arms[arm].pivot_table
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def sprockets_on(self, a: int) -> tuple[int, ...]:
         """Indices of the sprockets that arm a carries."""
         return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def center_lever(self, s: int) -> float:
         """Distance of sprocket s, which an arm carries, from the arm's pivot [m]."""
         (x, y), (px, py) = self.sprockets[s].center, self.arms[self.carrier(s)].pivot  # type: ignore[index]
         return hypot(x - px, y - py)
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def arm_lever(self, a: int) -> float:
         """Largest distance of guided chain and of sprockets' centers from the pivot of arm a [m]; where it carries
         neither, that of its center of mass.
@@ -444,17 +444,17 @@ class Drive(Part):
         beside = self.arms[a].center_radius
         return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def stop_stiffness(self, a: int) -> float:
         """Stiffness of the stops of arm a [N m/rad]: its own, or what `arms.stop_stiffness` chooses."""
         return stop_stiffness(self.arms[a], self.arm_lever(a), self.chain.stiffness, self.chain.mass)
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def stop_damping(self, a: int) -> float:
         """Damping of the stops of arm a [N m s/rad]: its own, or half the critical one."""
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
-    @among("arms", DriveError)
+    @check_index("arms", DriveError)
     def arm_inertia(self, a: int) -> float:
         """Inertia of arm a about its pivot [kg m^2], with plungers that move with it, sprockets' masses at their levers
         and those of arms on it at their pivots.
@@ -468,14 +468,14 @@ class Drive(Part):
             carried = carried + mass * power(hypot(x - px, y - py), 2)
         return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
-    @checked(DriveError)
+    @check_arguments(DriveError)
     def plunger_mass_on(self, body: Index) -> float:
         """Mass that the plungers on a body add to it [kg], or inertia that they add to an arm [kg m^2]."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
         return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)
 
-    @among("tensioners", DriveError)
+    @check_index("tensioners", DriveError)
     def tensioner_lever(self, t: int) -> float:
         """Lever of tensioner t about its arm's pivot as drawn [m]; 1 on a sprocket, which it only shifts."""
         tensioner = self.tensioners[t]
@@ -486,7 +486,7 @@ class Drive(Part):
         px, py = self.arms[arm].pivot
         return (x - px) * dy - (y - py) * dx
 
-    @among("tensioners", DriveError)
+    @check_index("tensioners", DriveError)
     def tensioner_body(self, t: int) -> int:
         """The body that tensioner t pushes: a sprocket's index, or an arm's from `first_arm_body` on."""
         name = self.tensioners[t].on
@@ -495,7 +495,7 @@ class Drive(Part):
             return self.first_arm_body + arm
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
-    @among("sprockets", DriveError)
+    @check_index("sprockets", DriveError)
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
@@ -509,7 +509,7 @@ class Drive(Part):
         tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
-    @among("guides", DriveError)
+    @check_index("guides", DriveError)
     def guide_stiffness(self, g: int) -> float:
         """Generalized stiffness of the contact of rollers with guide-bar g [N/m^n], given or from materials (eq. (20)).
 
@@ -636,7 +636,7 @@ def _without_names(values: dict[str, Any]) -> dict[str, Any]:
     return values | {"shafts": kept}
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
     """Reads a drive from TOML text.
 
@@ -657,7 +657,7 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
         raise drive_error(error.errors, source) from None
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def load_drive(path: str | os.PathLike[str]) -> Drive:
     """Reads a drive file (TOML, UTF-8).
 
@@ -673,10 +673,10 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
     Raises:
         DriveError: if it cannot be read or is not UTF-8.
     """
-    return read_text(path, "TOML", lambda reason: drive_error([reason], str(path)))
+    return read_text_file(path, "TOML", lambda reason: drive_error([reason], str(path)))
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def dumps_drive(drive: Drive) -> str:
     """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
     return drive_toml.dumps(values_of(drive))
@@ -695,7 +695,7 @@ def _without_empty(value: Any) -> Any:
     return [_without_empty(inner) for inner in value] if isinstance(value, tuple) else value
 
 
-@checked(DriveError)
+@check_arguments(DriveError)
 def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
     """Writes a drive file; one of that name is replaced, at once and whole.
 
@@ -712,6 +712,6 @@ def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
         DriveError: if it cannot be written.
     """
     try:
-        write_text(Path(path), text)
+        write_text_file(Path(path), text)
     except OSError as error:
-        raise drive_error([f"cannot be written: {reason(error).lower()}"], str(path)) from None
+        raise drive_error([f"cannot be written: {refusal_reason(error).lower()}"], str(path)) from None

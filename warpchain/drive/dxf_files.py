@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import DriveError, WarpchainError
 from warpchain.extras import require_extra
-from warpchain.files import check_size
+from warpchain.files import check_file_size
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
     import ezdxf
 
     try:
-        check_size(path)
+        check_file_size(path)
         document = ezdxf.readfile(path)
     except OSError as error:
         raise DriveError(f"cannot be read: {(error.strerror or 'is no DXF file').lower()}") from None

@@ -20,7 +20,7 @@ from warpchain.drive.batch_math import joined
 from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError
-from warpchain.files import read_text
+from warpchain.files import read_text_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -390,7 +390,7 @@ def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     Raises:
         DriveError: if it cannot be read, in one line.
     """
-    lines = read_text(path, "CSV", DriveError).splitlines()
+    lines = read_text_file(path, "CSV", DriveError).splitlines()
     rows = [
         (number, _cells(line, number))
         for number, line in enumerate(lines, 1)

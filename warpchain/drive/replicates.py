@@ -12,20 +12,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from warpchain.arguments import Range, checked
+from warpchain.argument_checks import AllowedRange, check_arguments
 from warpchain.drive.drive import Drive
 from warpchain.drive.run_settings import RunSettings
 from warpchain.errors import SimulationError
 
 MOST_COPIES = 10_000
-Copies = Annotated[int, Range(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)]
+Copies = Annotated[
+    int, AllowedRange(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)
+]
 WAYS = ("build", "phase", "perturbation")
 """In what copies can differ; the first where none is named."""
 FORMER_WAYS = {"nudge": "perturbation"}
 """Words of earlier versions, which study files may have."""
 
 
-@checked(SimulationError, "replicates.")
+@check_arguments(SimulationError, "replicates.")
 @dataclass(frozen=True)
 class Replicates:
     """Number of runs of each drive, and what they differ in.

@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from warpchain.arguments import number_text
+from warpchain.argument_checks import number_text
 from warpchain.errors import drive_error
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -31,7 +31,7 @@ from warpchain.files import parse_json
 from warpchain.kernels.statistics import NOTES
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
-from warpchain.version import installed
+from warpchain.version import installed_version
 
 STOPS = 16
 """Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
@@ -118,7 +118,7 @@ def _facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
     """The facts that must hold of a state for it to be taken over."""
     return {
         "format": FORMAT,
-        "warpchain": installed(),
+        "warpchain": installed_version(),
         "run": run,
         "step": float(schedule.step).hex(),
         "drive": _identity(drive),

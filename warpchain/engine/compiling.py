@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from warpchain.progress import COMPILING, Report, Stop
-from warpchain.python_process import can_start, started
+from warpchain.progress import COMPILING, ProgressReport, StopRequest
+from warpchain.python_process import can_start_python, start_python
 
 if TYPE_CHECKING:
     import warp as wp
@@ -32,7 +32,7 @@ EVERY = 0.05
 
 
 @contextlib.contextmanager
-def loading_on_cpu(modules: Sequence[Any], report: Report) -> Iterator[None]:
+def loading_on_cpu(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
     """Loads the CPU's kernels side by side, all but the last before what stands within, which does without that one.
 
     The last, that of steps, takes longest to compile and begins first.
@@ -116,7 +116,7 @@ def jobs_of(wanted: Iterable[Wanted], device: str) -> Iterator[Job]:
             yield Job(of, module._get_compile_arch(gpu), module._use_ptx(gpu), _path(module, device, of.threads))
 
 
-def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: Stop) -> None:
+def compile_in_processes(jobs: Sequence[Job], cores: int, report: ProgressReport, stop: StopRequest) -> None:
     """Compiles kernels, at most one on a core at a time, until a stop is asked for.
 
     A single one, which gains nothing, is left to the caller, but reported.
@@ -131,7 +131,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
     count, running = len(left), 0
     if count:
         report(COMPILING, 0, count)
-    if min(count, cores) < 2 or not can_start():
+    if min(count, cores) < 2 or not can_start_python():
         return
     try:
         while (left or running) and not stop.asked:
@@ -152,7 +152,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: Report, stop: 
 
 def _started(job: Job) -> subprocess.Popen[bytes]:
     """A process that compiles a kernel."""
-    process = started(__name__)
+    process = start_python(__name__)
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended
         pipe.write(pickle.dumps(job))

@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from warpchain.engine.compiling import in_cache
-from warpchain.files import parse_json, write_text
-from warpchain.progress import Stop
-from warpchain.version import installed
+from warpchain.files import parse_json, write_text_file
+from warpchain.progress import StopRequest
+from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     from warpchain.engine.packed import Packed
@@ -208,7 +208,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
         "cpu": processor(),
         "cores": os.cpu_count(),
         "gpus": names,
-        "warpchain": installed(),
+        "warpchain": installed_version(),
         "warp": wp.__version__,
     }
 
@@ -259,7 +259,7 @@ def measured(gpus: Sequence[str], precision: str, cores: int) -> dict[str, Speed
     held = {name: asdict(speed) for name, speed in (stored(gpus) | found).items()}
     text = json.dumps({"machine": machine(gpus), "speeds": held}, indent=1)
     with contextlib.suppress(OSError):  # then it is measured anew the next time that it pays
-        write_text(store(), text)
+        write_text_file(store(), text)
     return found
 
 
@@ -298,7 +298,7 @@ def _compile_seconds(device: str, precision: str, cores: int) -> float:
     if device != "cpu":
         from warpchain.engine.gpu import compile_lacking
 
-        compile_lacking([(device, packed)], precision, False, cores, lambda *_: None, Stop())
+        compile_lacking([(device, packed)], precision, False, cores, lambda *_: None, StopRequest())
     for module, threads in modules_of(device, packed, precision):
         wp.load_module(module, device=device, block_dim=threads)
     return time.perf_counter() - begin

@@ -15,7 +15,7 @@ from warpchain.engine.arrays import TABLE, Engine, starts
 from warpchain.engine.device_choice import Choice, quickest
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
-from warpchain.progress import Report, Stop
+from warpchain.progress import ProgressReport, StopRequest
 
 
 def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
@@ -131,7 +131,13 @@ def _cut(devices: Sequence[str], packed: Packed) -> list[tuple[str, int, int]]:
 
 @contextmanager
 def loading(
-    devices: Sequence[str], packed: Packed, precision: str, settles: bool, cores: int, report: Report, stop: Stop
+    devices: Sequence[str],
+    packed: Packed,
+    precision: str,
+    settles: bool,
+    cores: int,
+    report: ProgressReport,
+    stop: StopRequest,
 ) -> Iterator[None]:
     """Sees to the kernels of a run before what stands within, settling; where nothing is cached, side by side.
 

@@ -36,7 +36,7 @@ from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.kind import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
-from warpchain.progress import Report, Stop
+from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
@@ -102,7 +102,12 @@ def _memory_named(device: str, packed: Packed) -> Iterator[None]:
 
 
 def compile_lacking(
-    parts: Sequence[tuple[str, Packed]], precision: str, settles: bool, cores: int, report: Report, stop: Stop
+    parts: Sequence[tuple[str, Packed]],
+    precision: str,
+    settles: bool,
+    cores: int,
+    report: ProgressReport,
+    stop: StopRequest,
 ) -> None:
     """Compiles what Warp's cache lacks of the kernels that a run needs: of steps and, in float64, of settling.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from warpchain.arguments import PositiveNumber, Range, checked
+from warpchain.argument_checks import AllowedRange, PositiveNumber, check_arguments
 from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
@@ -33,8 +33,8 @@ APART, HALVINGS, LEAST = 1.5, 3, 1e-3
 """Of an estimate: ratio of the values between which it is sought, which are then halved so often, and of the range the
 part that counts as none."""
 
-Tolerance = Annotated[float, Range("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
-Values = Annotated[int, Range("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
+Tolerance = Annotated[float, AllowedRange("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
+Values = Annotated[int, AllowedRange("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class _Search:
     over: bool = False
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def find_jumps(
     drive: Drive,
     by: By = "torque",

@@ -21,7 +21,7 @@ from warpchain.engine.devices import cuts_of, devices_for, gpus_named
 from warpchain.engine.recorder import Recorder
 from warpchain.engine.share import How, Members, Outcome, Share
 from warpchain.errors import SimulationError
-from warpchain.progress import COMPILING, Report, Stop
+from warpchain.progress import COMPILING, ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, joined
 
@@ -87,7 +87,7 @@ class Shares:
         report, stop: of the run. What shares report is passed on by the thread that calls.
     """
 
-    def __init__(self, how: How, total: float, report: Report, stop: Stop) -> None:
+    def __init__(self, how: How, total: float, report: ProgressReport, stop: StopRequest) -> None:
         self._hows = [replace(how, devices=(device,)) for device in how.devices]
         self._gpus = [ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}") for device in how.devices]
         self._tables = ThreadPoolExecutor(len(self._gpus), thread_name_prefix="warpchain metrics")

@@ -14,15 +14,19 @@ from queue import SimpleQueue
 from typing import Any
 
 from warpchain.errors import SimulationError
-from warpchain.progress import Report, completed, look_for_stop, nothing
-from warpchain.python_process import can_start, started
+from warpchain.progress import ProgressReport, completed_futures, ignore_progress, raise_if_stopped
+from warpchain.python_process import can_start_python, start_python
 
 FEWEST = 16
 """Things for which a process is worth its start, which takes a second or two."""
 
 
 def each(
-    work: Callable[[Any], Any], things: Sequence[Any], workers: int, phase: str = "", report: Report = nothing
+    work: Callable[[Any], Any],
+    things: Sequence[Any],
+    workers: int,
+    phase: str = "",
+    report: ProgressReport = ignore_progress,
 ) -> list[Any]:
     """A function's answers for many things, in their order; an exception is the answer where it raises one.
 
@@ -38,14 +42,14 @@ def each(
         KeyboardInterrupt: the user asked to stop.
     """
     workers = min(workers, len(things) // FEWEST)
-    if workers < 2 or not can_start():
+    if workers < 2 or not can_start_python():
         found = []
         for thing in things:
-            look_for_stop()
+            raise_if_stopped()
             found.append(_tried(work, thing))
             report(phase, len(found), len(things))
         return found
-    processes = [started(__name__, subprocess.PIPE) for _ in range(workers)]
+    processes = [start_python(__name__, subprocess.PIPE) for _ in range(workers)]
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
     for process in processes:
         idle.put(process)
@@ -66,7 +70,7 @@ def each(
     pool = ThreadPoolExecutor(workers)
     try:
         futures = [pool.submit(ask, thing) for thing in things]
-        for done, future in enumerate(completed(futures), 1):
+        for done, future in enumerate(completed_futures(futures), 1):
             future.result()
             report(phase, done, len(things))
         return [future.result() for future in futures]

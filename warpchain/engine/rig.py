@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.arguments import checked
+from warpchain.argument_checks import check_arguments
 from warpchain.drive import Drive
 from warpchain.drive.tensioners import Tensioner as TensionerPart
 from warpchain.engine.fill_bodies import fill_element
@@ -20,7 +20,7 @@ from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead
 from warpchain.kernels.structs import Tensioner
-from warpchain.progress import Progress, reporter
+from warpchain.progress import Progress, progress_reporter
 from warpchain.results.arrow_tables import unit_table
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Shaken:
     samples: tuple[pa.Table, ...]
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def bench_tensioner(
     drive: Drive, name: str, *, amplitude: float, frequency: float, cycles: int = 10, extension: float = 0.0
 ) -> pa.Table:
@@ -143,7 +143,10 @@ def shake(
     def ride(first: int) -> None:
         wp.launch(lead, dim=1, inputs=[*given, first, values, sums], device="cpu")
 
-    with ThreadPoolExecutor(available_cores(), thread_name_prefix="warpchain") as pool, reporter(progress) as report:
+    with (
+        ThreadPoolExecutor(available_cores(), thread_name_prefix="warpchain") as pool,
+        progress_reporter(progress) as report,
+    ):
         for done, _ in enumerate(pool.map(ride, range(len(shakes))), 1):
             report("rides", done, len(shakes))
     table = _ride_table(tensioner, shakes, sums.numpy())

@@ -29,7 +29,7 @@ from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.engine.settling import net_force, settle
-from warpchain.progress import Report, Stop
+from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, Part, metrics_blocks
 from warpchain.results.run import RunInfo
@@ -136,7 +136,9 @@ class Share:
         recording = replace(recording, memory=recording.memory * len(drives) // count)
         return Recorder(drives, schedules, self.packed, info, recording, self.rows)
 
-    def run(self, how: How, recorder: Recorder, report: Report, stop: Stop, keeper: Keeper | None = None) -> Outcome:
+    def run(
+        self, how: How, recorder: Recorder, report: ProgressReport, stop: StopRequest, keeper: Keeper | None = None
+    ) -> Outcome:
         """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""
         drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
         steps = launch_steps(how.devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
@@ -197,7 +199,7 @@ def _blocks(
     return [(first + variants, columns) for variants, columns in metrics_blocks(ended, parts_of)]
 
 
-def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
+def _await(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:
     """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
     pending = set(futures)
     while pending:
@@ -216,8 +218,8 @@ def _march(
     steps: int,
     buffer_values: int,
     recorder: Recorder,
-    report: Report,
-    stop: Stop,
+    report: ProgressReport,
+    stop: StopRequest,
     keeper: Keeper | None = None,
 ) -> None:
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import Count, FiniteNumber, PositiveNumber, Workers, checked
+from warpchain.argument_checks import Count, FiniteNumber, PositiveNumber, Workers, check_arguments
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
@@ -28,13 +28,13 @@ from warpchain.drive.rings import rings_of
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import Progress, interruptible, reporter
+from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, warning_text
 from warpchain.results.metrics import metrics_table
 from warpchain.results.replicate_metrics import with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.results.schedule import LOOK_EVERY, Schedule, whole_steps
-from warpchain.version import installed
+from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
@@ -53,7 +53,7 @@ FURTHER = 2 * LOOK_EVERY
 """Steps between two looks where these leave enough of them; still further apart they would miss more than they save."""
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 @rare_collections()
 def simulate(
     drives: Drive | Sequence[Drive],
@@ -146,7 +146,7 @@ def simulate(
     how = How(devices, precision, cores)
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     common = schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None
-    info = RunInfo(installed(), ",".join(devices), precision, created=created, step=common, choice=why)
+    info = RunInfo(installed_version(), ",".join(devices), precision, created=created, step=common, choice=why)
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None
     if states is not None and any(drive.chains for drive in chosen):
@@ -156,7 +156,7 @@ def simulate(
     begin = time.monotonic()
     recorder = share.recorder(info, recording, len(chosen))
     try:
-        with reporter(progress) as report, interruptible() as stop:
+        with progress_reporter(progress) as report, interruptible_work() as stop:
             if len(parts) == 1:
                 outcome = share.run(how, recorder, report, stop, keeper)
             else:

@@ -25,14 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from warpchain.arguments import Count, NonNegativeNumber, Range, checked
+from warpchain.argument_checks import AllowedRange, Count, NonNegativeNumber, check_arguments
 from warpchain.assembly.frequencies import Order, orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.modal.eigenmodes import Modes, lowest_modes
 from warpchain.modal.matrices import Array
 from warpchain.modal.small_motion import DriveMotion, drive_motion
-from warpchain.progress import Progress, reporter
+from warpchain.progress import Progress, progress_reporter
 
 SPARE_MODES = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
@@ -41,7 +41,7 @@ LEAST_ASSURANCE = 0.35
 
 MOST_PHASES, MOST_POINTS = 1000, 10_000
 """Phases that a diagram is a mean of, and its speeds where they are counted, at most."""
-PhaseCount = Annotated[int, Range(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
+PhaseCount = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Campbell:
         return result
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def campbell(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
@@ -143,7 +143,7 @@ def campbell(
     shown: list[Modes] = []
     frequency, ratio = np.full((2, len(speeds), count), np.nan)
     which = np.arange(count)
-    with reporter(progress) as report:
+    with progress_reporter(progress) as report:
         for p, speed in enumerate(speeds):
             found = [*found[-1:], drive_motion(drive, float(speed), found[-1] if found else None)]
             shown.append(lowest_modes(found[-1], count + SPARE_MODES))
@@ -222,7 +222,7 @@ def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
     return result
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def over_a_pitch(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
@@ -247,7 +247,7 @@ def over_a_pitch(
         DriveError: a chain that does not fit.
         SimulationError: as of `campbell`; one line.
     """
-    with reporter(progress) as report:
+    with progress_reporter(progress) as report:
         first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)
         report("phases", 1, phases)
         at = drive_motion(first.drive, float(speeds[0]))

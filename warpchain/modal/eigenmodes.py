@@ -26,7 +26,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
-from warpchain.arguments import Count, Index, NonNegativeNumber, Workers, checked
+from warpchain.argument_checks import Count, Index, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
 from warpchain.drive.geared import bodies_of
 from warpchain.drive.rings import rings_of
@@ -38,7 +38,7 @@ from warpchain.modal.matrices import Array
 from warpchain.modal.rigid_rotation import free_rotations, stiffness_without_rotation
 from warpchain.modal.small_motion import ChainMotion, DriveMotion, common_shafts, drive_motion
 from warpchain.modal.tensioner_modes import PlungerMotion, plunger_motion, standing_lines
-from warpchain.progress import Progress, interruptible, reporter
+from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
@@ -166,12 +166,12 @@ class Modes:
     def __len__(self) -> int:
         return len(self.eigenvalue)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def first(self, count: Count) -> Modes:
         """The first of the modes."""
         return self.chosen(np.arange(min(count, len(self))))
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def chosen(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
         """The modes of these indices.
 
@@ -237,7 +237,7 @@ def modes(
 ) -> list[Modes | WarpchainError]: ...
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def modes(
     drives: Drive | Sequence[Drive],
     count: Count = 20,
@@ -271,7 +271,7 @@ def modes(
     work = partial(_modes_at_speed, count=count, speed=speed, valve=valve)
     if isinstance(drives, Drive):
         return work(drives)
-    with interruptible(), reporter(progress) as report:
+    with interruptible_work(), progress_reporter(progress) as report:
         found = each(work, drives, workers or available_cores(), "modes", report)
     for error in found:
         if not isinstance(error, Modes | WarpchainError):

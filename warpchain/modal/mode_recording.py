@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError
-from warpchain.files import refusals, whole_file
+from warpchain.files import refusals_as_errors, whole_file
 from warpchain.modal.eigenmodes import Modes
 from warpchain.modal.mode_figures import carried_part_lines, closed_chain_line, fixed_part_lines, mode_swing
 from warpchain.view.rerun.streams import flipped_points
@@ -36,7 +36,7 @@ def write_mode_recording(modes: Modes, path: str | Path) -> Path:
 
     target = Path(path)
     stream = rr.RecordingStream("warpchain modes")
-    with refusals(target, ArchiveError), whole_file(target) as file:
+    with refusals_as_errors(target, ArchiveError), whole_file(target) as file:
         stream.save(file.name)
         stream.send_blueprint(mode_blueprint(modes))
         log_modes(stream, modes)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
-from warpchain.files import refusals, whole_file
+from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.channels import AXES, CHANNEL, UNITS
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] 
     target = Path(path)
     if target.suffix not in (".parquet", ".csv"):
         raise error(f"{target}: allowed endings are .parquet and .csv")
-    with refusals(target, error), whole_file(target) as file:
+    with refusals_as_errors(target, error), whole_file(target) as file:
         if target.suffix == ".csv":
             from pyarrow import csv
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import PositiveNumber, checked
+from warpchain.argument_checks import PositiveNumber, check_arguments
 from warpchain.drive.transmission import turn_alike
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_contacts, guide_loads
@@ -28,7 +28,7 @@ from warpchain.results.tooth_jump import JumpMargin, jump_margin
 Array = NDArray[np.float64]
 
 
-@checked(SimulationError, "wear.")
+@check_arguments(SimulationError, "wear.")
 @dataclass(frozen=True)
 class Wear:
     """Wear law of the joints.

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpchain.arguments import PositiveNumber, checked
+from warpchain.argument_checks import PositiveNumber, check_arguments
 from warpchain.errors import SimulationError
 from warpchain.extras import require_extra
 
 Array = NDArray[np.float64]
 
 
-@checked(SimulationError, "fatigue.")
+@check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
     """A Woehler (S-N) curve without an endurance limit, eq. (a).

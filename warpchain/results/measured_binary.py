@@ -22,8 +22,8 @@ import numpy as np
 
 from warpchain.errors import SimulationError
 from warpchain.extras import require_extra
-from warpchain.files import open_regular, reason
-from warpchain.python_process import can_start, started
+from warpchain.files import open_regular_file, refusal_reason
+from warpchain.python_process import can_start_python, start_python
 from warpchain.results.measured_columns import Column, Columns, column_index, finite
 
 MOST_VALUES = 2**25
@@ -44,9 +44,9 @@ def read_binary(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     Raises:
         SimulationError: as `read_here`, or a file at which that process ended.
     """
-    if not can_start():
+    if not can_start_python():
         return read_here(path, columns)
-    with started(__name__, subprocess.PIPE) as process:
+    with start_python(__name__, subprocess.PIPE) as process:
         try:
             answer, _ = process.communicate(pickle.dumps((os.fspath(path), columns)), PATIENCE)
         except subprocess.TimeoutExpired:
@@ -89,13 +89,13 @@ def _understood(path: str | Path, words: str) -> Iterator[None]:
     except OSError as error:
         raise SimulationError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:  # of many kinds, where a file is damaged
-        raise SimulationError(f"{path}: {words} ({reason(error)})") from None
+        raise SimulationError(f"{path}: {words} ({refusal_reason(error)})") from None
 
 
 def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     from scipy.io import loadmat, whosmat
 
-    with _understood(path, "is not a MAT file of version 4 to 7.2"), open(open_regular(path), "rb") as file:
+    with _understood(path, "is not a MAT file of version 4 to 7.2"), open(open_regular_file(path), "rb") as file:
         listed = whosmat(file)
         twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
         if twice:
@@ -134,7 +134,7 @@ def _of_mdf(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     import asammdf
 
     with _understood(path, "is not MDF4"):
-        os.close(open_regular(path))
+        os.close(open_regular_file(path))
         with asammdf.MDF(path) as mdf:
             places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
             names = [(name, f"{name} of group {group}") for name, group, _ in places]

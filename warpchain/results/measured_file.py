@@ -15,7 +15,7 @@ import numpy as np
 
 from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError
-from warpchain.files import read_text
+from warpchain.files import read_text_file
 from warpchain.results.measured_binary import read_binary
 from warpchain.results.measured_columns import Array, Column, Columns, column_index
 from warpchain.results.units import DISPLAYED
@@ -105,7 +105,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None 
 
 
 def _of_csv(path: str | Path, columns: Columns) -> tuple[Column, Column]:
-    text = read_text(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
+    text = read_text_file(path, "a file of measured values", lambda reason: SimulationError(f"{path}: {reason}"))
     heads, rows, decimal = _table(str(path), text, columns.decimal)
     named = [(name, f"{name} [{unit}]" if unit else name) for name, unit in heads]
     at = column_index(path, named, columns.time, 0, "time")

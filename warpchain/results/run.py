@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import Index, PositiveNumber, checked
+from warpchain.argument_checks import Index, PositiveNumber, check_arguments
 from warpchain.errors import SimulationError
+from warpchain.notebook_renderer import rendered_html
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import NAMED, OK
 from warpchain.results.replicate_metrics import COPY, DRIVE, summary
-from warpchain.show import html
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,7 +34,7 @@ def check_names(what: str, names: Iterable[str]) -> None:
             raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(NAMES)}")
 
 
-@checked(SimulationError, "record.")
+@check_arguments(SimulationError, "record.")
 @dataclass(frozen=True)
 class Record:
     """Recording options: variants and channels kept as trajectories (metrics are always kept, for all variants).
@@ -57,7 +57,7 @@ class Record:
     def __post_init__(self) -> None:
         check_names("record.channels", self.channels)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def indices(self, variants: Index) -> tuple[int, ...]:
         """The recorded variants of an ensemble of `variants`, ascending."""
         if isinstance(self.variants, str):
@@ -148,14 +148,14 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
-        return html(self)
+        return rendered_html(self)
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
         """The recorded channels by name, without time."""
         held = {name: getattr(self, name) for name in NAMES}
         return {name: values for name, values in held.items() if values is not None}
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
         """The trajectory at some of its frames: a slice, their numbers, or whether each is one (F,).
 
@@ -249,14 +249,14 @@ class Run(Mapping[int, Trajectory]):
 
     def _repr_html_(self) -> str:
         """HTML for notebooks."""
-        return html(self)
+        return rendered_html(self)
 
     @property
     def numbers(self) -> Sequence[int]:
         """Numbers of the variants, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def row_of(self, variant: int) -> int:
         """The row of the metrics, and the drive's place, of a variant.
 
@@ -293,7 +293,7 @@ class Run(Mapping[int, Trajectory]):
             table = table.append_column(pa.field(DRIVE, pa.int64(), metadata={"unit": "1"}), table["variant"])
         return summary(table, DRIVE)
 
-    @checked(SimulationError)
+    @check_arguments(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
         try:
             return self.trajectories[variant]

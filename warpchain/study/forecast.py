@@ -22,7 +22,7 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.progress import duration
+from warpchain.progress import duration_text
 from warpchain.results.statuses import common_reasons, reason_words
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
@@ -284,7 +284,7 @@ def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None
     cost = forecast.cost
     how = "measured here" if cost.measured else "assumed"
     besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""
-    length = f"{cost.seconds:.2g} s" if cost.seconds < 10.0 else duration(cost.seconds)
+    length = f"{cost.seconds:.2g} s" if cost.seconds < 10.0 else duration_text(cost.seconds)
     lines.append(f"cost: {cost.work:.3g} roller-steps at {cost.rate:.3g} a second ({how}){besides}: {length}")
     if forecast.recorded:
         lines.append(f"recorded: {forecast.recorded} rows")

@@ -21,7 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain import files
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.files import PATIENCE, open_regular, parse_json, reason, refusals, whole_file
+from warpchain.files import (
+    WRITER_PATIENCE,
+    open_regular_file,
+    parse_json,
+    refusal_reason,
+    refusals_as_errors,
+    whole_file,
+)
 from warpchain.results.statuses import STATUSES as JUDGED
 from warpchain.results.statuses import alike_reasons
 
@@ -88,7 +95,7 @@ def read_table(
     import pyarrow as pa
 
     try:
-        os.close(open_regular(path))
+        os.close(open_regular_file(path))
         if path.suffix == ".parquet":
             from pyarrow import parquet
 
@@ -110,9 +117,9 @@ def read_table(
             _check_decimal_points(table, path)
             return table
     except FileNotFoundError as error:
-        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
+        raise StudyError(f"{path}: cannot be read ({refusal_reason(error)})") from None
     except OSError as error:  # also what a checksum finds
-        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
+        raise StudyError(f"{path}: cannot be read ({refusal_reason(error)})") from None
     except (pa.ArrowException, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise StudyError(f"{path}: not a table ({(str(error).splitlines() or [type(error).__name__])[0]})") from None
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
@@ -252,7 +259,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
         note["mark"] = _note_digest(note)
     noted = table.replace_schema_metadata(held | {NOTE_KEY: json.dumps(note).encode()})
     repeating = [field.name for field in noted.schema if not pa.types.is_floating(field.type)]
-    with _refusals_as_study_errors(path, keep), whole_file(path, not keep, PATIENCE) as file:
+    with _refusals_as_study_errors(path, keep), whole_file(path, not keep, WRITER_PATIENCE) as file:
         parquet.write_table(noted, file, compression="zstd", write_page_checksum=True, use_dictionary=repeating)
 
 
@@ -285,7 +292,7 @@ def file_digest(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
+        raise StudyError(f"{path}: cannot be read ({refusal_reason(error)})") from None
 
 
 def write_study_text(path: Path, text: str, keep: bool = False) -> None:
@@ -295,13 +302,13 @@ def write_study_text(path: Path, text: str, keep: bool = False) -> None:
         StudyError: a folder or disk that refuses.
     """
     with _refusals_as_study_errors(path, keep):
-        files.write_text(path, text, not keep)
+        files.write_text_file(path, text, not keep)
 
 
 @contextmanager
 def _refusals_as_study_errors(path: Path, keep: bool) -> Iterator[None]:
     """Context in which refusals of the system become a StudyError; with `keep`, an existing file is none."""
-    with refusals(path, StudyError):
+    with refusals_as_errors(path, StudyError):
         try:
             yield
         except FileExistsError:

@@ -22,7 +22,7 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
-from warpchain.progress import look_for_stop
+from warpchain.progress import raise_if_stopped
 from warpchain.study.results import Array
 
 Model = Callable[[Array], tuple[Array, Array]]
@@ -114,7 +114,7 @@ def sample_posterior(
     sampler.reset()
     steps, lag, independent = 0, 1.0, 0.0
     while steps < MOST and independent < enough:
-        look_for_stop()
+        raise_if_stopped()
         state = sampler.run_mcmc(state, CHUNK)
         steps += CHUNK
         lag = max(1.0, float(np.max(sampler.get_autocorr_time(tol=0))))

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import number_text
+from warpchain.argument_checks import number_text
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.results import Array, Results

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from warpchain.progress import look_for_stop
+from warpchain.progress import raise_if_stopped
 from warpchain.study.analysis.pareto import Goals, Measured, keeping, non_dominated
 from warpchain.study.design.factor_values import Cube
 from warpchain.study.results import Array
@@ -76,7 +76,7 @@ def believe(measured: Measured, x: Array) -> Belief:
     rows = measured.ok
     processes = {}
     for name, column in measured.columns.items():
-        look_for_stop()
+        raise_if_stopped()
         errors = measured.errors.get(name)
         processes[name] = fit_process(x[rows], column[rows], None if errors is None else errors[rows])
     failed = None if rows.all() else fit_process(x, rows.astype(float), isotropic=True)
@@ -103,7 +103,7 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
     chosen: list[Array] = []
     known = points
     for _ in range(count):
-        look_for_stop()
+        raise_if_stopped()
         about = _best(belief, measured, cube, points)
         candidates = np.vstack([_spread(cube, rng, GLOBAL_POINTS), *(_around(p, LOCAL_POINTS, rng) for p in about)])
         ways = np.abs(rng.standard_normal((DRAWS, len(measured.goals.objectives))))

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from warpchain.arguments import Count, Index, Workers, checked
+from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.drive.drive_text import text_alone
 from warpchain.engine.simulation import MEMORY, available_cores
@@ -32,7 +32,7 @@ from warpchain.study.run.runner import run_folder
 from warpchain.study.spec import Study, load_study
 from warpchain.study.store import read_table, write_table
 from warpchain.study.surrogate import Surrogate, fit_surrogate
-from warpchain.version import installed
+from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -121,7 +121,7 @@ class Bench:
         """The rows of the study's design, values by factor."""
         return list(make_design(self.study, self.source).select(self.factors).to_pylist())
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
         """The drives of rows, adjusted so that they fit.
 
@@ -139,14 +139,14 @@ class Bench:
         build(self.study, self.drive, variants)
         return variants
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def digests(self, design: pa.Table) -> list[str | None]:
         """Identity of each row of a design; None of one that gives no drive."""
-        common = json.dumps({**settings_of(self.study), "warpchain": installed()}, sort_keys=True)
+        common = json.dumps({**settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
         """Runs rows, those whose drive was not run yet.
 
@@ -168,7 +168,7 @@ class Bench:
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
             return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
         """Runs rows as a round of the folder, or reads what that round gave.
 
@@ -238,14 +238,14 @@ class Bench:
             table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> Folder:
         """A folder for rows of a study like this one, such as one that records them."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def run_table(self, folder: Folder, progress: Progress = False) -> pa.Table:
         """Runs what is left of a folder; returns its table."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
@@ -261,7 +261,7 @@ class Bench:
         results = read_results(table, self.factors)
         return with_recorded_objectives(results, place).table if results.ok.any() else table
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def learn(self, folder: str | os.PathLike[str]) -> int:
         """Takes rows that another study of the same drive and runs has run as known; returns how many.
 
@@ -301,7 +301,7 @@ class Bench:
         """Names of the factors of the results: all but hidden ones."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def remember(self, table: pa.Table) -> None:
         """Takes a table's rows as known."""
         for k, digest in enumerate(table[DIGEST].to_pylist()):
@@ -321,7 +321,7 @@ class Bench:
         rounds = rounds_done(self.folder)
         return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown)
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def surrogate(
         self, metric: str, kind: Literal["gaussian", "quadratic"] = "gaussian", logarithm: bool = False
     ) -> Surrogate:
@@ -335,12 +335,12 @@ class Bench:
             self._optimizer = Optimizer(self.study, str(self.source))
         return self._optimizer
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
         """The next rows to run; see `Optimizer.ask`."""
         return self.optimizer.ask(count)
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
         """Adds results of rows to the search; see `Optimizer.observe`."""
         self.optimizer.observe(table)
@@ -364,7 +364,7 @@ def settings_of(study: Study) -> dict[str, Any]:
     return settings
 
 
-@checked(StudyError)
+@check_arguments(StudyError)
 def open_study(
     source: str | os.PathLike[str],
     folder: str | os.PathLike[str] | None = None,

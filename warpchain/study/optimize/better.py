@@ -19,12 +19,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from warpchain.arguments import Count, NonNegativeNumber, Range, Workers, checked
+from warpchain.argument_checks import AllowedRange, Count, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
 from warpchain.drive.schema import nearest
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.progress import Progress, interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.metric_columns import metric_names
 from warpchain.study.analysis.paired import MeanDifference, mean_difference
 from warpchain.study.design.factor_values import complete, tied
@@ -41,7 +41,7 @@ from warpchain.study.store import write_table
 DRIVES = ("A", "B")
 
 
-@checked(StudyError)
+@check_arguments(StudyError)
 @dataclass(frozen=True)
 class Comparison:
     """Settings of a comparison.
@@ -61,9 +61,9 @@ class Comparison:
 
     metric: str | None = None
     sense: Literal["min", "max"] | None = None
-    level: Annotated[float, Range("a number from 0.5 to below 1", lambda x: 0.5 <= x < 1.0)] = 0.95
+    level: Annotated[float, AllowedRange("a number from 0.5 to below 1", lambda x: 0.5 <= x < 1.0)] = 0.95
     budget: Count = 200
-    batch: Annotated[int, Range("a whole number of at least 4", lambda n: n >= 4)] = 8
+    batch: Annotated[int, AllowedRange("a whole number of at least 4", lambda n: n >= 4)] = 8
     event: NonNegativeNumber | None = None
 
     def batches(self, copies: int) -> int:
@@ -142,8 +142,8 @@ class Better:
         return int((~results.usable_rows(self.metric)).sum()), reasons[0][1] if reasons else f"no {self.metric}"
 
 
-@checked(StudyError)
-@interruptible()
+@check_arguments(StudyError)
+@interruptible_work()
 def find_better(
     source: str | os.PathLike[str],
     drives: tuple[str | os.PathLike[str], str | os.PathLike[str]],
@@ -185,7 +185,7 @@ def find_better(
     folders = tuple(made_folder(Path(out) / name, bench) for name, bench in zip(DRIVES, benches, strict=True))
     rng, dimensions = np.random.default_rng((study.noise or Noise()).seed), noise_dimensions(study)
     for number in range(rounds):
-        look_for_stop()
+        raise_if_stopped()
         noise = at_normals(study, rng.standard_normal((by.batch, dimensions)))
         for bench, own, folder in zip(benches, held, folders, strict=True):
             bench.round(number, [own | row for row in noise], progress)

@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.arguments import Count, Workers, checked
+from warpchain.argument_checks import Count, Workers, check_arguments
 from warpchain.drive.drive_text import drive_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
-from warpchain.progress import Progress, interruptible, look_for_stop
+from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.measured import signal_units, source
 from warpchain.results.measured_columns import Columns
 from warpchain.results.measured_file import Measured, read_signal
@@ -171,7 +171,7 @@ class Emulated:
     def __init__(self, normals: Array, values: Array, names: Sequence[str]) -> None:
         self.processes: list[Process] = []
         for name, column in zip(names, values.T, strict=True):
-            look_for_stop()
+            raise_if_stopped()
             known = np.isfinite(column)
             if known.sum() < max(4, normals.shape[1] + 2):
                 raise StudyError(f"{name}: {int(known.sum())} of {len(column)} runs have it; raise calibrate.count")
@@ -298,7 +298,7 @@ class Runs:
         """Runs a round at normals (R, D), or takes the one that was run there."""
         import pyarrow as pa
 
-        look_for_stop()
+        raise_if_stopped()
         note = self.folder / round_name(self.rounds) / "normals.parquet"
         if not note.exists():
             note.parent.mkdir(parents=True, exist_ok=True)
@@ -327,8 +327,8 @@ class Runs:
         return np.array(self._numbers)
 
 
-@checked(StudyError)
-@interruptible()
+@check_arguments(StudyError)
+@interruptible_work()
 def calibrate(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],

@@ -19,14 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from warpchain.arguments import Count, Workers, checked
+from warpchain.argument_checks import Count, Workers, check_arguments
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.drive.drive_text import drive_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
-from warpchain.files import leftovers, sweep
-from warpchain.progress import Progress, interruptible, look_for_stop
+from warpchain.files import leftover_files, remove_leftovers
+from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
@@ -65,8 +65,8 @@ class Found:
     archives: tuple[tuple[Path, int] | None, ...]
 
 
-@checked(StudyError)
-@interruptible()
+@check_arguments(StudyError)
+@interruptible_work()
 def optimize(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -101,7 +101,7 @@ def optimize(
     folder = made_folder(Path(out), bench)
     rounds = 0
     while optimizer.observed < search.count:
-        look_for_stop()
+        raise_if_stopped()
         done = round_file(folder, rounds)
         if rounds and search.engine == "bayes" and done.exists():
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
@@ -137,7 +137,7 @@ def made_folder(path: Path, bench: Bench) -> Path:
         raise StudyError(f"{path}: cannot be made ({error.strerror or error})") from None
     if (path / "plan.json").exists():
         raise StudyError(f"{path}: holds a study that was run; give another folder")
-    sweep(leftovers(path))
+    remove_leftovers(leftover_files(path))
     fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
     write_study_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
     write_study_text(path / DRIVE_TEXT, bench.drive_text, keep=True)

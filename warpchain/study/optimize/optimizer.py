@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.arguments import Count, checked
+from warpchain.argument_checks import Count, check_arguments
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
 from warpchain.study.analysis.over_noise import designs_of, goals_over
@@ -110,7 +110,7 @@ class Optimizer:
         """Number of rows, or of designs over noise, whose results are known."""
         return sum(table.num_rows for table in self._tables)
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
         """The next rows, values by factor: the study's design first, then what the engine proposes.
 
@@ -132,7 +132,7 @@ class Optimizer:
         seed = int(np.random.SeedSequence([self.settings.seed, self.observed]).generate_state(1)[0])
         return self.cube.rows(propose(self.cube, measured, points, count or self.settings.batch, seed))
 
-    @checked(StudyError)
+    @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
         """Takes results of rows: factors, the goals' metrics, `METRIC_se` where known, `status` where not all are ok.
 

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.arguments import Count, Workers, checked
+from warpchain.argument_checks import Count, Workers, check_arguments
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
-from warpchain.files import read_text
-from warpchain.progress import Progress, interruptible, look_for_stop
+from warpchain.files import read_text_file
+from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.study.analysis.failure_probability import Estimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import (
     Mixture,
@@ -119,7 +119,7 @@ class Margins:
         self._each: list[Array] = []
 
     def __call__(self, u: Array) -> Array:
-        look_for_stop()
+        raise_if_stopped()
         rows = [self._held | row for row in at_normals(self._bench.study, u)]
         table = self._bench.round(self.rounds, rows, self._progress)
         self.rounds += 1
@@ -158,8 +158,8 @@ class Margins:
         return at, float(size[at])
 
 
-@checked(StudyError)
-@interruptible()
+@check_arguments(StudyError)
+@interruptible_work()
 def estimate_risk(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -280,7 +280,7 @@ def read_risk(folder: str | os.PathLike[str]) -> Risked:
             "writes at its end, is not there"
         )
     try:
-        found: Mapping[str, Any] = json.loads(read_text(path / SUMMARY, "JSON", StudyError))
+        found: Mapping[str, Any] = json.loads(read_text_file(path / SUMMARY, "JSON", StudyError))
         points = tuple(
             DesignPoint(p["variant"], p["distance"], p["deviations"], tuple((m, e) for m, e in p["broken"]))
             for p in found["points"]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.files import read_text
+from warpchain.files import read_text_file
 from warpchain.results.units import decimals, shown_unit
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.analysis.effects import MedianEffect, _groups
@@ -39,7 +39,7 @@ DOTS = 300
 
 def report_page(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
     """A whole HTML document: heading, links to the sections, sections, the rows and the script that shows them."""
-    style, script = (read_text(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
+    style, script = (read_text_file(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{data(rows)}</script>\n'
         f"<script>\n{script}</script>\n"

@@ -24,7 +24,7 @@ from warpchain.drive.drive_text import drive_text
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
-from warpchain.progress import interruptible
+from warpchain.progress import interruptible_work
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.replicate_metrics import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
@@ -210,7 +210,7 @@ class _Pool:
     numbers: list[list[int]] = field(default_factory=list)
 
 
-@interruptible()
+@interruptible_work()
 def join_studies(
     folders: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],

@@ -24,7 +24,7 @@ from warpchain.drive.schema import elements, nearest, valid
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
-from warpchain.files import read_text, refusals, whole_file
+from warpchain.files import read_text_file, refusals_as_errors, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.run.folder import (
@@ -168,7 +168,7 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     import tomllib
 
     try:
-        values = fields_from_file(tomllib.loads(read_text(source, "TOML", ValueError)))
+        values = fields_from_file(tomllib.loads(read_text_file(source, "TOML", ValueError)))
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))
@@ -363,7 +363,7 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
         for table in (folder.results, folder.path / REPLICATES):
             other = table.with_name(f"{table.stem}.before-{number}.parquet")  # a name that nothing writes to
             if table.exists() and not other.exists():
-                with refusals(other, StudyError), whole_file(other) as file:
+                with refusals_as_errors(other, StudyError), whole_file(other) as file:
                     file.write(table.read_bytes())
     write_study_text(path / plan_file("study.toml", number), dumps_study(fixed))
     write_table(path / plan_file("design.parquet", number), design)

@@ -19,7 +19,7 @@ from warpchain.drive import Drive, Guide
 from warpchain.drive.replace import Changes, with_numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError, WarpchainError
-from warpchain.progress import look_for_stop
+from warpchain.progress import raise_if_stopped
 from warpchain.study.design.factor_values import evaluate
 from warpchain.study.spec.study_tables import named_adjustments
 from warpchain.study.store import reason_from_error
@@ -296,7 +296,7 @@ def build(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
     changes = Changes(base) if len(variants) > 1 else None
     for number, variant in enumerate(variants):
         if number % 64 == 0:
-            look_for_stop()
+            raise_if_stopped()
         if variant.reason is not None:
             continue
         try:

@@ -18,23 +18,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.arguments import Count, Index, Workers, checked
+from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, warn_caller
 from warpchain.extras import require_extra
-from warpchain.files import leftovers, sweep
+from warpchain.files import leftover_files, remove_leftovers
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import (
     RECORDING,
     RUNNING,
     Progress,
-    Report,
-    completed,
-    interruptible,
-    look_for_stop,
-    nothing,
-    part_of,
-    reporter,
+    ProgressReport,
+    completed_futures,
+    ignore_progress,
+    interruptible_work,
+    partial_report,
+    progress_reporter,
+    raise_if_stopped,
 )
 from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
@@ -106,7 +106,7 @@ def _one_line(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-@interruptible()
+@interruptible_work()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:
     """Makes the whole table of a study whose shards are all done; records the worst variants first, if that is wanted.
 
@@ -124,7 +124,9 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
     return finish(folder, None, {"workers": workers, "memory": memory})
 
 
-def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], report: Report = nothing) -> Outcome:
+def finish(
+    folder: Folder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
+) -> Outcome:
     """The second pass, and the whole table; what ended processes have left is swept away."""
     table = runs_of(folder)
     if folder.study.record.worst is not None:
@@ -132,14 +134,14 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
         if not folder.done(folder.worst):
             if executor is None:
                 count = float(len(chosen))
-                run_worst(folder.path, chosen, options, part_of(report, RECORDING, 0.0, count, count))
+                run_worst(folder.path, chosen, options, partial_report(report, RECORDING, 0.0, count, count))
             else:
                 with workers_named(folder):
-                    (future,) = completed([executor.submit(run_worst, folder.path.resolve(), chosen, options)])
+                    (future,) = completed_futures([executor.submit(run_worst, folder.path.resolve(), chosen, options)])
                     future.result()
             table = _with_archives(table, folder.table(folder.worst))
     for name in _archives(table):
-        look_for_stop()
+        raise_if_stopped()
         folder.check_archive(name)
     if folder.copies > 1:
         folder.write(folder.path / REPLICATES, table)
@@ -148,9 +150,9 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
         table = with_recorded_objectives(read_results(table), folder.path, curve).table
-    look_for_stop()
+    raise_if_stopped()
     folder.write(folder.results, table)
-    sweep(leftovers(folder.path))
+    remove_leftovers(leftover_files(folder.path))
     return study_status(folder.path)
 
 
@@ -268,8 +270,8 @@ def workers_named(folder: Folder) -> Iterator[None]:
         raise StudyError(f"{folder.path}: a worker ended before its shard ({text}); run again to go on") from None
 
 
-@checked(StudyError)
-@interruptible()
+@check_arguments(StudyError)
+@interruptible_work()
 def run_study(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -314,7 +316,7 @@ def run_study(
 
 
 @rare_collections()
-@interruptible()
+@interruptible_work()
 def run_folder(
     folder: Folder,
     *,
@@ -330,8 +332,8 @@ def run_folder(
     left = [shard for shard in mine if not folder.done(shard)]
     total, rest = (float(sum(map(folder.size, shards))) for shards in (mine, left))
     bar = {"name": folder.study.study.name or "study", "initial": total - rest}
-    with reporter(progress, **{RUNNING: bar}) as report:
-        run = part_of(report, RUNNING, total - rest, total, total)
+    with progress_reporter(progress, **{RUNNING: bar}) as report:
+        run = partial_report(report, RUNNING, total - rest, total, total)
         if executor is None:
             _run_here(folder, left, options, run)
         else:
@@ -341,18 +343,18 @@ def run_folder(
         return finish(folder, executor, options, report)
 
 
-def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Report) -> None:
+def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: ProgressReport) -> None:
     """Runs shards one after the other in this process."""
     done, total = 0, float(sum(map(folder.size, shards)))
     for shard in shards:
-        look_for_stop()
+        raise_if_stopped()
         begin, done = done, done + folder.size(shard)
-        run_shard(folder.path, shard, options, part_of(report, RUNNING, begin, done, total))
+        run_shard(folder.path, shard, options, partial_report(report, RUNNING, begin, done, total))
         report(RUNNING, done, total)
 
 
 def _run_there(
-    folder: Folder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: Report
+    folder: Folder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
     """Runs shards on an executor.
 
@@ -365,7 +367,7 @@ def _run_there(
         with workers_named(folder):
             for shard in shards:
                 futures[executor.submit(run_shard, folder.path.resolve(), shard, options)] = shard
-            for future in completed(futures):
+            for future in completed_futures(futures):
                 future.result()
                 done += folder.size(futures[future])
                 report(RUNNING, done, total)

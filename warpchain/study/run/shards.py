@@ -21,7 +21,7 @@ from warpchain.drive.replicates import copies_of
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
-from warpchain.progress import RUNNING, Report, nothing, part_of
+from warpchain.progress import RUNNING, ProgressReport, ignore_progress, partial_report
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COLUMNS
@@ -41,7 +41,12 @@ if TYPE_CHECKING:
 
 
 def simulate_variants(
-    study: Study, base: Drive, variants: Sequence[Variant], archive: Path, options: Mapping[str, Any], report: Report
+    study: Study,
+    base: Drive,
+    variants: Sequence[Variant],
+    archive: Path,
+    options: Mapping[str, Any],
+    report: ProgressReport,
 ) -> None:
     """Makes the variants' drives, simulates them, and archives those to be recorded.
 
@@ -65,15 +70,15 @@ def simulate_variants(
     if on and len(on) < len(variants):  # a GPU takes those that go on by themselves
         anew = [variant for variant in variants if variant.begin is None]
         share = len(anew) / len(variants)
-        simulate_variants(study, base, anew, archive, options, part_of(report, RUNNING, 0.0, share))
-        simulate_variants(study, base, on, archive, options, part_of(report, RUNNING, share, 1.0))
+        simulate_variants(study, base, anew, archive, options, partial_report(report, RUNNING, 0.0, share))
+        simulate_variants(study, base, on, archive, options, partial_report(report, RUNNING, share, 1.0))
         return
     _build_all(study, base, variants)
     runs = 1.0 if study.metrics.modes is None else 0.5  # of the whole, roughly
-    of_runs = part_of(report, RUNNING, 0.0, runs)
+    of_runs = partial_report(report, RUNNING, 0.0, runs)
 
     def follow() -> None:
-        _follow_modes(study, base, variants, options.get("workers"), part_of(report, RUNNING, runs, 1.0))
+        _follow_modes(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
 
     if _held(study, variants, options.get("memory", MEMORY)):
         _simulate(study, variants, None, options, of_runs)
@@ -83,12 +88,14 @@ def simulate_variants(
     streamed = [variant for variant in variants if variant.recorded]
     plain = [variant for variant in variants if not variant.recorded]
     share = len(plain) / len(variants)
-    _simulate(study, plain, None, options, part_of(of_runs, RUNNING, 0.0, share))
-    _simulate(study, streamed, archive, options, part_of(of_runs, RUNNING, share, 1.0))
+    _simulate(study, plain, None, options, partial_report(of_runs, RUNNING, 0.0, share))
+    _simulate(study, streamed, archive, options, partial_report(of_runs, RUNNING, share, 1.0))
     follow()
 
 
-def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: Report) -> None:
+def _follow_modes(
+    study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: ProgressReport
+) -> None:
     """Adds the base drive's modes to the metrics of the variants, where the study asks for them."""
     if study.metrics.modes is None:
         return
@@ -122,7 +129,7 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
 
 
 def _simulate(
-    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
+    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
     """Simulates the variants that have a drive; those that are refused fail alone.
 
@@ -158,7 +165,7 @@ def _simulate(
 
 
 def _attempt(
-    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
+    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> WarpchainError | None:
     """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
     from warpchain.engine.checkpoint import States
@@ -257,7 +264,7 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
 
 @rare_collections()
 def run_shard(
-    folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: Report = nothing
+    folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: ProgressReport = ignore_progress
 ) -> int:
     """Simulates one shard and writes its results; does nothing if they are there.
 
@@ -288,7 +295,7 @@ def run_worst(
     folder: Path,
     variants: Sequence[tuple[int, int]],
     options: Mapping[str, Any] | None = None,
-    report: Report = nothing,
+    report: ProgressReport = ignore_progress,
 ) -> None:
     """Simulates variants (number, copy) a second time to record them; see `run_shard`."""
     opened = open_folder(folder)
@@ -308,7 +315,12 @@ def _rows(folder: Folder, numbers: Numbers, copies: Numbers) -> pa.Table:
 
 
 def _write(
-    folder: Folder, shard: int | str, rows: pa.Table, recorded: set[int], options: Mapping[str, Any], report: Report
+    folder: Folder,
+    shard: int | str,
+    rows: pa.Table,
+    recorded: set[int],
+    options: Mapping[str, Any],
+    report: ProgressReport,
 ) -> None:
     """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
     from warpchain.archive.options import ArchiveOptions

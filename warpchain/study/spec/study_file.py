@@ -18,7 +18,7 @@ from warpchain.drive.json_schema import file_schema
 from warpchain.drive.rings import companions
 from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements, get
 from warpchain.errors import DriveError, StudyError
-from warpchain.files import read_text
+from warpchain.files import read_text_file
 from warpchain.results.judgement import Limits
 from warpchain.results.replicate_metrics import COPY, COUNT
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement, calibration_rules
@@ -374,7 +374,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     Raises:
         StudyError: if it cannot be read, in one line, or a line for each of its errors.
     """
-    return loads_study(read_text(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
+    return loads_study(read_text_file(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
 
 
 def study_schema() -> dict[str, Any]:

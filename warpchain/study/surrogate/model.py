@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.progress import look_for_stop
+from warpchain.progress import raise_if_stopped
 from warpchain.study.analysis.pure_error import standard_errors, weights
 from warpchain.study.analysis.surface import TRUSTED, Surface, _scaled, _terms, fit_surface
 from warpchain.study.results import Array, Results
@@ -357,7 +357,7 @@ def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Sur
     many = results.usable_rows(metric).sum() > PROCESS_ROWS
     reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
     for kind, needed in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", least), ("quadratic", least)):
-        look_for_stop()
+        raise_if_stopped()
         try:
             found = fit_surrogate(results, metric, kind)
         except StudyError as error:

@@ -13,7 +13,7 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import driving_body, turned_part
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.files import refusals, whole_file
+from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import TOOTH_PASSINGS, driver_speed, peak_frames
 
@@ -131,7 +131,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     Raises:
         ArchiveError: a file that cannot be written.
     """
-    with refusals(path, ArchiveError), whole_file(path) as file:
+    with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=130)
 
 
@@ -152,7 +152,7 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
         if kind not in FIGURE_KINDS:
             raise SimulationError(f"format {kind!r}: allowed are {', '.join(FIGURE_KINDS)}")
     target, paths = Path(folder), []
-    with refusals(target, ArchiveError):
+    with refusals_as_errors(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
             for kind in wanted:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.arguments import checked
+from warpchain.argument_checks import check_arguments
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive.transmission import turn_alike
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.files import refusals, write_text
+from warpchain.files import refusals_as_errors, write_text_file
 from warpchain.results.chains import chain_row, chain_trajectories
 from warpchain.results.engineering_report import HandedIn, Wear, window_of
 from warpchain.results.judgement import OK
@@ -306,7 +306,7 @@ def run_report_html(
     return html.page_html(title or "", made)
 
 
-@checked(SimulationError)
+@check_arguments(SimulationError)
 def report(
     source: Run | str | Path,
     path: str | Path,
@@ -332,6 +332,6 @@ def report(
     """
     text = run_report_html(source, variant, title, wear)
     target = Path(path)
-    with refusals(target, ArchiveError):
-        write_text(target, text)
+    with refusals_as_errors(target, ArchiveError):
+        write_text_file(target, text)
     return target

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.files import refusals, whole_file
+from warpchain.files import refusals_as_errors, whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -109,7 +109,7 @@ def stream_to_file(stream: rr.RecordingStream, target: Path, error: type[Excepti
     """
     import rerun as rr
 
-    with refusals(target, error), whole_file(target) as file:
+    with refusals_as_errors(target, error), whole_file(target) as file:
         sink = rr.binary_stream(stream)
         yield
         stream.flush()

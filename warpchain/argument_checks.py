@@ -18,28 +18,28 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-Checked = TypeVar("Checked", bound=Callable[..., Any])
-Test = Callable[[Any], bool]
+CheckedFunction = TypeVar("CheckedFunction", bound=Callable[..., Any])
+ValueTest = Callable[[Any], bool]
 
 
 @dataclass(frozen=True)
-class Range:
+class AllowedRange:
     """The numbers of a type that are allowed, in words and as a test of a number."""
 
     words: str
-    holds: Test
+    holds: ValueTest
 
 
-FiniteNumber = Annotated[float, Range("a finite number", math.isfinite)]
-NonNegativeNumber = Annotated[float, Range("a finite number of at least 0", lambda x: 0.0 <= x < math.inf)]
-PositiveNumber = Annotated[float, Range("a finite number above 0", lambda x: 0.0 < x < math.inf)]
-Count = Annotated[int, Range("a whole number of at least 1", lambda n: n >= 1)]
-Index = Annotated[int, Range("a whole number of at least 0", lambda n: n >= 0)]
+FiniteNumber = Annotated[float, AllowedRange("a finite number", math.isfinite)]
+NonNegativeNumber = Annotated[float, AllowedRange("a finite number of at least 0", lambda x: 0.0 <= x < math.inf)]
+PositiveNumber = Annotated[float, AllowedRange("a finite number above 0", lambda x: 0.0 < x < math.inf)]
+Count = Annotated[int, AllowedRange("a whole number of at least 1", lambda n: n >= 1)]
+Index = Annotated[int, AllowedRange("a whole number of at least 0", lambda n: n >= 0)]
 MOST_WORKERS = 1024
 """Most threads that can be asked for; each takes memory of its own."""
-Workers = Annotated[int, Range(f"a whole number from 1 to {MOST_WORKERS}", lambda n: 1 <= n <= MOST_WORKERS)]
+Workers = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_WORKERS}", lambda n: 1 <= n <= MOST_WORKERS)]
 
-_PLAIN: Mapping[Any, tuple[str, type]] = {
+_PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
     float: ("a number", Real),
     int: ("a whole number", Integral),
     str: ("a text", str),
@@ -54,7 +54,7 @@ def number_text(value: float) -> str:
     return repr(float(f"{value:.12g}"))
 
 
-class _Shown(reprlib.Repr):
+class _ShortRepr(reprlib.Repr):
     """Values in messages, cut short, floats of Python and numpy as `number_text`."""
 
     def repr_float(self, value: float, level: int) -> str:
@@ -63,10 +63,10 @@ class _Shown(reprlib.Repr):
     repr_float64 = repr_float32 = repr_float
 
 
-_SHOWN = _Shown()
+_SHORT_REPR = _ShortRepr()
 
 
-def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Checked]:
+def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[CheckedFunction], CheckedFunction]:
     """Makes a function, or a dataclass, raise `error` for the first argument that its annotation does not allow.
 
     Args:
@@ -81,17 +81,17 @@ def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Che
         signature = inspect.signature(function)
 
         @cache
-        def tests() -> dict[str, tuple[str, Test]]:
-            names = _Names(inspect.unwrap(function).__globals__)
+        def tests() -> dict[str, tuple[str, ValueTest]]:
+            names = _AnnotationNames(inspect.unwrap(function).__globals__)
             notes = {name: note for name, note in function.__annotations__.items() if name != "return"}
-            return {name: _kind(eval(note, {}, names)) for name, note in notes.items()}
+            return {name: _kind_of_annotation(eval(note, {}, names)) for name, note in notes.items()}
 
         @wraps(function)
         def call(*args: Any, **named: Any) -> Any:
             given = signature.bind(*args, **named).arguments
             for name, (words, test) in tests().items():
                 if name in given and not test(given[name]):
-                    raise error(f"{prefix}{name} = {_SHOWN.repr(given[name])}: must be {words}")
+                    raise error(f"{prefix}{name} = {_SHORT_REPR.repr(given[name])}: must be {words}")
             return function(*args, **named)
 
         return call
@@ -99,7 +99,7 @@ def checked(error: type[Exception], prefix: str = "") -> Callable[[Checked], Che
     return wrap
 
 
-def among(parts: str, error: type[Exception]) -> Callable[[Checked], Checked]:
+def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction], CheckedFunction]:
     """Makes a method of an index raise `error` where it is none of the object's `parts`, an attribute's name."""
 
     def wrap(method: Any) -> Any:
@@ -111,7 +111,9 @@ def among(parts: str, error: type[Exception]) -> Callable[[Checked], Checked]:
             for index in (*args, *named.values()):
                 whole = type(index) is int or (isinstance(index, Integral) and not isinstance(index, bool))
                 if not (whole and 0 <= index < count):
-                    raise error(f"{name} = {_SHOWN.repr(index)}: must be a whole number from 0, below {count} {parts}")
+                    raise error(
+                        f"{name} = {_SHORT_REPR.repr(index)}: must be a whole number from 0, below {count} {parts}"
+                    )
             return method(self, *args, **named)
 
         return call
@@ -119,38 +121,38 @@ def among(parts: str, error: type[Exception]) -> Callable[[Checked], Checked]:
     return wrap
 
 
-class _Unknown(type):
+class _UnimportedType(type):
     """An empty class for a name that is imported for type checkers only, and for what is in it."""
 
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return _Unknown(name, (), {})
+        return _UnimportedType(name, (), {})
 
 
-class _Names(dict[str, Any]):
+class _AnnotationNames(dict[str, Any]):
     """Names in annotations."""
 
     def __missing__(self, name: str) -> Any:
-        return getattr(builtins, name) if hasattr(builtins, name) else _Unknown(name, (), {})
+        return getattr(builtins, name) if hasattr(builtins, name) else _UnimportedType(name, (), {})
 
 
-def _kind(note: Any) -> tuple[str, Test]:
+def _kind_of_annotation(note: Any) -> tuple[str, ValueTest]:
     """Words for the values that an annotation allows, and their test."""
     origin, inner = get_origin(note), get_args(note)
     if hasattr(origin or note, "__value__"):  # a type alias of Python 3.12, as NumPy's NDArray is since 2.5
-        return _kind((origin or note).__value__)
-    if note in _PLAIN:
-        words, plain = _PLAIN[note]
-        return words, lambda value: isinstance(value, plain) and (plain is bool or not _no_number(value))
+        return _kind_of_annotation((origin or note).__value__)
+    if note in _PLAIN_KINDS:
+        words, plain = _PLAIN_KINDS[note]
+        return words, lambda value: isinstance(value, plain) and (plain is bool or not _is_no_number(value))
     if note in (Any, object):
         return "anything", lambda value: True
     if origin is Literal:
         return " or ".join(map(repr, inner)), lambda value: isinstance(value, str) and value in inner
     if origin is Annotated:
-        (_, number), values = _kind(inner[0]), inner[1]
+        (_, number), values = _kind_of_annotation(inner[0]), inner[1]
         return values.words, lambda value: number(value) and values.holds(value)
-    kinds = [_kind(part) for part in inner if part is not Ellipsis] if origin is not Callable else []
+    kinds = [_kind_of_annotation(part) for part in inner if part is not Ellipsis] if origin is not Callable else []
     tests = [test for _, test in kinds]
     if origin in (Union, UnionType):
         words = " or ".join(dict.fromkeys(words for words, _ in kinds if words != "None"))
@@ -159,10 +161,10 @@ def _kind(note: Any) -> tuple[str, Test]:
         words = f"{len(kinds)} values, {', '.join(words for words, _ in kinds)}"
         return (
             words,
-            lambda value: _listed(value) and len(value) == len(tests) and all(map(operator.call, tests, value)),
+            lambda value: _is_sequence(value) and len(value) == len(tests) and all(map(operator.call, tests, value)),
         )
     if origin is Sequence:
-        return f"a sequence, each {kinds[0][0]}", lambda value: _listed(value) and all(map(tests[0], value))
+        return f"a sequence, each {kinds[0][0]}", lambda value: _is_sequence(value) and all(map(tests[0], value))
     if origin is Mapping:
         (key, _), (value, _) = kinds
         return (
@@ -179,11 +181,11 @@ def _kind(note: Any) -> tuple[str, Test]:
     return words, lambda value: isinstance(value, kind) or any(of.__name__ == name for of in type(value).__mro__)
 
 
-def _listed(value: Any) -> bool:
+def _is_sequence(value: Any) -> bool:
     """Whether a value is a sequence, or an array of one axis."""
     return (isinstance(value, Sequence) and not isinstance(value, str | bytes)) or getattr(value, "ndim", 0) == 1
 
 
-def _no_number(value: Any) -> bool:
+def _is_no_number(value: Any) -> bool:
     """Whether a value only counts as a number in Python, or has more digits than numbers of machines have."""
     return isinstance(value, bool) or (isinstance(value, int) and value.bit_length() > 63)

@@ -8,11 +8,11 @@ from typing import Any
 _renderers: list[Callable[[Any], str]] = []
 
 
-def register(renderer: Callable[[Any], str]) -> None:
-    """Makes `renderer` the one that `html` calls."""
+def register_renderer(renderer: Callable[[Any], str]) -> None:
+    """Makes `renderer` the one that `rendered_html` calls."""
     _renderers[:] = [renderer]
 
 
-def html(thing: Any) -> str:
+def rendered_html(thing: Any) -> str:
     """A drive, run or trajectory as HTML: its picture, and tables with units."""
     return _renderers[0](thing)
