@@ -15,7 +15,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.over_noise import Designs, designs_of, goals_over, spread
 from warpchain.study.analysis.pareto import goals_of
 from warpchain.study.design import make_design
-from warpchain.study.design.noise import at_normals, noise_points, noise_rows
+from warpchain.study.design.noise_rows import noise_points, noise_rows, noise_rows_of_normals
 from warpchain.study.optimize import Optimizer, optimize, recommend
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
@@ -37,9 +37,9 @@ def designs(names, **more):
 
 def run_of(study, functions, rows=None):
     """The study's rows, or given ones, with functions of them as metrics."""
-    from warpchain.study.design.matrix import table_of_rows
+    from warpchain.study.design.design_table import design_table_of_rows
 
-    table = make_design(study, "s.toml") if rows is None else table_of_rows(study, rows)
+    table = make_design(study, "s.toml") if rows is None else design_table_of_rows(study, rows)
     table = table.set_column(table.column_names.index("status"), "status", pa.array(["ok"] * table.num_rows))
     rows = [{f.name: row[f.name] for f in study.factors} for row in table.to_pylist()]
     for name, function in functions.items():
@@ -138,7 +138,7 @@ def test_groups_correlate_by_their_names_as_one_variable():
     assert abs(spearmanr(m, p).statistic + 0.6) < 3.0 / np.sqrt(1000.0)
     assert max(abs(spearmanr(o, other).statistic) for other in (m, p)) < 3.0 / np.sqrt(1000.0)
     assert np.array_equal(np.sort((p * 1000).astype(int)), np.arange(1000))
-    drawn = at_normals(
+    drawn = noise_rows_of_normals(
         study, np.random.default_rng(0).standard_normal((4000, 3))
     )  # as `risk` and `better` ask for them
     m, n, o, p = (np.array([row[name] for row in drawn]) for name in "mnop")

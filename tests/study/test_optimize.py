@@ -23,7 +23,7 @@ from warpchain.drive import load_drive
 from warpchain.drive.drive_text import DIGITS
 from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import goals_of
-from warpchain.study.design.factor_values import Cube
+from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import read_results
@@ -120,16 +120,16 @@ def test_places_in_the_cube_are_those_of_the_values():
         {"name": "law", "path": "x.law", "choice": ["flores", "hunt", "kv"]},
         {"name": "z", "path": "x.z", "distribution": "normal", "mean": 3.0, "std": 0.5},
     ]
-    cube = Cube(toy(factors=factors))
+    cube = DesignCube(toy(factors=factors))
     points = np.random.default_rng(0).random((40, 4))
-    rows = cube.rows(points)
-    again = cube.points(rows)
+    rows = cube.rows_of_points(points)
+    again = cube.points_of_rows(rows)
     assert np.abs(again - points)[:, [1, 3]].max() < 1e-9  # bisected to 2^-60; a normal's tail is flat to 1e-12 there
-    assert cube.rows(again)[0]["n"] == rows[0]["n"]
+    assert cube.rows_of_points(again)[0]["n"] == rows[0]["n"]
     assert (np.abs(again - points)[:, 0] <= 0.5 / 9 + 1e-9).all()  # the middle of one of nine parts
-    assert np.array_equal(cube.snapped(points)[:, [0, 2]], again[:, [0, 2]])
-    assert cube.coordinates(again).shape == (40, 6)
-    for before, after in zip(rows, cube.rows(again), strict=True):
+    assert np.array_equal(cube.snapped_points(points)[:, [0, 2]], again[:, [0, 2]])
+    assert cube.model_coordinates(again).shape == (40, 6)
+    for before, after in zip(rows, cube.rows_of_points(again), strict=True):
         assert before["law"] == after["law"] and before["n"] == after["n"]
 
 

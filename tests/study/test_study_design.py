@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm, truncnorm
 
 from warpchain.errors import StudyError
 from warpchain.study.design import make_design
-from warpchain.study.design.matrix import central_composite, hadamard, plackett_burman
+from warpchain.study.design.design_table import central_composite_points, hadamard_matrix, plackett_burman_points
 from warpchain.study.spec import loads_study
 
 
@@ -92,12 +92,12 @@ def test_whole_numbers_and_choices_are_equally_likely(text):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_central_composite(count):
-    face = central_composite(count, "face", 2)
+    face = central_composite_points(count, "face", 2)
     assert len(face) == 2**count + 2 * count + 2
     assert np.abs(face).max() == 1.0
     assert np.array_equal(face[-2:], np.zeros((2, count)))
     for axial, corner, arm in (("circumscribed", 1.0, 2 ** (count / 4)), ("inscribed", 2 ** (-count / 4), 1.0)):
-        points = central_composite(count, axial, 0)
+        points = central_composite_points(count, axial, 0)
         assert np.abs(points[: 2**count]).min() == np.abs(points[: 2**count]).max() == pytest.approx(corner)
         assert np.abs(points[2**count :]).max() == pytest.approx(arm)
         # rotatable: pure fourth moments are three times the mixed ones (Box and Hunter 1957)
@@ -108,7 +108,7 @@ def test_central_composite(count):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 7, 11, 14, 15, 16, 23, 28])
 def test_plackett_burman_is_orthogonal_and_balanced(count):
-    points = plackett_burman(count)
+    points = plackett_burman_points(count)
     rows = len(points)
     assert np.array_equal(np.abs(points), np.ones((rows, count)))
     assert np.array_equal(points.T @ points, rows * np.eye(count))
@@ -118,7 +118,7 @@ def test_plackett_burman_is_orthogonal_and_balanced(count):
 
 
 def test_hadamard_knows_where_it_ends():
-    assert hadamard(92) is None  # 91 = 7 * 13, and 46 is no size
+    assert hadamard_matrix(92) is None  # 91 = 7 * 13, and 46 is no size
 
 
 def test_plackett_burman_takes_two_levels_and_center_rows():

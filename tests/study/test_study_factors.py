@@ -14,7 +14,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.sensitivity import factors_of_problem, problem_of_factors, surface_indices
 from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.design import make_design
-from warpchain.study.design.factor_values import nodes
+from warpchain.study.design.factor_values import quadrature_nodes
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
 from warpchain.study.run.row_drives import placed
@@ -92,7 +92,7 @@ def test_lognormal_factors_have_the_mean_and_deviation_of_their_value():
     # 4,096 points of a sequence: far better than the 2 / sqrt(4096) = 3 % of so many by chance
     assert (x.mean(), x.std()) == (pytest.approx(5.0, rel=3e-3), pytest.approx(2.0, rel=2e-2))
     assert stats.kstest(x, "lognorm", (math.sqrt(math.log(1.16)), 0.0, 5.0 / math.sqrt(1.16))).statistic < 2e-3
-    values, weight = nodes(factor)
+    values, weight = quadrature_nodes(factor)
     assert (weight @ values, weight @ (values - 5.0) ** 2) == (pytest.approx(5.0), pytest.approx(4.0))
     problem = problem_of_factors([factor])
     assert problem["bounds"][0] == pytest.approx([math.log(5.0 / math.sqrt(1.16)), math.sqrt(math.log(1.16))])
@@ -117,7 +117,7 @@ def test_nodes_have_the_moments_of_their_distribution(keys, frozen):
     if frozen is None and "levels" not in keys:
         square = math.log1p((0.5 / 3.0) ** 2)
         frozen = stats.lognorm(math.sqrt(square), 0.0, 3.0 * math.exp(-0.5 * square))
-    values, weight = nodes(Factor(name="x", **keys))
+    values, weight = quadrature_nodes(Factor(name="x", **keys))
     for power in (1, 2, 3, 4):
         wanted = np.mean(np.power(keys["levels"], power)) if frozen is None else frozen.moment(power)
         assert weight @ values**power == pytest.approx(wanted, rel=1e-9)

@@ -11,7 +11,7 @@ from stopping import Killed, killed_at_file_operation
 from study_helpers import STUDY, rows_of, write_study
 
 from warpchain.errors import StudyError
-from warpchain.study.design.matrix import extended
+from warpchain.study.design.design_table import extended_latin_hypercube
 from warpchain.study.run import run_study, study_status
 from warpchain.study.run.runner import partial_table
 
@@ -144,7 +144,9 @@ def test_a_latin_hypercube_grows_to_one(tmp_path):
     rows = table_of(out)
     assert rows_of(out)[:4] == before
     assert sorted(int(8 * row["torque"]) for row in rows) == list(range(8))  # uniform from 0 to 1: one a stratum
-    points = extended(extended(np.array([[0.1, 0.9], [0.6, 0.3]]), 6, 0, "s"), 18, 0, "s")
+    points = extended_latin_hypercube(
+        extended_latin_hypercube(np.array([[0.1, 0.9], [0.6, 0.3]]), 6, 0, "s"), 18, 0, "s"
+    )
     assert [sorted((18 * column).astype(int)) for column in points.T] == [list(range(18))] * 2
 
 

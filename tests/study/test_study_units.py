@@ -9,7 +9,7 @@ from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.path_units import path_unit
 from warpchain.drive.quantities import unit_of
 from warpchain.errors import StudyError
-from warpchain.study.design.matrix import make_design
+from warpchain.study.design.design_table import make_design
 from warpchain.study.spec import dumps_study, loads_study
 
 TEXT = STUDY.replace("points = {points}", "points = 3").replace("shard = {shard}", "shard = 4")

@@ -32,7 +32,7 @@ from warpchain.errors import StudyError
 from warpchain.extras import require_extra
 from warpchain.study.analysis.pure_error import standard_errors
 from warpchain.study.analysis.surface import Surface
-from warpchain.study.design.factor_values import log_moments, nodes
+from warpchain.study.design.factor_values import lognormal_moments, quadrature_nodes
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
 
@@ -101,7 +101,7 @@ def problem_of_factors(factors: Iterable[Any]) -> Problem:
         dists.append(DISTRIBUTIONS[kind])
         ends = list(factor.range or ())
         if kind == "lognormal":
-            bounds.append(list(log_moments(factor)))  # SALib's are those of the logarithm
+            bounds.append(list(lognormal_moments(factor)))  # SALib's are those of the logarithm
         else:
             bounds.append(ends if kind in ("uniform", "log-uniform") else [*ends, factor.mean, factor.std])
     return {"num_vars": len(names), "names": names, "bounds": bounds, "dists": dists}
@@ -280,7 +280,7 @@ def surface_indices(surface: Surface, results: Results | None = None) -> Indices
 def _moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
     """Mean and variance of x, covariance of x with x^2, variance of x^2, of a scaled factor."""
     given = results.distribution(surface.factors[a]) if results is not None else None
-    found = nodes(Factor(name="x", **given)) if given is not None else None
+    found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:
         return 0.0, 1.0 / 3.0, 0.0, 4.0 / 45.0
     values, weight = found

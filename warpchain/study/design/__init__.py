@@ -1,6 +1,6 @@
 """Designs of experiments: the rows of a study."""
 
-from warpchain.study.design.matrix import (
+from warpchain.study.design.design_table import (
     make_design,
 )
 

@@ -1,11 +1,7 @@
-"""Values of factors: from the unit interval and back, from coded units, a grid or other factors; quadrature nodes.
+"""Values of factors from the unit interval and back, from coded units, a grid or expressions; quadrature nodes.
 
-A dimension of a design is a factor, or a group of factors that vary together. Coded units are -1 at the low end and +1
-at the high end, in the logarithm for a log-uniform factor; a normal factor has mean - std and mean + std there, a
-lognormal one likewise in the logarithm, an empirical one the quantiles of 16 and 84 %.
-
-Means over a factor's distribution are sums over its nodes: Gauss-Hermite nodes for normal and lognormal factors,
-Gauss-Legendre nodes for ranges, the values themselves for levels, choices and whole numbers of a uniform range.
+Coded units are -1 at the low end and +1 at the high end, in the logarithm for a log-uniform factor; mean - std and
+mean + std of a normal factor, of the logarithm of a lognormal one; the 16 and 84 % quantiles of an empirical one.
 """
 
 from __future__ import annotations
@@ -26,18 +22,19 @@ if TYPE_CHECKING:
     from warpchain.study.spec.factor import Factor
 
 Array = NDArray[np.float64]
-NODES = 80
-MOST_WHOLE = 100_000
-"""Whole numbers that are taken one by one; a wider range counts as continuous."""
-FARTHEST = 12.0
-"""Standard deviations from the mean that a truncated normal distribution is followed to."""
-HALVINGS = 60
-"""Bisections that a place in the unit interval is found by."""
+QUADRATURE_NODES = 80
+"""Nodes of Gauss-Hermite and Gauss-Legendre quadrature."""
+MOST_WHOLE_NODES = 100_000
+"""Whole numbers that are nodes one by one; a wider range counts as continuous."""
+FARTHEST_DEVIATIONS = 12.0
+"""Standard deviations from the mean beyond which a truncated normal distribution is cut off."""
+BISECTIONS = 60
+"""Bisections that find a value's probability."""
 
 
 @dataclass(frozen=True)
-class Dimension:
-    """An independent dimension of a design.
+class DesignDimension:
+    """An independent dimension of a design: a factor, or a group of factors that vary together.
 
     Attributes:
         name: of the factor, or of the group.
@@ -54,99 +51,100 @@ class Dimension:
         return len(first.listed_values) if first.listed_values is not None else first.points
 
 
-def dimensions(study: Study) -> tuple[Dimension, ...]:
-    """The dimensions of a study, in the order of its factors."""
+def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
+    """The dimensions of a study's design, in the order of its factors."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
         if factor.value_source != "expression":
             groups.setdefault(f"group {factor.group}" if factor.group else factor.name, []).append(factor)
-    return tuple(Dimension(name, tuple(factors)) for name, factors in groups.items())
+    return tuple(DesignDimension(name, tuple(factors)) for name, factors in groups.items())
 
 
-def from_unit(factor: Factor, u: Array) -> list[Any]:
-    """Values at cumulated probabilities u (R,) in [0, 1)."""
+def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
+    """Values of a factor at cumulated probabilities u (R,) in [0, 1)."""
     if factor.listed_values is not None:
         return [
             factor.listed_values[i]
             for i in np.minimum((u * len(factor.listed_values)).astype(int), len(factor.listed_values) - 1)
         ]
     if factor.value_source == "empirical":
-        ordered = np.sort(_sample(factor))
-        return _whole(factor, ordered[np.minimum((u * len(ordered)).astype(int), len(ordered) - 1)])
+        ordered = np.sort(_empirical_sample(factor))
+        return _rounded_values(factor, ordered[np.minimum((u * len(ordered)).astype(int), len(ordered) - 1)])
     if factor.value_source in ("normal", "truncated-normal"):
         from scipy.stats import norm, truncnorm
 
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         inner = np.clip(u, 1e-12, 1.0 - 1e-12)  # the ends of the interval have no normal value
         if factor.range is None:
-            return _whole(factor, norm.ppf(inner, factor.mean, factor.std))
+            return _rounded_values(factor, norm.ppf(inner, factor.mean, factor.std))
         low, high = ((end - factor.mean) / factor.std for end in factor.range)
-        return _whole(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
+        return _rounded_values(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
     if factor.value_source == "lognormal":
         from scipy.stats import norm
 
-        center, width = log_moments(factor)
-        return _whole(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
+        center, width = lognormal_moments(factor)
+        return _rounded_values(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
     assert factor.range is not None  # the factor's own rule
     if factor.integer and factor.value_source == "uniform":
         first, last = math.ceil(factor.range[0]), math.floor(factor.range[1])
         return [int(first + step) for step in np.floor(u * (last - first + 1))]
-    return from_coded(factor, 2.0 * u - 1.0)
+    return values_from_coded(factor, 2.0 * u - 1.0)
 
 
-def from_coded(factor: Factor, x: Array) -> list[Any]:
-    """Values at coded units x (R,); of two levels or choices, the first below 0 and the second from there."""
+def values_from_coded(factor: Factor, x: Array) -> list[Any]:
+    """Values of a factor at coded units x (R,); of two levels or choices, the first below 0."""
     if factor.listed_values is not None:
         return [factor.listed_values[int(place >= 0.0)] for place in x]
     if factor.value_source == "empirical":
         from scipy.stats import norm
 
-        return from_unit(factor, np.asarray(norm.cdf(x)))
+        return values_from_probabilities(factor, np.asarray(norm.cdf(x)))
     if factor.value_source == "normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
-        return _whole(factor, factor.mean + factor.std * x)
+        return _rounded_values(factor, factor.mean + factor.std * x)
     if factor.value_source == "lognormal":
-        center, width = log_moments(factor)
-        return _whole(factor, np.exp(center + width * x))
+        center, width = lognormal_moments(factor)
+        return _rounded_values(factor, np.exp(center + width * x))
     assert factor.range is not None  # the factor's own rule
     low, high = factor.range
     share = 0.5 * (1.0 + x)
     if factor.value_source == "log-uniform":
-        return _whole(factor, low ** (1.0 - share) * high**share)
-    return _whole(factor, low * (1.0 - share) + high * share)
+        return _rounded_values(factor, low ** (1.0 - share) * high**share)
+    return _rounded_values(factor, low * (1.0 - share) + high * share)
 
 
-def _sample(factor: Factor) -> Array:
+def _empirical_sample(factor: Factor) -> Array:
     """The sample of an empirical factor (N,).
 
     Raises:
-        StudyError: it is in a file, which is read with the study file.
+        StudyError: it is in a file that was not read.
     """
     if factor.sample is None:
         raise StudyError(f"factors.{factor.name}.file: not read; load the study from its file")
     return np.array(factor.sample, dtype=float)
 
 
-def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
-    """Values at grid points i (R,) of `size`, to 15 digits, so that 20 is not 19.999999999999996."""
+def values_from_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
+    """Values of a factor at grid points i (R,) of `size`, to 15 digits."""
     if factor.listed_values is not None:
         return [factor.listed_values[k] for k in i]
-    values = from_coded(factor, 2.0 * i / (size - 1) - 1.0)
+    values = values_from_coded(factor, 2.0 * i / (size - 1) - 1.0)
     return values if factor.integer else [float(f"{value:.15g}") for value in values]
 
 
-def log_moments(factor: Factor) -> tuple[float, float]:
+def lognormal_moments(factor: Factor) -> tuple[float, float]:
     """Mean and standard deviation of the logarithm of a lognormal factor."""
     assert factor.mean is not None and factor.std is not None  # the factor's own rule
     square = math.log1p((factor.std / factor.mean) ** 2)
     return math.log(factor.mean) - 0.5 * square, math.sqrt(square)
 
 
-def _whole(factor: Factor, values: Array) -> list[Any]:
+def _rounded_values(factor: Factor, values: Array) -> list[Any]:
+    """Values as a list, rounded if the factor takes whole numbers."""
     return [round(value) for value in values.tolist()] if factor.integer else values.tolist()
 
 
-def tied(study: Study) -> tuple[Factor, ...]:
+def tied_factors(study: Study) -> tuple[Factor, ...]:
     """The factors with an expression, each behind those that it needs."""
     waiting = {factor.name: factor for factor in study.factors if factor.value_source == "expression"}
     ordered: list[Factor] = []
@@ -158,12 +156,8 @@ def tied(study: Study) -> tuple[Factor, ...]:
     return tuple(ordered)
 
 
-def complete(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
-    """Adds the tied factors to a row, and checks it by the constraints.
-
-    Returns:
-        Why the row is infeasible, or None.
-    """
+def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
+    """Fills tied factors into a row; returns why the row is infeasible, or None."""
     reason = None
     for factor in order:
         try:
@@ -173,7 +167,7 @@ def complete(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str 
             reason = reason or f"{factor.name} = {factor.expression}: {error}"
     for constraint in study.constraints:
         try:
-            met = reason is not None or bool(evaluate(constraint.require, row))
+            met = reason is not None or bool(evaluate_expression(constraint.require, row))
         except StudyError as error:
             return f"constraint {constraint.require}: {error}"
         if not met:
@@ -181,8 +175,8 @@ def complete(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str 
     return reason
 
 
-def evaluate(text: str, row: Mapping[str, Any]) -> Any:
-    """An expression's value in a row.
+def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
+    """Value of an expression's text in a row.
 
     Raises:
         StudyError: it has none.
@@ -191,18 +185,19 @@ def evaluate(text: str, row: Mapping[str, Any]) -> Any:
 
 
 def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
+    """Value of a tied factor in a row, refused if it is not finite."""
     assert factor.expression is not None  # its kind
     missing = [name for name in parse_expression(factor.expression).names if row.get(name) is None]
     if missing:
         raise StudyError(f"{missing[0]} has no value")
-    value = evaluate(factor.expression, row)
+    value = evaluate_expression(factor.expression, row)
     if isinstance(value, (int, float)) and not math.isfinite(value):
         raise StudyError(f"{value} is not finite")
     return round(value) if factor.integer and isinstance(value, float) else value
 
 
-def nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Values and weights (Q,), (Q,), the weights adding up to 1; None for what is no distribution of numbers."""
+def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
+    """Values and weights of a factor's distribution (Q,), (Q,), weights adding up to 1; None of no numbers."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -210,29 +205,29 @@ def nodes(factor: Factor) -> tuple[Array, Array] | None:
             len(factor.listed_values), 1.0 / len(factor.listed_values)
         )
     if factor.value_source == "empirical":
-        sample = _sample(factor)
+        sample = _empirical_sample(factor)
         return sample, np.full(len(sample), 1.0 / len(sample))
     if factor.value_source in ("normal", "lognormal"):
-        z, weight = np.polynomial.hermite_e.hermegauss(NODES)
+        z, weight = np.polynomial.hermite_e.hermegauss(QUADRATURE_NODES)
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         weight = weight / weight.sum()
         if factor.value_source == "normal":
             return factor.mean + factor.std * z, weight
-        center, width = log_moments(factor)
+        center, width = lognormal_moments(factor)
         return np.exp(center + width * z), weight
     if factor.range is None:
         return None
     low, high = factor.range
-    if factor.value_source == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE:
+    if factor.value_source == "uniform" and factor.integer and math.floor(high) - math.ceil(low) < MOST_WHOLE_NODES:
         whole = np.arange(math.ceil(low), math.floor(high) + 1, dtype=float)
         return whole, np.full(len(whole), 1.0 / len(whole))
     if factor.value_source == "truncated-normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
-        near = [factor.mean - FARTHEST * factor.std, factor.mean + FARTHEST * factor.std]
+        near = [factor.mean - FARTHEST_DEVIATIONS * factor.std, factor.mean + FARTHEST_DEVIATIONS * factor.std]
         inner = max(low, near[0]), min(high, near[1])
         if inner[0] < inner[1]:
             low, high = inner
-    x, weight = np.polynomial.legendre.leggauss(NODES)
+    x, weight = np.polynomial.legendre.leggauss(QUADRATURE_NODES)
     share = 0.5 * (1.0 + x)
     if factor.value_source == "log-uniform":
         return low ** (1.0 - share) * high**share, 0.5 * weight
@@ -244,8 +239,8 @@ def nodes(factor: Factor) -> tuple[Array, Array] | None:
     return value, weight / weight.sum()
 
 
-class Cube:
-    """The unit cube of a study's dimensions: one coordinate a factor without expression, or a group of them.
+class DesignCube:
+    """The unit cube of a study's dimensions, a coordinate a factor or group.
 
     Raises:
         StudyError: the values of a factor are in a table, or all factors are expressions.
@@ -253,36 +248,42 @@ class Cube:
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self.axes: tuple[Dimension, ...] = dimensions(study)
+        self.axes: tuple[DesignDimension, ...] = design_dimensions(study)
         for factor in study.factors:
             if factor.value_source is None:
                 raise StudyError(f"factors.{factor.name}: has neither range nor values to choose from")
         if not self.axes:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
 
-    def rows(self, points: Array) -> list[dict[str, Any]]:
-        """Values by factor of points (R, D) in [0, 1)."""
+    def rows_of_points(self, points: Array) -> list[dict[str, Any]]:
+        """Values by factor of points (R, D) in [0, 1), a mapping a row."""
         inner = np.clip(points, 0.0, 1.0 - 1e-12)
-        columns = {f.name: from_unit(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors}
+        columns = {
+            f.name: values_from_probabilities(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors
+        }
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
-    def points(self, rows: Sequence[Mapping[str, Any]]) -> Array:
+    def points_of_rows(self, rows: Sequence[Mapping[str, Any]]) -> Array:
         """Points (R, D) of rows; of a whole number or a choice, the middle of its part."""
         return np.stack(
-            [_places(axis.factors[0], [row[axis.factors[0].name] for row in rows]) for axis in self.axes], 1
+            [
+                _probabilities_of_values(axis.factors[0], [row[axis.factors[0].name] for row in rows])
+                for axis in self.axes
+            ],
+            1,
         )
 
-    def snapped(self, points: Array) -> Array:
-        """Points (R, D) as the study's values make them: of whole numbers and choices, the middle of their part."""
+    def snapped_points(self, points: Array) -> Array:
+        """Points (R, D) moved to the values that the factors can take."""
         found = np.clip(points, 0.0, 1.0 - 1e-12)
         for k, axis in enumerate(self.axes):
             factor = axis.factors[0]
             if factor.listed_values is not None or factor.integer:
-                found[:, k] = _places(factor, from_unit(factor, found[:, k]))
+                found[:, k] = _probabilities_of_values(factor, values_from_probabilities(factor, found[:, k]))
         return found
 
-    def coordinates(self, points: Array) -> Array:
-        """Points (R, D) for a model of distances: each choice without an order has coordinates of its own."""
+    def model_coordinates(self, points: Array) -> Array:
+        """Points (R, D) for a model of distances: a coordinate for each option of a choice."""
         parts = []
         for k, axis in enumerate(self.axes):
             choice = axis.factors[0].choice
@@ -293,15 +294,17 @@ class Cube:
                 parts.append(np.eye(len(choice))[index])
         return np.hstack(parts)
 
-    def feasible(self, points: Array) -> np.ndarray:
-        """Whether points (R,) satisfy the study's constraints."""
-        if not self.study.constraints and not tied(self.study):
+    def is_feasible(self, points: Array) -> np.ndarray:
+        """Whether points satisfy the study's constraints (R,)."""
+        if not self.study.constraints and not tied_factors(self.study):
             return np.ones(len(points), dtype=bool)
-        order = tied(self.study)
-        return np.array([complete(self.study, order, row) is None for row in self.rows(points)], dtype=bool)
+        order = tied_factors(self.study)
+        return np.array(
+            [fill_tied_values(self.study, order, row) is None for row in self.rows_of_points(points)], dtype=bool
+        )
 
 
-def _places(factor: Factor, values: Sequence[Any]) -> Array:
+def _probabilities_of_values(factor: Factor, values: Sequence[Any]) -> Array:
     """Places of a factor's values in the unit interval (R,)."""
     if factor.listed_values is not None:
         count = len(factor.listed_values)
@@ -310,9 +313,9 @@ def _places(factor: Factor, values: Sequence[Any]) -> Array:
     ends = []
     for at_least in (True, False):  # where values begin to be as large, and larger
         low, high = np.zeros(len(wanted)), np.ones(len(wanted))
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            there = np.asarray(from_unit(factor, np.minimum(middle, 1.0 - 1e-12)), dtype=float)
+            there = np.asarray(values_from_probabilities(factor, np.minimum(middle, 1.0 - 1e-12)), dtype=float)
             above = there >= wanted if at_least else there > wanted
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         ends.append(high)

@@ -25,7 +25,7 @@ import numpy as np
 
 from warpchain.progress import raise_if_stopped
 from warpchain.study.analysis.pareto import Goals, Measured, keeping, non_dominated
-from warpchain.study.design.factor_values import Cube
+from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian import Process, fit_process
 
@@ -83,7 +83,7 @@ def believe(measured: Measured, x: Array) -> Belief:
     return Belief(measured.goals, processes, failed)
 
 
-def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int) -> Array:
+def propose(cube: DesignCube, measured: Measured, points: Array, count: int, seed: int) -> Array:
     """The next rows to run.
 
     Args:
@@ -99,7 +99,7 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
     rng = np.random.default_rng(seed)
     if measured.ok.sum() < 4:
         return _fresh(cube, _spread(cube, rng, GLOBAL_POINTS), points)[:count]
-    belief = believe(measured, cube.coordinates(points))
+    belief = believe(measured, cube.model_coordinates(points))
     chosen: list[Array] = []
     known = points
     for _ in range(count):
@@ -122,11 +122,11 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
             break
         chosen.append(best)
         known = np.vstack([known, best])
-        belief = belief.with_row(cube.coordinates(best[None])[0])
+        belief = belief.with_row(cube.model_coordinates(best[None])[0])
     return np.array(chosen).reshape(-1, points.shape[1])
 
 
-def _spread(cube: Cube, rng: np.random.Generator, count: int) -> Array:
+def _spread(cube: DesignCube, rng: np.random.Generator, count: int) -> Array:
     from scipy.stats import qmc
 
     return np.asarray(qmc.Sobol(len(cube.axes), rng=rng).random(count), dtype=float)
@@ -139,16 +139,16 @@ def _around(point: Array, count: int, rng: np.random.Generator) -> Array:
     return np.asarray(point + spreads * moved * rng.standard_normal(moved.shape))
 
 
-def _fresh(cube: Cube, candidates: Array, known: Array) -> Array:
+def _fresh(cube: DesignCube, candidates: Array, known: Array) -> Array:
     """Candidates as the study's values make them, that satisfy its constraints and were not run."""
-    snapped = cube.snapped(candidates)
+    snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
     for i, row in enumerate(np.round(snapped, 9).tolist()):
         if tuple(row) not in seen:
             seen.add(tuple(row))
             new.append(i)
-    return np.asarray(snapped[new][cube.feasible(snapped[new])]) if new else snapped[:0]
+    return np.asarray(snapped[new][cube.is_feasible(snapped[new])]) if new else snapped[:0]
 
 
 def _beaten(costs: Array, ways: Array) -> Array:
@@ -174,9 +174,9 @@ def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array
     return np.where((likely if likely.any() else measured.ok)[:, None], means, np.inf), low, low + width
 
 
-def _best(belief: Belief, measured: Measured, cube: Cube, points: Array) -> Array:
+def _best(belief: Belief, measured: Measured, cube: DesignCube, points: Array) -> Array:
     """The rows that points are laid about: of the front of means, or the nearest to the limits (K, D)."""
-    x = cube.coordinates(points)
+    x = cube.model_coordinates(points)
     means, low, high = _scaling(belief, measured, x)
     scaled = (means - low) / (high - low)
     finite = np.flatnonzero(np.isfinite(scaled).all(axis=1))
@@ -190,12 +190,12 @@ def _best(belief: Belief, measured: Measured, cube: Cube, points: Array) -> Arra
 
 
 def _worth(
-    belief: Belief, measured: Measured, cube: Cube, places: tuple[Array, Array], ways: Array, normal: Array
+    belief: Belief, measured: Measured, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
     """Eq. (b) at candidates (C,); `places` are the rows that ran and the candidates."""
     points, candidates = places
-    means, low, high = _scaling(belief, measured, cube.coordinates(points))
-    found, chance = belief.at(cube.coordinates(candidates))
+    means, low, high = _scaling(belief, measured, cube.model_coordinates(points))
+    found, chance = belief.at(cube.model_coordinates(candidates))
     if not measured.kept.any():
         return chance  # first a row within the limits
     held = (means[np.isfinite(means).all(axis=1)] - low) / (high - low)

@@ -22,7 +22,7 @@ from warpchain.errors import StudyError
 from warpchain.progress import Progress
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.design import make_design
-from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
 from warpchain.study.results import ARCHIVE_COLUMNS, ROUND_COLUMN, SEARCH_TARGET_KEY, Results, read_results
 from warpchain.study.run.folder import Folder, make_folder
@@ -128,7 +128,7 @@ class Bench:
         Raises:
             StudyError: a row that gives no drive; one line each.
         """
-        variants = self._variants(table_of_rows(self.study, rows))
+        variants = self._variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
         if lines:
             raise StudyError("\n".join(lines))
@@ -166,7 +166,7 @@ class Bench:
         if self.folder is not None:
             return self.round(rounds_done(self.folder), rows, progress)
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
-            return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
+            return self._run(Path(place), "", design_table_of_rows(self.study, rows), progress)
 
     @check_arguments(StudyError)
     def round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
@@ -177,7 +177,7 @@ class Bench:
         """
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_name(number), round_file(self.folder, number)
-        place, design = self.folder / name, self._marked(table_of_rows(self.study, rows))
+        place, design = self.folder / name, self._marked(design_table_of_rows(self.study, rows))
         if done.exists():
             table = read_table(done)
             if table.select(self.factors).to_pylist() != design.select(self.factors).to_pylist():
@@ -282,7 +282,7 @@ class Bench:
         missing = [name for name in (*self.factors, *self.study.named_metrics) if name not in table.column_names]
         if missing:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
-        design = table_of_rows(self.study, table.select(self.factors).to_pylist())
+        design = design_table_of_rows(self.study, table.select(self.factors).to_pylist())
         if ARCHIVE_COLUMNS[0] in table.column_names:  # recordings stay where they are
             for name in ARCHIVE_COLUMNS:
                 table = with_column(table, name, [None] * table.num_rows)

@@ -27,8 +27,8 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.metric_columns import metric_names
 from warpchain.study.analysis.paired import MeanDifference, mean_difference
-from warpchain.study.design.factor_values import complete, tied
-from warpchain.study.design.noise import at_normals, noise_dimensions, own_value
+from warpchain.study.design.factor_values import fill_tied_values, tied_factors
+from warpchain.study.design.noise_rows import noise_dimensions, noise_rows_of_normals, nominal_value
 from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
@@ -186,7 +186,7 @@ def find_better(
     rng, dimensions = np.random.default_rng((study.noise or Noise()).seed), noise_dimensions(study)
     for number in range(rounds):
         raise_if_stopped()
-        noise = at_normals(study, rng.standard_normal((by.batch, dimensions)))
+        noise = noise_rows_of_normals(study, rng.standard_normal((by.batch, dimensions)))
         for bench, own, folder in zip(benches, held, folders, strict=True):
             bench.round(number, [own | row for row in noise], progress)
             write_table(folder / "results.parquet", together(folder, number + 1))
@@ -257,10 +257,12 @@ def _held(bench: Bench, drive: Any) -> dict[str, Any]:
     """
     study: Study = bench.study.design_study
     row = {
-        factor.name: own_value(factor, bench.drive) for factor in study.factors if factor.value_source != "expression"
+        factor.name: nominal_value(factor, bench.drive)
+        for factor in study.factors
+        if factor.value_source != "expression"
     }
     given = dict(row)
-    reason = complete(study, tied(study), row)
+    reason = fill_tied_values(study, tied_factors(study), row)
     for factor in study.factors if reason is None else ():
         if factor.value_source != "expression" and not any(factor.target_paths()) and factor.shift is None:
             reason = f"factor {factor.name} has no place in a drive file, which could not say its value"

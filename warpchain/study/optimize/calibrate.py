@@ -38,8 +38,8 @@ from warpchain.results.run import Trajectory, need
 from warpchain.results.signal_features import Features
 from warpchain.results.signals import forward
 from warpchain.study.analysis.posterior import Direction, directions, residuals, sample_posterior
-from warpchain.study.design.factor_values import from_unit
-from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
+from warpchain.study.design.factor_values import values_from_probabilities
+from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals, nominal_value
 from warpchain.study.optimize.bench import Bench, round_name, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import NOISE, Array, Results, read_results
@@ -149,7 +149,7 @@ def check_spreads(source: str | os.PathLike[str], study: Study) -> None:
     for i, factor in enumerate(study.factors):
         if factor.kind != NOISE:
             continue
-        values = np.array(from_unit(factor, u), dtype=float)
+        values = np.array(values_from_probabilities(factor, u), dtype=float)
         spread, least = float((values - values[0]).std()), NARROWEST * float(np.abs(values).max())
         if not spread > least:
             key = next((key for key in ("std", "sample", "range") if getattr(factor, key) is not None), "range")
@@ -283,7 +283,7 @@ class Runs:
     def __init__(self, bench: Bench, folder: Path, rig: Rig, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
         chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
-        self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
+        self._held = {factor.name: nominal_value(factor, bench.drive) for factor in chosen}
         self.rounds = 0
         self.normals = np.zeros((0, noise_dimensions(bench.study)))
         self.turns: list[float] = []
@@ -292,7 +292,7 @@ class Runs:
 
     def rows_at(self, u: Array) -> list[dict[str, Any]]:
         """Values by factor at normals (R, D)."""
-        return [self._held | row for row in at_normals(self.bench.study, u)]
+        return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run(self, u: Array) -> None:
         """Runs a round at normals (R, D), or takes the one that was run there."""

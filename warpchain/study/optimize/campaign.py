@@ -30,7 +30,7 @@ from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
-from warpchain.study.design.matrix import table_of_rows
+from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.bench import Bench, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
@@ -184,7 +184,7 @@ def _recorded(
     """Writes the recommended designs as drive files, and records a run of each."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
-    design = with_column(table_of_rows(study, rows), "variant", [one.variant for one in chosen])
+    design = with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])
     table = bench.run_table(bench.run_folder_of(study, place, design))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):

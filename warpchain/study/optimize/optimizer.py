@@ -17,9 +17,9 @@ from warpchain.extras import require_extra
 from warpchain.study.analysis.over_noise import designs_of, goals_over
 from warpchain.study.analysis.pareto import Measured, goals_of
 from warpchain.study.design import make_design
-from warpchain.study.design.factor_values import Cube
-from warpchain.study.design.matrix import table_of_rows
-from warpchain.study.design.noise import crossed, noise_rows
+from warpchain.study.design.design_table import design_table_of_rows
+from warpchain.study.design.factor_values import DesignCube
+from warpchain.study.design.noise_rows import crossed_rows, noise_rows
 from warpchain.study.optimize.bayes import propose
 from warpchain.study.results import Array, read_results
 from warpchain.study.spec import Study
@@ -97,7 +97,7 @@ class Optimizer:
         self.goals = goals_of(study)
         self._designs = study.design_study
         self._noise = noise_rows(study)
-        self.cube = Cube(self._designs)
+        self.cube = DesignCube(self._designs)
         self._source = source
         self._factors = [factor.name for factor in self._designs.factors]
         self._over = goals_over(self.goals, self._factors) if study.noise_names else self.goals
@@ -120,17 +120,17 @@ class Optimizer:
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
-        return crossed(self._proposed(count), self._noise)
+        return crossed_rows(self._proposed(count), self._noise)
 
     def _proposed(self, count: int | None) -> list[dict[str, Any]]:
         if self.settings.engine == "population":
-            return self.cube.rows(self._engine().ask())
+            return self.cube.rows_of_points(self._engine().ask())
         import pyarrow as pa
 
         measured = self._measured(pa.concat_tables(self._tables, promote_options="permissive"))
         points = np.vstack(self._points)
         seed = int(np.random.SeedSequence([self.settings.seed, self.observed]).generate_state(1)[0])
-        return self.cube.rows(propose(self.cube, measured, points, count or self.settings.batch, seed))
+        return self.cube.rows_of_points(propose(self.cube, measured, points, count or self.settings.batch, seed))
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
@@ -143,7 +143,7 @@ class Optimizer:
             factors = [factor.name for factor in self.study.factors]
             table = designs_of(read_results(table, factors, ()), self.goals, self.study.noise_names)[0].table
         rows, measured = table.to_pylist(), self._measured(table)
-        points = self.cube.points(rows)
+        points = self.cube.points_of_rows(rows)
         if self._tables and self.settings.engine == "population":
             self._follow(rows, measured)
         self._tables.append(table)
@@ -162,7 +162,7 @@ class Optimizer:
 
     def _follow(self, rows: Sequence[dict[str, Any]], measured: Measured) -> None:
         """Gives the population the results of its generation."""
-        asked = table_of_rows(self._designs, self.cube.rows(self._engine().ask())).to_pylist()
+        asked = design_table_of_rows(self._designs, self.cube.rows_of_points(self._engine().ask())).to_pylist()
         if [[row[n] for n in self._factors] for row in asked] != [[row[n] for n in self._factors] for row in rows]:
             raise StudyError(
                 "observe: other rows than the population asked for; rows of an earlier run are of another version "

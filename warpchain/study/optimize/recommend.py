@@ -29,7 +29,7 @@ from warpchain.results.units import quantity
 from warpchain.study.analysis.over_noise import Designs, Spread, spread
 from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
 from warpchain.study.analysis.pure_error import standard_errors
-from warpchain.study.design.noise import nominal
+from warpchain.study.design.noise_rows import nominal_row
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
 from warpchain.study.spec.noise_table import metric_from_name
@@ -307,4 +307,4 @@ def rows_of(study: Study, drive: Drive, designs: Results, chosen: Sequence[Recom
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())
     names = [factor.name for factor in study.design_study.factors]
     rows = designs.runs.table.select(names).take([designs.rows[one.row][0] for one in chosen]).to_pylist()
-    return [nominal(study, drive, row) for row in rows]
+    return [nominal_row(study, drive, row) for row in rows]

@@ -34,8 +34,8 @@ from warpchain.study.analysis.importance_sampling import (
     importance_sampling,
     joint_estimate,
 )
-from warpchain.study.design.factor_values import dimensions
-from warpchain.study.design.noise import at_normals, noise_dimensions, noise_mixing, own_value
+from warpchain.study.design.factor_values import design_dimensions
+from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals, nominal_value
 from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
@@ -110,7 +110,7 @@ class Margins:
     def __init__(self, bench: Bench, progress: Progress, report: Callable[[str], object] = lambda line: None) -> None:
         self._bench, self._progress, self._report = bench, progress, report
         chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
-        self._held = {factor.name: own_value(factor, bench.drive) for factor in chosen}
+        self._held = {factor.name: nominal_value(factor, bench.drive) for factor in chosen}
         ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
         self._ends = [(metric, end, float(value)) for metric, end, value in ends if value is not None]
         self.limits: list[Limit] = [*((metric, end) for metric, end, _ in self._ends), NOT_OK]
@@ -120,7 +120,7 @@ class Margins:
 
     def __call__(self, u: Array) -> Array:
         raise_if_stopped()
-        rows = [self._held | row for row in at_normals(self._bench.study, u)]
+        rows = [self._held | row for row in noise_rows_of_normals(self._bench.study, u)]
         table = self._bench.round(self.rounds, rows, self._progress)
         self.rounds += 1
         results = read_results(table, self._bench.factors, ())
@@ -220,7 +220,7 @@ def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]
         sampled = str(error)
     failed = np.vstack(subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed))
     places, search_runs = design_points(margins, failed)
-    rows, axes = margins.rows(places), [axis.name for axis in dimensions(study.noise_study)]
+    rows, axes = margins.rows(places), [axis.name for axis in design_dimensions(study.noise_study)]
     points = [
         DesignPoint(
             int(row),

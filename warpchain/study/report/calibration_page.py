@@ -69,9 +69,9 @@ def _combination(found: Calibrated, of: Direction) -> str:
 
 def _axes(found: Calibrated) -> list[str]:
     """Names of the normals' dimensions: unknowns, or groups of them."""
-    from warpchain.study.design.factor_values import dimensions
+    from warpchain.study.design.factor_values import design_dimensions
 
-    return [axis.name for axis in dimensions(found.study.noise_study)]
+    return [axis.name for axis in design_dimensions(found.study.noise_study)]
 
 
 def _open_lines(found: Calibrated) -> list[str]:

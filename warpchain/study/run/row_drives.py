@@ -20,7 +20,7 @@ from warpchain.drive.replace import Changes, with_numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError, WarpchainError
 from warpchain.progress import raise_if_stopped
-from warpchain.study.design.factor_values import evaluate
+from warpchain.study.design.factor_values import evaluate_expression
 from warpchain.study.spec.study_tables import named_adjustments
 from warpchain.study.store import reason_from_error
 
@@ -229,7 +229,7 @@ def _wanted_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any
     """The wanted strain."""
     name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
-        value = evaluate(asked, row) if isinstance(asked, str) else asked
+        value = evaluate_expression(asked, row) if isinstance(asked, str) else asked
     except StudyError as error:
         raise StudyError(f"{key}.{name} = {value_text(asked)}: {error}") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):

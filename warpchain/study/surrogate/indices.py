@@ -24,7 +24,7 @@ from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.analysis.sensitivity import Indices, saltelli_block, sobol_indices, surface_indices
 from warpchain.study.analysis.surface import TRUSTED, fit_surface
-from warpchain.study.design.factor_values import from_unit
+from warpchain.study.design.factor_values import values_from_probabilities
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
 from warpchain.study.surrogate.gaussian import Process
@@ -155,7 +155,7 @@ def _drawn(results: Results, axis: Axis, units: Array) -> Any:
     """Values of a factor at cumulated probabilities: of the study's distribution, else uniform over what was run."""
     given = results.distribution(axis.name)
     if given is not None:
-        return from_unit(Factor(name="x", **given), units)
+        return values_from_probabilities(Factor(name="x", **given), units)
     if axis.words:
         return [axis.words[int(k)] for k in units * len(axis.words)]
     return axis.low + units * (axis.high - axis.low)

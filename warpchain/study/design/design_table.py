@@ -1,10 +1,8 @@
 """Designs of experiments: the table of a study's rows, before anything is simulated.
 
 Latin hypercube, Sobol' and Halton points come from `scipy.stats.qmc`, scrambled by the study's seed. A central
-composite design of k dimensions has the 2^k corners, 2 k axial points and center points (Box and Wilson 1951); its
-circumscribed and inscribed forms are rotatable, with axial points 2^(k/4) times as far out as the corners. A
-Plackett-Burman design (1946) has the least multiple of four rows above k; its columns are orthogonal columns of a
-Hadamard matrix.
+composite design has 2^k corners, 2 k axial points and center points (Box and Wilson 1951); Plackett-Burman designs
+(1946) take orthogonal columns of a Hadamard matrix.
 """
 
 from __future__ import annotations
@@ -23,15 +21,15 @@ from warpchain.drive.toml import value_text
 from warpchain.errors import StudyError, warn_caller
 from warpchain.study.design.factor_values import (
     Array,
-    Dimension,
-    complete,
-    dimensions,
-    from_coded,
-    from_unit,
-    on_grid,
-    tied,
+    DesignDimension,
+    design_dimensions,
+    fill_tied_values,
+    tied_factors,
+    values_from_coded,
+    values_from_grid,
+    values_from_probabilities,
 )
-from warpchain.study.design.noise import crossed, noise_rows
+from warpchain.study.design.noise_rows import crossed_rows, noise_rows
 from warpchain.study.results import DISTRIBUTION_KEY, NOISE, TIED_NOISE
 from warpchain.study.store import MOST_ROWS
 
@@ -43,35 +41,27 @@ if TYPE_CHECKING:
 
 
 def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) -> pa.Table:
-    """The rows of a study.
+    """The design table of a study: columns "variant", the factors, "status" ("planned" or "infeasible") and "reason".
 
     Args:
-        study: what to vary.
         source: the study file: tables are relative to it, and errors name it.
-        before: of a Latin hypercube that has grown, the numbers of points that it had.
-
-    Returns:
-        A row a variant: "variant", a column for each factor (its field says role = "factor" and its unit), "status"
-        ("planned" or "infeasible") and "reason".
+        before: numbers of points that a Latin hypercube had before it grew.
 
     Raises:
         StudyError: too many rows or dimensions, or a table that cannot be used.
     """
-    columns = _columns(study, source, before)
+    columns = _design_columns(study, source, before)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     rows = [{}] if study.design.kind == NOISE else rows
-    if set(columns) >= set(study.noise_names) - {factor.name for factor in tied(study)}:
-        return _completed(study, rows)  # no noise, or a table that holds it
+    if set(columns) >= set(study.noise_names) - {factor.name for factor in tied_factors(study)}:
+        return _completed_table(study, rows)  # no noise, or a table that holds it
     noise = noise_rows(study)
-    _check_count(len(rows) * len(noise), source)
-    return _completed(study, crossed(rows, noise))
+    _check_row_count(len(rows) * len(noise), source)
+    return _completed_table(study, crossed_rows(rows, noise))
 
 
-def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as `make_design` gives them: tied factors filled in, those that miss a constraint infeasible.
-
-    Args:
-        rows: values by factor; what else they hold is left aside.
+def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """The design table of rows given by factor, with tied factors filled in and constraints checked.
 
     Raises:
         StudyError: a factor without expression is missing, or its values make no column.
@@ -81,29 +71,29 @@ def table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
         for name in given:
             if values.get(name) is None:
                 raise StudyError(f"rows: row {i}: factor {name!r} has no value")
-    return _completed(study, ({name: values[name] for name in given} for values in rows))
+    return _completed_table(study, ({name: values[name] for name in given} for values in rows))
 
 
-def _completed(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
-    """The table of rows without their tied factors, which are filled in."""
-    order = tied(study)
+def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
+    """The design table of rows without their tied factors, which are filled in."""
+    order = tied_factors(study)
     columns: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
     reasons: list[str | None] = []
     for row in rows:
-        reasons.append(complete(study, order, row))
+        reasons.append(fill_tied_values(study, order, row))
         for name, column in columns.items():
             column.append(row[name])
-    return _table(study, columns, reasons)
+    return _arrow_table(study, columns, reasons)
 
 
-def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Values of the design factors that have no expression; of a table that holds them, of noise factors too."""
+def _design_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
+    """Values of the design factors without expression, by factor; of a table with noise, those too."""
     if study.design.kind == NOISE:
         return {}
     whole, study = study, study.design_study
-    design, axes = study.design, dimensions(study)
+    design, axes = study.design, design_dimensions(study)
     if design.kind == "table":
-        return _read(whole, source)
+        return _read_design_columns(whole, source)
     if not axes and whole.noise_names:
         raise StudyError(
             f'{source}: factors: all are noise; give a design factor that varies, or design.kind = "noise"'
@@ -111,45 +101,52 @@ def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> di
     if not axes:
         raise StudyError(f"{source}: factors: all are expressions; at least one must vary by itself")
     if design.kind == "factorial":
-        return _factorial(axes, source)
+        return _factorial_columns(axes, source)
     if design.count is not None:
-        points = _sampled(study, len(axes), source, before)
-        return {f.name: from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
-    _check_count(design.center or 0, source)
+        points = _sampled_points(study, len(axes), source, before)
+        return {f.name: values_from_probabilities(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+    _check_row_count(design.center or 0, source)
     if design.kind == "central-composite":
-        points = central_composite(len(axes), design.axial or "face", 1 if design.center is None else design.center)
+        points = central_composite_points(
+            len(axes), design.axial or "face", 1 if design.center is None else design.center
+        )
     else:
-        points = np.vstack([plackett_burman(len(axes)), np.zeros((design.center or 0, len(axes)))])
-    _check_count(len(points), source)
-    return {f.name: from_coded(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+        points = np.vstack([plackett_burman_points(len(axes)), np.zeros((design.center or 0, len(axes)))])
+    _check_row_count(len(points), source)
+    return {f.name: values_from_coded(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
 
 
-def _check_count(rows: int, source: str | Path) -> None:
+def _check_row_count(rows: int, source: str | Path) -> None:
+    """Refuses a design of more than `MOST_ROWS` rows."""
     if rows > MOST_ROWS:
         raise StudyError(f"{source}: design: {rows} rows; allowed are at most {MOST_ROWS}")
 
 
-def _factorial(axes: Iterable[Dimension], source: str | Path) -> dict[str, list[Any]]:
-    """Every combination; the last factor varies fastest."""
+def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> dict[str, list[Any]]:
+    """Values by factor of every combination of grid points; the last factor varies fastest."""
     axes = tuple(axes)
     sizes = [axis.size or 1 for axis in axes]
-    _check_count(math.prod(sizes), source)
+    _check_row_count(math.prod(sizes), source)
     places = np.indices(sizes).reshape(len(sizes), -1)
-    return {factor.name: on_grid(factor, places[k], sizes[k]) for k, axis in enumerate(axes) for factor in axis.factors}
+    return {
+        factor.name: values_from_grid(factor, places[k], sizes[k])
+        for k, axis in enumerate(axes)
+        for factor in axis.factors
+    }
 
 
-def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
-    """Points in the unit cube (rows, dimensions)."""
+def _sampled_points(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
+    """Points of a sampled design in the unit cube (rows, dimensions)."""
     from scipy.stats import qmc
 
     design = study.design
     assert design.count is not None  # the design's own rule
-    _check_count(design.count, source)
+    _check_row_count(design.count, source)
     if before and before[0] != design.count:
         smaller = study.model_copy(update={"design": design.model_copy(update={"count": before[0]})})
-        points = _sampled(smaller, count, source)
+        points = _sampled_points(smaller, count, source)
         for size in (*before[1:], design.count):
-            points = extended(points, size, design.seed or 0, source) if size != len(points) else points
+            points = extended_latin_hypercube(points, size, design.seed or 0, source) if size != len(points) else points
         return points
     samplers = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
     try:
@@ -164,8 +161,8 @@ def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int]
         return np.asarray(sampler.random(design.count), dtype=float)
 
 
-def extended(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """A Latin hypercube (n, dimensions) with further points, to a multiple of n: again one of `count` strata.
+def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
+    """A Latin hypercube (n, dimensions) grown to `count` points, a multiple of n, one in each stratum.
 
     Raises:
         StudyError: another number of points.
@@ -182,8 +179,8 @@ def extended(points: Array, count: int, seed: int, source: str | Path) -> Array:
     return np.vstack([points, more])
 
 
-def central_composite(count: int, axial: str, center: int) -> Array:
-    """Corners, axial points and center rows in coded units (2^count + 2 count + center, count)."""
+def central_composite_points(count: int, axial: str, center: int) -> Array:
+    """Corners, axial and center points of a central composite design in coded units (rows, count)."""
     if count > 20:
         raise StudyError(f'design.kind = "central-composite": 2^{count} corners; allowed are at most 20 factors')
     reach = 2.0 ** (0.25 * count)
@@ -193,24 +190,24 @@ def central_composite(count: int, axial: str, center: int) -> Array:
     return np.vstack([corners, arms, np.zeros((center, count))])
 
 
-def plackett_burman(count: int) -> Array:
-    """Two-level rows in coded units (4 (count // 4 + 1), count) with orthogonal columns.
+def plackett_burman_points(count: int) -> Array:
+    """Points of a Plackett-Burman design in coded units (rows, count), with orthogonal columns.
 
     Raises:
         StudyError: no Hadamard matrix of that size is known here.
     """
     size = 4 * (count // 4 + 1)
-    matrix = hadamard(size)
+    matrix = hadamard_matrix(size)
     while matrix is None and size < 4 * count + 64:
         size += 4
-        matrix = hadamard(size)
+        matrix = hadamard_matrix(size)
     if matrix is None:
         raise StudyError(f'design.kind = "plackett-burman": none is known for {count} factors')
     return matrix[:, 1 : count + 1]
 
 
-def hadamard(size: int) -> Array | None:
-    """A Hadamard matrix with a first column of ones: Paley's first construction, doubled (Sylvester); None if neither.
+def hadamard_matrix(size: int) -> Array | None:
+    """A Hadamard matrix with a first column of ones, by Paley's first construction or doubling; None if neither.
 
     For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
     """
@@ -222,12 +219,12 @@ def hadamard(size: int) -> Array | None:
         symbol = np.array([-1.0] + [1.0 if k in squares else -1.0 for k in range(1, q)])
         core = np.array([np.roll(symbol, i) for i in range(q)])
         return np.block([[np.ones((1, 1)), np.ones((1, q))], [np.ones((q, 1)), core]])
-    half = hadamard(size // 2) if size % 4 == 0 else None
+    half = hadamard_matrix(size // 2) if size % 4 == 0 else None
     return None if half is None else np.block([[half, half], [half, -half]])
 
 
-def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
-    """The columns of a design table."""
+def _read_design_columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
+    """Values by factor from the file of a design table, checked against the factors."""
     from warpchain.study.store import read_table
 
     assert study.design.file is not None  # the design's own rule
@@ -244,7 +241,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
         raise StudyError(f"{path}: column {extra[0]}: no factor of that name; factors are {', '.join(wanted)}")
     if not table.num_rows:
         raise StudyError(f"{path}: no rows")
-    _check_count(table.num_rows, path)
+    _check_row_count(table.num_rows, path)
     columns = {name: table[name].to_pylist() for name in wanted}
     for name, values in columns.items():
         kind = table.schema.field(name).type
@@ -257,7 +254,7 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
                     f"{path}: column {name}, row {i}: {shown}; must be a finite number, a text or a switch"
                 )
     for factor in study.factors:
-        outside = next((i for i, v in enumerate(columns.get(factor.name, ())) if not _of_factor(factor, v)), None)
+        outside = next((i for i, v in enumerate(columns.get(factor.name, ())) if not _is_factor_value(factor, v)), None)
         if outside is not None:
             value, said = columns[factor.name][outside], "range" if factor.range else factor.value_source
             raise StudyError(
@@ -267,8 +264,8 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     return columns
 
 
-def _of_factor(factor: Factor, value: Any) -> bool:
-    """Whether a value is one that a factor can take, as far as it says which."""
+def _is_factor_value(factor: Factor, value: Any) -> bool:
+    """Whether a value is within a factor's range, or among its levels or choices."""
     if factor.listed_values is not None:
         return value in factor.cells_from_values(factor.listed_values)
     if factor.range is None:
@@ -277,8 +274,8 @@ def _of_factor(factor: Factor, value: Any) -> bool:
     return isinstance(value, (int, float)) and factor.range[0] - slack <= value <= factor.range[1] + slack
 
 
-def distribution(factor: Factor) -> dict[str, str]:
-    """A factor's distribution as metadata of its column; empty for ranges and levels, which are as they ran."""
+def distribution_metadata(factor: Factor) -> dict[str, str]:
+    """A factor's distribution as metadata of its column; empty for ranges and levels."""
     if factor.distribution in (None, "uniform"):
         return {}
     keys = ("distribution", "range", "mean", "std", "sample", "integer")
@@ -286,7 +283,8 @@ def distribution(factor: Factor) -> dict[str, str]:
     return {DISTRIBUTION_KEY: json.dumps(given, sort_keys=True)}
 
 
-def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
+def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
+    """The design table from values by factor and the reasons for which rows are infeasible."""
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
@@ -295,11 +293,15 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
     for factor in study.factors:
         column = factor.cells_from_values(columns[factor.name])
         try:
-            arrays.append(pa.array(column, _kind(column)))
+            arrays.append(pa.array(column, _arrow_type(column)))
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
-        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.display_unit, **distribution(factor)}
+        facts = {
+            "role": "hidden" if factor.hidden else "factor",
+            "unit": factor.display_unit,
+            **distribution_metadata(factor),
+        }
         if factor.name in noise:
             facts["kind"] = TIED_NOISE if factor.value_source == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
@@ -309,8 +311,8 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
-def _kind(column: list[Any]) -> Any:
-    """The Arrow type of a column's values."""
+def _arrow_type(column: list[Any]) -> Any:
+    """Arrow type of a column's values, refused if they are of several kinds."""
     import pyarrow as pa
 
     types = {type(value) for value in column if value is not None}
